@@ -21,7 +21,11 @@ CHAPTERS = (
     ({"planning": "settings, errors, advice"}, "#f4f4f4"),
     ({"simulation": "rooms, tags, presses"}, "#f4f4f4"),
     ({"scene": "the scene file", "gui": "Qt widgets", "plotting": "Matplotlib"}, "#f4f4f4"),
-    ({"estimation": "phases", "sensor": "models", "surface": "skins"}, "#fbe9dd"),
+    ({"calibration": "sensor files from presses"}, "#f4f4f4"),
+    (
+        {"estimation": "phases", "sensor": "models", "surface": "skins", "gauges": "readers"},
+        "#fbe9dd",
+    ),
     ({"io": "files and sockets"}, "#f4f4f4"),
     ({"signal": "frames, switches, weights, bound"}, "#f4f4f4"),
 )

@@ -8,8 +8,8 @@ build/run python3 docs/make_clock_spectra.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.planning.clocks import assess_clocks
-from gnuradio.wiforce.planning.pulses import (
+from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
+from gnuradio.wiforce.planning.clocks.pulses import (
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,

@@ -21,7 +21,7 @@ from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
 from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
-from wiforce_app.grouped_help import GroupedHelp
+from wiforce_app.shell.grouped_help import GroupedHelp
 from wiforce_app.main import PROGRAM, command
 
 PAGES = Path(__file__).resolve().parent / "reference"

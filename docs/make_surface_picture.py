@@ -11,7 +11,7 @@ import numpy as np
 from gnuradio.wiforce.gui.surface_view import ellipse
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.simulation.skin import plate_share
+from gnuradio.wiforce.simulation.presses.skin import plate_share
 from gnuradio.wiforce.surface.estimator import SurfaceEstimator
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse

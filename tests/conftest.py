@@ -10,10 +10,13 @@ from pathlib import Path
 
 import pytest
 import wiforce_app  # noqa: F401  how OpenBLAS is used, before NumPy is imported
-from software_usrp import software_usrp  # noqa: F401
+from live_runs import SLOW, scene_file
+from software_usrp import SoftwareUsrp, software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
 TIMEOUT_S = 120
+# Folders whose tests wait for a device most of the time.
+WITH_DEVICE = ("live", "radio", "software_n210")
 # Files that take or wait for eight seconds and more, with a device and without, by their time.
 LONGEST = (
     *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_device"),
@@ -85,7 +88,7 @@ def pytest_collection_modifyitems(config, items):
     rank = {name: number for number, name in enumerate(LONGEST)}
     waiting, computing = {}, {}
     for item in sorted(items, key=lambda item: rank.get(item.path.stem, len(rank))):
-        files = waiting if item.path.parent.name == "usrp" else computing
+        files = waiting if item.path.parent.name in WITH_DEVICE else computing
         files.setdefault(item.path, []).append(item)
     pairs = zip_longest(waiting.values(), computing.values(), fillvalue=[])
     items[:] = [item for pair in pairs for file in pair for item in file]
@@ -127,6 +130,20 @@ def time_limit(request):
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="module")
+def slow_scene(tmp_path_factory):
+    """An untouched sensor at a low rate."""
+    return scene_file(tmp_path_factory.mktemp("slow"), [], 400, 0.3, **SLOW)
+
+
+@pytest.fixture(scope="module")
+def slow_device(slow_scene):
+    """A device that serves one test after the other; each session begins the scene anew."""
+    device = SoftwareUsrp(slow_scene)
+    yield device
+    device.stop()
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
-from wiforce_app.captures.recordings import read_capture
+from wiforce_app.read.recordings import read_capture
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.gauges.file import read_gauge_file
 from gnuradio.wiforce.io.mcap_file import McapWriter
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.readings_files import ReadingsFile
 from gnuradio.wiforce.io.textfile import write_whole
 from gnuradio.wiforce.io.writers import open_writer
-from gnuradio.wiforce.sensor.gauge_file import read_gauge_file
-from wiforce_app.plots import save_picture
+from wiforce_app.shell.plots import save_picture
 
 
 def readings(count=300):

@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood, evaluate, tu
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import TA, T, make_air, random_tag
-from wiforce_app.bench.air import TagOnAir
+from wiforce_app.bench.snapshots.air import TagOnAir
 
 CLOCK_HZ = 1000.0
 RATE = 2 * np.pi * CLOCK_HZ

@@ -10,11 +10,11 @@ from gnuradio.wiforce.estimation.survey import survey_channel
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room import adapted
+from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from wiforce_app.bench.air import TagOnAir
+from wiforce_app.bench.snapshots.air import TagOnAir
 
 COUNT = 8192
 NARROW = {"name": "arm", "model": "line-900mhz-calibrated"}

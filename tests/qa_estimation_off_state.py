@@ -7,7 +7,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg, estimate_off_reflection
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from plain import errors_deg, make_air, make_plan, run_chain
-from wiforce_app.bench.air import TagOnAir
+from wiforce_app.bench.snapshots.air import TagOnAir
 
 
 def ratio(psi_deg, untouched_deg, off):

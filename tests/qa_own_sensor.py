@@ -9,7 +9,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.score import read_truth, score
 from second_simulator import Tag, write_vna
-from wiforce_app.captures.recordings import read_capture
+from wiforce_app.read.recordings import read_capture
 
 
 @pytest.fixture(scope="module")

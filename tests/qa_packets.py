@@ -11,7 +11,8 @@ from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.channel_snapshots import open_snapshots
-from gnuradio.wiforce.planning.packet_advice import recommend_clocks, recommendation
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.packets.advice import recommendation
 from gnuradio.wiforce.planning.plan import plan
 from packet_simulator import PacketCapture, PacketTag
 
@@ -193,15 +194,14 @@ def test_simulated_scene_is_read_by_the_command(tmp_path):
 
 
 def test_plan_recommends_clocks_away_from_lamps_and_aliases():
-    settings = plan(scene_of())
-    found = recommend_clocks(settings)
-    assert len(found.clocks_hz) == 2 and found.lamp_distance_hz >= 10
+    found = clocks_for(scene_of(), 2)
+    assert len(found.clocks_hz) == 2 and min(found.lamp_distances_hz) >= 10
     assert all(50 <= hertz <= 200 for hertz in found.clocks_hz)
-    text = recommendation(settings)
+    text = recommendation(plan(scene_of()))
     assert text.startswith("recommended clocks: ") and "deg rms" in text
     # Every 2.6 ms, exactly: line 4 of these clocks must not alias onto lines 1 or 2.
     regular = scene_of((83,), packets={"interval_s": 0.0026, "gaps": "regular"}, reference_s=12)
-    (hertz,) = recommend_clocks(plan(regular)).clocks_hz
+    (hertz,) = clocks_for(regular, 1).clocks_hz
     rate = 1 / 0.0026
     shown = [abs((m * hertz + rate / 2) % rate - rate / 2) for m in (1, 2, 4)]
     assert min(abs(a - b) for i, a in enumerate(shown) for b in shown[:i]) > 1.0

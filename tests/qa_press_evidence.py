@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.press.evidence import PressEvidence
-from gnuradio.wiforce.sensor import calibrate, read_vna_csv
 from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
 
 PERIOD_S = 0.036

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.simulation.adc import Adc
-from gnuradio.wiforce.simulation.paths import MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.simulation.radio.adc import Adc
+from gnuradio.wiforce.simulation.room.paths import MovingPath, delay_taps, response, tag_taps
 from gnuradio.wiforce.simulation.streams import Fir
 
 

@@ -11,10 +11,11 @@ import second_simulator
 import sigmf
 import yaml
 from command_runs import run_command
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
-from gnuradio.wiforce.sensor import load_sensor, measure_vna
-from gnuradio.wiforce.sensor.calibration import calibrate
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation import simulator
 
 SHORT = {

@@ -7,9 +7,9 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.irregular_clock import IrregularClock
 from gnuradio.wiforce.simulation.random_sources import Seeds
-from gnuradio.wiforce.simulation.switching import (
+from gnuradio.wiforce.simulation.tags.irregular_clock import IrregularClock
+from gnuradio.wiforce.simulation.tags.switching import (
     SWITCHES,
     SwitchingClock,
     switch_states,

@@ -8,7 +8,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.findings import findings
+from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate

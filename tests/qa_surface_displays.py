@@ -9,7 +9,7 @@ from gnuradio.wiforce.gui.surface_view import SurfaceView, ellipse
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
 from web_pages import publishing, serving
-from wiforce_app.session.health import geometry
+from wiforce_app.live.health import geometry
 from wiforce_app.web.zmq_source import ZmqSource
 
 pytest.importorskip("selenium")

@@ -10,11 +10,16 @@ from gnuradio.wiforce.estimation.frame_slip import without_slip
 from gnuradio.wiforce.estimation.sources import RoomLine
 from gnuradio.wiforce.estimation.survey import survey_channel, survey_folded, survey_samples
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.planning.findings import findings, level_reference
-from gnuradio.wiforce.planning.other_clock import other_clock_hz
+from gnuradio.wiforce.planning.clocks.other_clock import other_clock_hz
 from gnuradio.wiforce.planning.plan import Plan, plan
-from gnuradio.wiforce.planning.reference_survey import survey_reference
-from gnuradio.wiforce.planning.room import adapted, added_noise, expecting_snr, room_noise_of_tones
+from gnuradio.wiforce.planning.room.adaptation import (
+    adapted,
+    added_noise,
+    expecting_snr,
+    room_noise_of_tones,
+)
+from gnuradio.wiforce.planning.room.findings import findings, level_reference
+from gnuradio.wiforce.planning.room.reference_survey import survey_reference
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights

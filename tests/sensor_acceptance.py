@@ -13,7 +13,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.sensor import calibrate, read_vna_csv
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.tables import read_vna_csv
 from sensor_laws import LAWS, PRESSED_MM, OwnLaw, read_law, vna_rows
 
 FREQUENCIES_HZ = (900e6, 2400e6)

@@ -6,7 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.sensor import LineModel, calibrate, measure_vna, read_vna_csv, write_sensor
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import read_vna_csv
+from gnuradio.wiforce.sensor import LineModel, write_sensor
 from gnuradio.wiforce.sensor.line import ContactLaw
 
 HERE = Path(__file__).resolve().parent

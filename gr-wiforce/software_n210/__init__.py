@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A software USRP N210: the device's side of the protocol of libuhd's ``usrp2`` driver.
 
-``python3 -m software_n210 --air cable`` runs one; docs/radios.md describes it.
+``python3 -m software_n210 --air cable`` runs one; docs/radios.md describes it. `device` is the
+loop, `hardware` what it moves: the `host`'s side, the `streams` of samples, and the `air`.
 """
 
-from .air import Cable, Counter
+from .air.cable import Cable, Counter
 from .device import Device
 from .faults import parse_fault
 

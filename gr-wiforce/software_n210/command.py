@@ -8,11 +8,11 @@ from contextlib import closing
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .air import Cable, Counter
+from .air.cable import Cable, Counter
+from .air.frontend import DAUGHTERBOARDS
 from .console import Console, LineControl, ZmqControl
 from .device import Device
 from .faults import GRAMMAR, parse_fault
-from .frontend import DAUGHTERBOARDS
 from .wire import TICK_RATE
 
 _DEFAULT_DELAY_US = 5.12  # 64 samples at 12.5 Msps
@@ -122,7 +122,7 @@ def _air(kind, scene, delay_ticks):
     # Imported here, since a cable starts in a fraction of the time that a scene takes to load.
     from gnuradio.wiforce.scene import load_scene
 
-    from .scene_air import SceneAir
+    from .air.scene_air import SceneAir
 
     return SceneAir(load_scene(scene), delay_ticks)
 

@@ -24,12 +24,7 @@ USAGE = {
 
 
 class Console:
-    """Executes the lines of the control.
-
-    Parameters
-    ----------
-    device : Device
-    """
+    """Executes the lines of the control."""
 
     def __init__(self, device):
         self._device = device

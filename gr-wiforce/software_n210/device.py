@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable
 
 from gnuradio.wiforce.errors import InputError
 
-from .air import Cable
+from .air.cable import Cable
 from .faults import Fault, FaultQueue, apply_fault, check_fault
 from .hardware import Hardware
-from .host_link import HostLink
+from .host.host_link import HostLink
+from .host.sockets import Sockets, check_loopback
 from .pacing import HostBacklog, Throttle, WallClock
-from .sockets import Sockets, check_loopback
 from .wire import TICK_RATE, TX_PORT
 
 _IDLE_TICKS = 1_000_000
@@ -42,23 +42,11 @@ class Device:
         Device seconds per second of wall time, at most.
     lossless : bool
         Hold device time while the host is slow. False runs in real time and loses samples.
-    faults : iterable of Fault
 
     Raises
     ------
     InputError
         When the address or the speed cannot be used.
-
-    Examples
-    --------
-    >>> import threading
-    >>> from software_n210 import Cable, Device
-    >>> device = Device(Cable(delay_ticks=512), "127.0.0.77")
-    >>> loop = threading.Thread(target=device.run)
-    >>> loop.start()  # a host may now open addr=127.0.0.77
-    >>> device.stop()
-    >>> loop.join()
-    >>> device.close()
     """
 
     def __init__(
@@ -147,11 +135,8 @@ class Device:
     def take_sent(self) -> list[tuple[float, float]]:
         """When samples were sent, in the steps since the last call (the last ten seconds).
 
-        Returns
-        -------
-        list of tuple of (float, float)
-            Device time up to which samples had been handed to the host's socket, and when that
-            was, by the host's monotonic clock, in s.
+        Returns list of tuple of (float, float): device time up to which samples had been handed to
+        the host's socket, and when that was, by the host's monotonic clock, in s.
         """
         sent = list(self._sent)
         self._sent.clear()

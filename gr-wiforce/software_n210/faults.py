@@ -88,23 +88,13 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
 
     Parameters
     ----------
-    text : str
     where : str
         Named in the error.
-
-    Returns
-    -------
-    Fault
 
     Raises
     ------
     InputError
         When the text does not follow this grammar.
-
-    Examples
-    --------
-    >>> parse_fault("+1.5 overflow 3630")
-    Fault(time=150000000, relative=True, kind='overflow', arguments=(3630,))
     """
     time, *rest = text.split() or [""]
     kind, *arguments = rest or [""]

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The device without sockets and without a wall clock: registers, chains and the air."""
 
+from .air.frontend import DAUGHTERBOARDS, FrontEnd
+from .air.tuning import Tuning
 from .clock import DeviceClock
-from .control import Control
-from .eeprom import (
+from .host.control import Control
+from .host.eeprom import (
     DAUGHTERBOARD_RX,
     DAUGHTERBOARD_TX,
     MOTHERBOARD,
@@ -11,13 +13,11 @@ from .eeprom import (
     daughterboard_image,
     motherboard_image,
 )
-from .fifo import Fifo
-from .frontend import DAUGHTERBOARDS, FrontEnd
-from .network import Network
-from .receive import ReceiveChain
-from .registers import Registers
-from .transmit import TransmitChain
-from .tuning import Tuning
+from .host.fifo import Fifo
+from .host.network import Network
+from .host.registers import Registers
+from .streams.receive import ReceiveChain
+from .streams.transmit import TransmitChain
 from .wire import (
     RX_PORTS,
     SR_GPIO,
@@ -104,10 +104,8 @@ class Hardware:
     def run(self, start, end):
         """Let both directions run from tick `start` up to `end`.
 
-        Returns
-        -------
-        list of (int, bytes, int)
-            Index of the receive chain, packets to send and the size of each packet.
+        Returns list of (int, bytes, int): index of the receive chain, packets to send and the size
+        of each packet.
         """
         self.transmit.run(start, end)
         packets = []

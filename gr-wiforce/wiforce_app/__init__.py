@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ``gr-wiforce`` command, one module per subcommand."""
+"""The ``gr-wiforce`` command, a folder per task: `main` lists the subcommands and their modules.
+
+`scenes`, `plan`, `calibrate`, `read` and `live` are the tasks of a measurement, in their order;
+`radio` is the devices of `live`, and `web` its page in a browser. `evaluate` and `bench` measure
+the receiver itself. `shell` is what all of them share.
+"""
 
 import os
 from pathlib import Path
 
 import gnuradio
 
-from .blas import settings
+from .shell.blas import settings
 
 # To be set before NumPy is imported.
 for _name, _value in settings().items():

@@ -15,34 +15,37 @@ import warnings
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
-from .exit_status import BAD_INPUT, DONE, FAILED, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
-from .interrupts import Interrupted, Terminated, interrupt_by_exception
-from .lazy import LazyGroup
-from .log import PROGRAM, log, printable
+from .shell.exit_status import BAD_INPUT, DONE, FAILED, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
+from .shell.interrupts import Interrupted, Terminated, interrupt_by_exception
+from .shell.lazy import LazyGroup
+from .shell.log import PROGRAM, log, printable
 
-# One line of help per subcommand, so that --help need not import them.
+# Module and one line of help of each subcommand, so that --help imports none of them.
 COMMANDS = {
-    "demo": "Simulate two presses, read them back and compare with the truth.",
-    "list": "List shipped scenes and sensor models.",
-    "schema": "Print the JSON Schema of scene or sensor files.",
-    "simulate": "Simulate a scene and write its capture.",
-    "read": "Read force and location from a capture.",
-    "live": "Read force and location live from a radio.",
-    "status": "Print the health of a live reader.",
-    "watch": "Show readings in a browser.",
-    "keys": "Make keys for ZMQ beyond this machine.",
-    "check": "Check a radio before a measurement, or the files of a capture.",
-    "calibrate": "Make a sensor model from known presses.",
-    "transfer": "Transfer a sensor model to another carrier.",
-    "off-reflection": "Estimate the off state of the switches from a capture.",
-    "invert": "Convert measured phases to force and location.",
-    "export": "Convert readings between CSV, JSON lines, Parquet and MCAP.",
-    "survey": "Show what is in the room of a capture besides its tags.",
-    "plan": "Show steps, cost and expected errors of a scene.",
-    "emulate": "Run a software USRP N210 that simulates a scene.",
-    "score": "Compare readings with the record of a force gauge.",
-    "evaluate": "Compare readings with the truth and with the paper.",
-    "bench": "Measure accuracy, speed and numerical limits.",
+    "demo": (".scenes.demo", "Simulate two presses, read them back and compare with the truth."),
+    "list": (".scenes.list", "List shipped scenes and sensor models."),
+    "schema": (".scenes.schema", "Print the JSON Schema of scene or sensor files."),
+    "simulate": (".scenes.simulate", "Simulate a scene and write its capture."),
+    "read": (".read.read", "Read force and location from a capture."),
+    "live": (".live.live", "Read force and location live from a radio."),
+    "status": (".live.status", "Print the health of a live reader."),
+    "watch": (".web.watch", "Show readings in a browser."),
+    "keys": (".live.keys", "Make keys for ZMQ beyond this machine."),
+    "check": (".plan.check", "Check a radio before a measurement, or the files of a capture."),
+    "calibrate": (".calibrate.calibrate", "Make a sensor model from known presses."),
+    "transfer": (".calibrate.transfer", "Transfer a sensor model to another carrier."),
+    "off-reflection": (
+        ".calibrate.off_reflection",
+        "Estimate the off state of the switches from a capture.",
+    ),
+    "invert": (".calibrate.invert", "Convert measured phases to force and location."),
+    "export": (".read.export", "Convert readings between CSV, JSON lines, Parquet and MCAP."),
+    "survey": (".plan.survey", "Show what is in the room of a capture besides its tags."),
+    "plan": (".plan.plan", "Show steps, cost and expected errors of a scene."),
+    "emulate": ("software_n210.command", "Run a software USRP N210 that simulates a scene."),
+    "score": (".evaluate.score", "Compare readings with the record of a force gauge."),
+    "evaluate": (".evaluate.evaluate", "Compare readings with the truth and with the paper."),
+    "bench": (".bench", "Measure accuracy, speed and numerical limits."),
 }
 # System errors caused by an unusable path count as bad input; others, such as a full disk, do not.
 _PATH_ERRORS = {
@@ -73,8 +76,7 @@ def _set_debug(ctx, _, asked):
 @click.command(
     cls=LazyGroup,
     package=__package__,
-    helps=COMMANDS,
-    elsewhere={"emulate": "software_n210.command"},
+    commands=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
     "1 any other failure; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141, silently, when standard "

@@ -20,10 +20,10 @@ from .io.capture_search import find_captures, is_one
 from .io.channel_snapshots import ChannelSnapshots, open_snapshots
 from .io.readings import COLUMNS, NUMBERS, Flag
 from .planning.advice import accepted_suspicions
-from .planning.findings import Finding, findings, level_reference
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
-from .planning.room_report import (
+from .planning.room.findings import Finding, findings, level_reference
+from .planning.room.report import (
     MeasuredTag,
     changes_of,
     finding_rows,

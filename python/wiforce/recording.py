@@ -20,8 +20,8 @@ from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
-from .planning.reference_survey import survey_reference, surveyed_snapshots
-from .planning.room import adapted, expecting_snr
+from .planning.room.adaptation import adapted, expecting_snr
+from .planning.room.reference_survey import survey_reference, surveyed_snapshots
 from .press.evidence import Suspicion
 from .receiver import Receiver
 from .signal.waveform import Waveform

@@ -17,7 +17,7 @@ from .estimation.groups import Array
 from .estimation.packet_groups import Division, PacketGroups, whole_groups
 from .io.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
-from .planning.packet_plan import fitted_plan, tag_ratios
+from .planning.packets.plan import fitted_plan, tag_ratios
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .press.evidence import Suspicion
 from .receiver import Receiver

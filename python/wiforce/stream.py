@@ -16,10 +16,10 @@ from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
 from .io.readings import GroupCounts, Reading
-from .planning.findings import Finding, findings
 from .planning.plan import Plan, PlanOrScene, as_plan
-from .planning.reference_survey import survey_reference, surveyed_snapshots
-from .planning.room import adapted, expecting_snr, readapted
+from .planning.room.adaptation import adapted, expecting_snr, readapted
+from .planning.room.findings import Finding, findings
+from .planning.room.reference_survey import survey_reference, surveyed_snapshots
 from .press.evidence import Suspicion
 from .press.tares import StreamTares, TareState
 from .receiver import Receiver

@@ -12,7 +12,7 @@ from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
-from wiforce_app.captures.recordings import read_capture
+from wiforce_app.read.recordings import read_capture
 
 FOLDER = Path(__file__).parent
 SCENES = sorted(path.stem for path in (FOLDER / "scenes").glob("*.yaml"))

@@ -50,8 +50,7 @@ class PlayedTime:
         """
         from gnuradio.wiforce.blocks import resumed_time, sample_receiver
         from gnuradio.wiforce.io import rotation
-        from wiforce_app import live
-        from wiforce_app.session import health, monitor, radio_keeper, service_report, session
+        from wiforce_app.live import health, live, monitor, radio_keeper, service_report, session
 
         for module in (resumed_time, sample_receiver, session, health):
             module.time = self

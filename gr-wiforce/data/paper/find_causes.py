@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.evaluation.causes import OWN, paper_figures, with_cause
-from wiforce_app.evaluation.experiment import simulated
-from wiforce_app.evaluation.paper_method import paper_changes, paper_errors
+from wiforce_app.evaluate.causes import OWN, paper_figures, with_cause
+from wiforce_app.evaluate.experiment import simulated
+from wiforce_app.evaluate.paper_method import paper_changes, paper_errors
 
 HERE = Path(__file__).resolve().parent
 SCENES = HERE.parent.parent / "scenes"

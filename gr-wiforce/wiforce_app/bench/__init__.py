@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench``: benchmarks of the receiver, one module each."""
+"""``gr-wiforce bench``: benchmarks of the receiver, one module each.
+
+`report` prints their rows. `snapshots` is the channel without samples, for errors against the bound
+and at numerical extremes; `scenes` is whole scenes, for run time against error; `throughput` is the
+chains from samples to tones that are compared with stock blocks.
+"""
 
 import click
 
-from ..lazy import LazyGroup
+from ..shell.lazy import LazyGroup
 
 BENCHMARKS = {
-    "accuracy": "Compare phase errors with the Cramer-Rao bound.",
-    "read": "Time from a capture's file to readings, and its stages.",
-    "live": "Measure the delay of readings behind the samples.",
-    "speed": "Measure samples per second, compared with stock blocks.",
-    "inversion": "Measure the inversion time of every sensor model.",
-    "tradeoff": "Compare run time with error for many settings.",
-    "stress": "Find the worst errors at numerical extremes.",
+    "accuracy": (".accuracy", "Compare phase errors with the Cramer-Rao bound."),
+    "read": (".read", "Time from a capture's file to readings, and its stages."),
+    "live": (".live", "Measure the delay of readings behind the samples."),
+    "speed": (".speed", "Measure samples per second, compared with stock blocks."),
+    "inversion": (".inversion", "Measure the inversion time of every sensor model."),
+    "tradeoff": (".tradeoff", "Compare run time with error for many settings."),
+    "stress": (".stress", "Find the worst errors at numerical extremes."),
 }
 
 
-@click.command(cls=LazyGroup, package=__package__, helps=BENCHMARKS)
+@click.command(cls=LazyGroup, package=__package__, commands=BENCHMARKS)
 def bench():
     """Measure accuracy, speed and limits on this machine."""

@@ -2,17 +2,28 @@
 """``gr-wiforce bench accuracy``: phase errors of the estimators against the Cramer-Rao bound."""
 
 import dataclasses
-import json
 
 import click
 
-from ..options import IntegerRange, worker_options
-from ..progress import progress
-from ..workers import run_tasks
-from .cases import cases
-from .rooms import RoomRow, joined, room_cases, room_table
+from ..shell.options import IntegerRange, worker_options
+from ..shell.progress import progress
+from ..shell.workers import run_tasks
+from .report import Column, echo, head_and_cells, text_table
+from .scenes.rooms import RoomRow, room_cases, room_table
+from .snapshots.cases import cases
 
 _QUICK_RUNS, _FULL_RUNS = 10, 40
+COLUMNS = (
+    Column("case", "case"),
+    Column("estimator", "estimator"),
+    Column("rms (deg)", "rms_deg", ".3g"),
+    Column("bound (deg)", "bound_deg", ".3g"),
+    Column("loss (dB)", "loss_db", ".2f"),
+    Column("interval (dB)", "loss_interval_db", lambda pair: f"{pair[0]:.2f} to {pair[1]:.2f}"),
+    Column("in 2 std", "within_2_std", ".0%"),
+    Column("s/s", "seconds_per_second", ".4f"),
+    Column("n", "n"),
+)
 
 
 @click.command()
@@ -40,18 +51,11 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
     if plot_path is not None:
-        from ..plots import check_picture
+        from ..shell.plots import check_picture
 
         check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
-    if as_json:
-        click.echo(json.dumps({"rows": [dataclasses.asdict(row) for row in rows]}, indent=1))
-    else:
-        of_rooms = [row for row in rows if isinstance(row, RoomRow)]
-        others = [row for row in rows if not isinstance(row, RoomRow)]
-        parts = [table(others)] if others else []
-        parts += [room_table(of_rooms)] if of_rooms else []
-        click.echo("\n\n".join(parts))
+    echo({"rows": [dataclasses.asdict(row) for row in rows]}, as_json, lambda: tables(rows))
     if plot_path is not None:
         from .picture import plot_losses
 
@@ -61,21 +65,16 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
 def measure(wanted, runs, seed=1, jobs=None, scheduler=None):
     """Run cases on all cores, or on a cluster.
 
+    Returns list of montecarlo.Row or rooms.RoomRow: case by case, estimator by estimator.
+
     Parameters
     ----------
-    wanted : sequence of Case or RoomCase
     runs : int
         Per case, unless the case says otherwise.
-    seed : int
     jobs : int, optional
         Processes; one per core by default.
     scheduler : str, optional
         Address of a Dask scheduler.
-
-    Returns
-    -------
-    list of montecarlo.Row or rooms.RoomRow
-        Case by case, estimator by estimator.
     """
     # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
@@ -99,19 +98,9 @@ def _work(task):
     return case.name, run, case.run(run, seed)
 
 
-def table(rows):
-    """Rows as text, one line each; values of the ends are separated by slashes."""
-    head = f"{'case':<52}{'estimator':<23}{'rms (deg)':>33}{'bound (deg)':>33}{'loss (dB)':>26}"
-    lines = [head + f"{'+- (dB)':>9}{'in 2 std':>12}{'s/s':>8}{'n':>7}"]
-    for row in rows:
-        if not row.n:
-            lines.append(f"{row.case:<52}{row.estimator:<23}{'no reading':>33}")
-            continue
-        half = max((high - low) / 2 for low, high in row.loss_interval_db)
-        inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
-        lines.append(
-            f"{row.case:<52}{row.estimator:<23}{joined(row.rms_deg):>33}"
-            f"{joined(row.bound_deg):>33}{joined(row.loss_db, '.2f'):>26}{half:9.2f}"
-            f"{inside:>12}{row.seconds_per_second:8.4f}{row.n:7d}"
-        )
-    return "\n".join(lines)
+def tables(rows):
+    """Rows of cases and of rooms as text; values of the ends are separated by slashes."""
+    of_rooms = [row for row in rows if isinstance(row, RoomRow)]
+    others = [dataclasses.asdict(row) for row in rows if not isinstance(row, RoomRow)]
+    parts = [text_table(*head_and_cells(others, COLUMNS))] if others else []
+    return "\n\n".join(parts + ([room_table(of_rooms)] if of_rooms else []))

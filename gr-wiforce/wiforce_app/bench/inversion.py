@@ -1,19 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench inversion``: time per reading of every sensor, compared with brute force."""
 
-import json
 import time
 
 import click
 import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
-from ..options import IntegerRange
-from ..progress import progress
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
+from .report import Column, echo, head_and_cells, text_table
 
 _BATCH, _SINGLE, _CHECKED, _RUNS = 20_000, 1000, 12, 7
 _NOISES_DEG = (0.2, 1.0)
 _GRID_FORCES, _GRID_MM = 600, 0.04
+COLUMNS = (
+    Column("sensor", "sensor"),
+    Column("noise (deg)", "noise_deg", "g"),
+    Column("batch (us)", "batch_us", ".2f"),
+    Column("single (us)", "single_us", ".1f"),
+    Column("from exact (std)", "from_exact_std", ".3f"),
+    Column("in 2 std", "within_2_std", ".1%"),
+    Column("flagged", "flagged", ".1%"),
+)
 
 
 @click.command()
@@ -39,7 +48,7 @@ def inversion(as_json, names, seed):
             for noise_deg in _NOISES_DEG:
                 rows.append(_measure(model, carrier, noise_deg, seed))
                 step(1)
-    click.echo(json.dumps({"rows": rows}, indent=1) if as_json else _table(rows))
+    echo({"rows": rows}, as_json, lambda: text_table(*head_and_cells(rows, COLUMNS)))
 
 
 def _measure(model, carrier, noise_deg, seed):
@@ -98,17 +107,3 @@ def _seconds(function, *arguments):
     began = time.perf_counter()
     function(*arguments)
     return time.perf_counter() - began
-
-
-def _table(rows):
-    lines = [
-        f"{'sensor':<24}{'noise (deg)':>12}{'batch (us)':>12}{'single (us)':>13}"
-        f"{'from exact':>13}{'in 2 std':>10}{'flagged':>9}"
-    ]
-    for row in rows:
-        lines.append(
-            f"{row['sensor']:<24}{row['noise_deg']:>12g}{row['batch_us']:>12.2f}"
-            f"{row['single_us']:>13.1f}{row['from_exact_std']:>9.3f} std"
-            f"{100 * row['within_2_std']:>8.1f} %{100 * row['flagged']:>7.1f} %"
-        )
-    return "\n".join(lines)

@@ -12,17 +12,17 @@ import threading
 import time
 from bisect import bisect_left
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
 import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
-from ..markdown import markdown_table
-from ..options import IntegerRange
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
 from .device_process import RUN, DeviceProcess
+from .report import Column, echo, head_and_cells
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.
 _SETTINGS = {
@@ -35,45 +35,26 @@ _HELD_S, _PAUSE_S = 0.3, 0.35
 _START_LIMIT_S = 30.0
 
 
-@dataclass(frozen=True)
-class Row:
-    """One sample rate.
-
-    Attributes
-    ----------
-    msps, group_ms : float
-        Sample rate in Msps, length of a phase group in ms.
-    speed : float
-        Seconds of signal per second. Below 1, the software N210 took longer for the samples of a
-        group than the group lasts, and so did the wait for the next group.
-    readings : int
-        Readings whose delay was measured.
-    delay_ms, delay_95_ms, delay_99_ms : float
-        Time from the last sample of a group, as it was sent by the device, to the group's message
-        in another process: median and quantiles.
-    work_ms, work_95_ms : float
-        The part of it that follows the last sample of the next group, which a reading waits for.
-    presses : int
-        Presses among them.
-    press_ms, press_95_ms : float
-        Time from the command to press to the first message with a touch.
-    cores : float
-        Processor time of the live reader per second of signal.
-    """
-
-    msps: float
-    group_ms: float
-    speed: float
-    readings: int
-    delay_ms: float
-    delay_95_ms: float
-    delay_99_ms: float
-    work_ms: float
-    work_95_ms: float
-    presses: int
-    press_ms: float
-    press_95_ms: float
-    cores: float
+# The delay is that from the last sample of a group, as it was sent by the device, to the group's
+# message in another process; a part of it follows the last sample of the next group, which a
+# reading waits for. The speed is seconds of signal per second: below 1, the software N210 took
+# longer for the samples of a group than the group lasts, and so did the wait for the next group.
+# Cores are processor time of the live reader per second of signal.
+COLUMNS = (
+    Column("Msps", "msps", "g"),
+    Column("group (ms)", "group_ms", ".2f"),
+    Column("speed", "speed", ".2f"),
+    Column("readings", "readings"),
+    Column("delay (ms)", "delay_ms", ".1f"),
+    Column("95 %", "delay_95_ms", ".1f"),
+    Column("99 %", "delay_99_ms", ".1f"),
+    Column("of it after the next group (ms)", "work_ms", ".1f"),
+    Column("95 %", "work_95_ms", ".1f"),
+    Column("presses", "presses"),
+    Column("press to message (ms)", "press_ms", ".1f"),
+    Column("95 %", "press_95_ms", ".1f"),
+    Column("cores", "cores", ".2f"),
+)
 
 
 @click.command()
@@ -105,33 +86,7 @@ def live(as_json, presses, latency, msps):
     with progress("pressing", len(rates) * presses) as step:
         for rate in rates:
             rows.append(_measure(rate, presses, latency, step))
-    click.echo(json.dumps([asdict(row) for row in rows], indent=1) if as_json else table(rows))
-
-
-def table(rows):
-    """Rows as a table in Markdown."""
-    head = ["Msps", "group (ms)", "speed", "readings", "delay (ms)", "95 %", "99 %"]
-    head += ["of it after the next group (ms)", "95 %"]
-    head += ["presses", "press to message (ms)", "95 %", "cores"]
-    cells = [
-        [
-            f"{row.msps:g}",
-            f"{row.group_ms:.2f}",
-            f"{row.speed:.2f}",
-            str(row.readings),
-            f"{row.delay_ms:.1f}",
-            f"{row.delay_95_ms:.1f}",
-            f"{row.delay_99_ms:.1f}",
-            f"{row.work_ms:.1f}",
-            f"{row.work_95_ms:.1f}",
-            str(row.presses),
-            f"{row.press_ms:.1f}",
-            f"{row.press_95_ms:.1f}",
-            f"{row.cores:.2f}",
-        ]
-        for row in rows
-    ]
-    return markdown_table(head, cells)
+    echo(rows, as_json, lambda: markdown_table(*head_and_cells(rows, COLUMNS)))
 
 
 def scene_of(msps):
@@ -169,21 +124,30 @@ def _measure(msps, presses, latency, step):
             reader.wait()
     delays_ms = 1e3 * delays_s(messages.readings, sent, group_s / 2)
     work_ms = 1e3 * delays_s(messages.readings, sent, 3 / 2 * group_s)
-    return Row(
-        float(msps),
-        1e3 * group_s,
-        round(speed, 3),
-        len(delays_ms),
-        *np.round(np.quantile(delays_ms, [0.5, 0.95, 0.99]), 2).tolist(),
-        *np.round(np.quantile(work_ms, [0.5, 0.95]), 2).tolist(),
-        presses,
-        *np.round(1e3 * np.quantile(pressed, [0.5, 0.95]), 2).tolist(),
-        round(cores, 3),
-    )
+    delay, delay_95, delay_99 = np.quantile(delays_ms, [0.5, 0.95, 0.99]).round(2).tolist()
+    work, work_95 = np.quantile(work_ms, [0.5, 0.95]).round(2).tolist()
+    press, press_95 = (1e3 * np.quantile(pressed, [0.5, 0.95])).round(2).tolist()
+    return {
+        "msps": float(msps),
+        "group_ms": 1e3 * group_s,
+        "speed": round(speed, 3),
+        "readings": len(delays_ms),
+        "delay_ms": delay,
+        "delay_95_ms": delay_95,
+        "delay_99_ms": delay_99,
+        "work_ms": work,
+        "work_95_ms": work_95,
+        "presses": presses,
+        "press_ms": press,
+        "press_95_ms": press_95,
+        "cores": round(cores, 3),
+    }
 
 
 def delays_s(readings, sent, after_s):
     """Delays of messages behind the samples that the device had sent.
+
+    Returns ndarray: without the readings whose samples are not in ``sent``.
 
     Parameters
     ----------
@@ -193,11 +157,6 @@ def delays_s(readings, sent, after_s):
         Device times up to which samples had been sent, rising, and when that was, in s.
     after_s : float
         The delay is counted from the sample so long after the centre.
-
-    Returns
-    -------
-    ndarray
-        Without the readings whose samples are not in ``sent``.
     """
     delays = []
     for arrived_s, centre_s in readings:

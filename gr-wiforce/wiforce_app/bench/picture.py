@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from ..plots import save_picture
-from .cases import ESTIMATORS
-from .front import front
+from ..shell.plots import save_picture
+from .scenes.front import front
+from .snapshots.cases import ESTIMATORS
 
 
 def plot_losses(rows, wanted, path):
@@ -13,10 +13,8 @@ def plot_losses(rows, wanted, path):
 
     Parameters
     ----------
-    rows : sequence of montecarlo.Row
     wanted : sequence of Case
         The cases of these rows; the static and the moving sweep are drawn.
-    path : str or Path
     """
     from matplotlib.figure import Figure
 
@@ -62,7 +60,6 @@ def plot_tradeoffs(results, path):
     ----------
     results : sequence of dict
         Of tradeoff_points.measure_scene.
-    path : str or Path
     """
     from pathlib import Path
 
@@ -119,7 +116,6 @@ def plot_scaling(result, path):
     ----------
     result : dict
         Of scaling.measure.
-    path : str or Path
     """
     from matplotlib.figure import Figure
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench read``: the complete path from a capture's file to readings, timed."""
 
-import json
 import os
 import resource
 import shutil
@@ -9,15 +8,23 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
 import numpy as np
+import yaml
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..markdown import markdown_table
-from ..options import FiniteRange
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.options import FiniteRange
+from ..shell.progress import progress
+from .report import Column, echo, head_and_cells
 from .scaling import AXES
 from .scaling import measure as scaling_of
 from .scaling import table as scaling_table
@@ -31,36 +38,20 @@ _GROUP_LENGTHS = (63, 125, 625)
 _SINGLE_GROUPS = 200  # timed one by one
 
 
-@dataclass(frozen=True)
-class Row:
-    """One number of sensors and one length of the phase groups.
-
-    Attributes
-    ----------
-    sensors, snapshots, tones : int
-        S, N_g and M.
-    signal_s : float
-        Length of the recording.
-    read_s, cpu_s : float
-        Wall time of ``gr-wiforce read``, start-up included, and processor time of all its threads.
-    real_time : float
-        ``signal_s`` over ``read_s``.
-    samples_ms : float
-        Processor time from samples to tones, per second of signal.
-    group_us, single_us : float
-        Processor time from tones to readings per group, in batches and one group at a time.
-    """
-
-    sensors: int
-    snapshots: int
-    tones: int
-    signal_s: float
-    read_s: float
-    cpu_s: float
-    real_time: float
-    samples_ms: float
-    group_us: float
-    single_us: float
+# Times are wall time of ``gr-wiforce read``, start-up included, processor time of all its threads,
+# processor time from samples to tones per second of signal, and processor time from tones to
+# readings per group, in batches and one group at a time.
+COLUMNS = (
+    Column("sensors", "sensors"),
+    Column("N_g", "snapshots"),
+    Column("tones", "tones"),
+    Column("x real time", "real_time", ".1f"),
+    Column("wall (s)", "read_s", ".2f"),
+    Column("processor (s)", "cpu_s", ".2f"),
+    Column("samples (ms/s)", "samples_ms", ".1f"),
+    Column("batches (us/group)", "group_us", ".0f"),
+    Column("single (us/group)", "single_us", ".0f"),
+)
 
 
 @click.command()
@@ -86,15 +77,9 @@ class Row:
     help="With --scaling: only along this axis (repeatable).",
 )
 @click.option(
-    "--keep",
-    "kept",
-    type=click.Path(dir_okay=False),
-    help="With --scaling: keep rows in this file (JSON); those in it are not measured again.",
-)
-@click.option(
     "--plot", "plot_path", type=click.Path(), help="With --scaling: write a picture (PNG)."
 )
-def read(as_json, seconds, sensors, folder, scaling, axes, kept, plot_path):
+def read(as_json, seconds, sensors, folder, scaling, axes, plot_path):
     """Measure the complete path from a capture's file to readings, and its stages.
 
     Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
@@ -108,10 +93,10 @@ def read(as_json, seconds, sensors, folder, scaling, axes, kept, plot_path):
     if scaling:
         if seconds is not None or sensors:
             raise click.UsageError("--seconds and --sensors do not apply with --scaling")
-        _measure_scaling(as_json, folder, axes or list(AXES), kept, plot_path)
+        _measure_scaling(as_json, folder, axes or list(AXES), plot_path)
         return
-    if axes or kept is not None or plot_path is not None:
-        raise click.UsageError("--axis, --keep and --plot apply with --scaling only")
+    if axes or plot_path is not None:
+        raise click.UsageError("--axis and --plot apply with --scaling only")
     seconds = 60.0 if seconds is None else seconds
     rows = []
     counts = [int(count) for count in sensors] or _SENSORS
@@ -127,47 +112,21 @@ def read(as_json, seconds, sensors, folder, scaling, axes, kept, plot_path):
                 step(1)
             for path in Path(place).iterdir():
                 path.unlink()
-    click.echo(json.dumps([asdict(row) for row in rows], indent=1) if as_json else table(rows))
+    echo(rows, as_json, lambda: markdown_table(*head_and_cells(rows, COLUMNS)))
 
 
-def _measure_scaling(as_json, folder, axes, kept, plot_path):
+def _measure_scaling(as_json, folder, axes, plot_path):
     """Rows along each axis, and how they grow."""
-    from gnuradio.wiforce.io.textfile import check_output
-
-    from ..plots import check_picture
-
-    kept = None if kept is None else Path(kept)
-    if kept is not None:
-        check_output(kept)
     if plot_path is not None:
-        check_picture(plot_path, [] if kept is None else [kept])
-    result = scaling_of(axes, folder, kept)
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path)
+    result = scaling_of(axes, folder)
     if plot_path is not None:
         from .picture import plot_scaling
 
         plot_scaling(result, plot_path)
-    click.echo(json.dumps(result, indent=1) if as_json else scaling_table(result))
-
-
-def table(rows):
-    """Rows as a table in Markdown."""
-    head = ["sensors", "N_g", "tones", "x real time", "wall (s)", "processor (s)"]
-    head += ["samples (ms/s)", "batches (us/group)", "single (us/group)"]
-    cells = [
-        [
-            str(row.sensors),
-            str(row.snapshots),
-            str(row.tones),
-            f"{row.real_time:.1f}",
-            f"{row.read_s:.2f}",
-            f"{row.cpu_s:.2f}",
-            f"{row.samples_ms:.1f}",
-            f"{row.group_us:.0f}",
-            f"{row.single_us:.0f}",
-        ]
-        for row in rows
-    ]
-    return markdown_table(head, cells)
+    echo(result, as_json, lambda: scaling_table(result))
 
 
 def scene_of(sensors, snapshots, duration_s=4.0):
@@ -204,9 +163,6 @@ def scene_of(sensors, snapshots, duration_s=4.0):
 
 def _record(folder, sensors, seconds):
     """A capture of some sensors: a simulated piece, repeated."""
-    from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.simulation.simulator import simulate
-
     period_s = 720 / 12.5e6
     scene = load_scene(scene_of(sensors, 625, (_PIECE_FRAMES + 0.5) * period_s))
     capture = folder / "capture"
@@ -225,10 +181,6 @@ def _record(folder, sensors, seconds):
 
 def _measure(capture, sensors, snapshots):
     """The row of a capture read in groups of some length; None when the plan refuses it."""
-    from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.planning.plan import plan
-
     try:
         settings = plan(scene_of(sensors, snapshots))
     except InputError:
@@ -237,24 +189,22 @@ def _measure(capture, sensors, snapshots):
     signal_s = recording.span / recording.sample_rate_hz
     read_s, cpu_s = _time_command(capture, sensors, snapshots)
     samples_s, group_s, single_s = _time_stages(recording, settings)
-    return Row(
-        sensors,
-        snapshots,
-        len(settings.table.tones),
-        signal_s,
-        read_s,
-        cpu_s,
-        signal_s / read_s,
-        1e3 * samples_s / signal_s,
-        1e6 * group_s,
-        1e6 * single_s,
-    )
+    return {
+        "sensors": sensors,
+        "snapshots": snapshots,
+        "tones": len(settings.table.tones),
+        "signal_s": signal_s,
+        "read_s": read_s,
+        "cpu_s": cpu_s,
+        "real_time": signal_s / read_s,
+        "samples_ms": 1e3 * samples_s / signal_s,
+        "group_us": 1e6 * group_s,
+        "single_us": 1e6 * single_s,
+    }
 
 
 def _time_command(capture, sensors, snapshots):
     """Wall and processor time of ``gr-wiforce read``."""
-    import yaml
-
     scene = capture.with_name("scene.yaml")
     scene.write_text(yaml.safe_dump(scene_of(sensors, snapshots)), encoding="utf-8")
     command = [sys.executable, "-c", "from wiforce_app.main import run; raise SystemExit(run())"]
@@ -271,9 +221,6 @@ def _time_command(capture, sensors, snapshots):
 
 def _time_stages(recording, settings):
     """Processor time from samples to tones, and per group from tones to readings."""
-    from gnuradio.wiforce.receiver import Receiver
-    from gnuradio.wiforce.recording import RecordingReader
-
     source, batches = RecordingReader(recording, settings, 0).source, []
     start = time.process_time()
     while len(groups := source.read()):

@@ -10,9 +10,18 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..markdown import markdown_table
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.progress import progress
+from .report import Column, head_and_cells
 
 # All rows have a piece of signal of this length, which holds whole frames, groups and, with clocks
 # that are multiples of 1 / 3.6 s, whole periods: repeated, it has no break.
@@ -74,59 +83,43 @@ QUANTITIES = {
     "group_us": "groups (us/group)",
     "groups_ms": "groups (ms/s)",
 }
+COLUMNS = (
+    Column("axis", "axis", LABELS.get),
+    Column("sensors", "sensors"),
+    Column("N_g", "snapshots"),
+    Column("snapshots/s", "frame_length", lambda n: f"{_SAMPLE_RATE_HZ / n:.0f}"),
+    Column("subcarriers", "subcarriers"),
+    Column("tones", "tones"),
+    Column("plan (s)", "plan_s", ".2f"),
+    Column(QUANTITIES["start_s"], "start_s", ".2f"),
+    Column(QUANTITIES["samples_ms"], "samples_ms", ".1f"),
+    Column(QUANTITIES["group_us"], "group_us", ".0f"),
+    Column(QUANTITIES["groups_ms"], "groups_ms", ".2f"),
+    Column("x real time", "real_time", ".1f"),
+)
+GROWTH = (
+    Column("along", "axis", LABELS.get),
+    Column("time", "quantity", QUANTITIES.get),
+    Column("exponent", "exponent", ".2f"),
+    Column("at the end", "at_end", ".2f"),
+)
 
 
-def measure(axes, folder=None, kept=None):
-    """Rows of some axes.
+def measure(axes, folder=None):
+    """Rows along some of the AXES, and how they grow, with the machine that they depend on.
 
-    Parameters
-    ----------
-    axes : sequence of str
-        Keys of AXES.
-    folder : str or Path, optional
-        For recordings, which have up to 200 MB; the system's temporary folder by default.
-    kept : Path, optional
-        Rows are added to this file; those that it has already are not measured again.
-
-    Returns
-    -------
-    dict
-        ``machine`` and ``rows``; what each row holds is in ``table``.
+    Recordings of up to 200 MB are made in the folder, the system's temporary one by default.
     """
-    result = _read(kept) or {"machine": _machine(), "rows": []}
-    known = [row["setting"] for row in result["rows"]]
-    wanted = [s for axis in axes for s in AXES[axis]]
-    missing = [s for s in wanted if asdict(s) not in known]
+    settings = [setting for axis in axes for setting in AXES[axis]]
     with (
         tempfile.TemporaryDirectory(prefix="wiforce-scaling-", dir=folder) as place,
-        progress("measuring", len(missing)) as step,
+        progress("measuring", len(settings)) as step,
     ):
-        for setting in missing:
-            result["rows"].append(_measure(setting, Path(place)))
-            if kept is not None:
-                kept.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        rows = []
+        for setting in settings:
+            rows.append(_measure(setting, Path(place)))
             step(1)
-    order = [asdict(s) for s in wanted]
-    rows = [row for row in result["rows"] if row["setting"] in order]
-    rows.sort(key=lambda row: order.index(row["setting"]))
-    return {**result, "rows": rows, "growth": growth(rows)}
-
-
-def _read(kept):
-    """Rows that were measured before; None without any."""
-    from gnuradio.wiforce.errors import InputError
-
-    if kept is None or not kept.exists():
-        return None
-    try:
-        result = json.loads(kept.read_text(encoding="utf-8"))
-        result = {key: result[key] for key in ("machine", "rows")}
-        for row in result["rows"]:
-            Setting(**row["setting"])
-            _ = [row[key] + 0 for key in QUANTITIES]
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        raise InputError(kept, "must be a file that bench read --scaling has written") from error
-    return result
+    return {"machine": _machine(), "rows": rows, "growth": growth(rows)}
 
 
 def _machine():
@@ -141,8 +134,6 @@ def _machine():
 
 def scene_of(setting):
     """The scene of a row, as a mapping."""
-    from gnuradio.wiforce.planning.proposed_clocks import clocks_for
-
     sounding = {"frame_length": setting.frame_length}
     if setting.axis == "symbol_length":
         sounding |= {"symbol_length": setting.symbol_length, "repetitions": 2}
@@ -190,10 +181,6 @@ def _presses(names):
 
 def _recorded(scene, folder):
     """The recording of a scene, which the row before may have had as well."""
-    from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.simulation.simulator import simulate
-
     capture, made = folder / "capture", folder / "made.json"
     # What is sent and received does not depend on the groups.
     sent = json.dumps({key: scene[key] for key in ("sounding", "sensors", "simulation")})
@@ -208,9 +195,6 @@ def _recorded(scene, folder):
 
 def _measure(setting, folder):
     """The row of a setting."""
-    from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.recording import RecordingReader
-
     scene = scene_of(setting)
     recording = _recorded(scene, folder)
     start = time.process_time()
@@ -239,9 +223,6 @@ def _measure(setting, folder):
 
 def _time_samples(recording, settings):
     """Processor time from a piece's samples to its tones, and these."""
-    from gnuradio.wiforce.estimation.groups import Groups
-    from gnuradio.wiforce.recording import RecordingReader
-
     took = []
     for _ in range(_REPEATS):
         source, batches = RecordingReader(recording, settings, 0, survey=False).source, []
@@ -254,9 +235,6 @@ def _time_samples(recording, settings):
 
 def _time_groups(settings, piece):
     """Processor time until clocks and reference are known, and of a group in a batch after this."""
-    from gnuradio.wiforce.estimation.groups import Groups
-    from gnuradio.wiforce.receiver import Receiver
-
     receiver = Receiver(settings)
     start = time.process_time()
     first = 0
@@ -277,26 +255,9 @@ def _time_groups(settings, piece):
 
 
 def growth(rows):
-    """Exponents of the times along each axis.
+    """Exponents of the times along each axis, by a straight line through all logarithms.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of ``measure``.
-
-    Returns
-    -------
-    list of dict
-        ``axis``, ``quantity``, ``exponent`` by a straight line through all logarithms, and
-        ``at_end`` by the last two points.
-
-    Examples
-    --------
-    >>> def row(n):
-    ...     times = {"start_s": 1.0, "samples_ms": n**2, "group_us": n, "groups_ms": n}
-    ...     return {"setting": {"axis": "sensors"}, "value": n, **times}
-    >>> [each["exponent"] for each in growth([row(n) for n in (1, 2, 4)])]
-    [0.0, 2.0, 1.0, 1.0]
+    ``at_end`` is that of the last two points.
     """
     found = []
     for axis in AXES:
@@ -306,52 +267,21 @@ def growth(rows):
         x = np.log([row["value"] for row in own])
         for quantity in QUANTITIES:
             y = np.log([row[quantity] for row in own])
-            exponent = round(float(np.polyfit(x, y, 1)[0]), 2)
-            *_, at_end = [b / a for a, b in zip(np.diff(x), np.diff(y), strict=True)]
-            found.append(
-                {
-                    "axis": axis,
-                    "quantity": quantity,
-                    "exponent": exponent + 0.0,
-                    "at_end": round(float(at_end), 2) + 0.0,
-                }
-            )
+            slopes = {"exponent": np.polyfit(x, y, 1)[0], "at_end": (np.diff(y) / np.diff(x))[-1]}
+            # Without the sign of a zero.
+            powers = {name: round(float(slope), 2) + 0.0 for name, slope in slopes.items()}
+            found.append({"axis": axis, "quantity": quantity, **powers})
     return found
 
 
 def table(result):
     """Rows and growth as tables in Markdown."""
-    head = ["axis", "sensors", "N_g", "snapshots/s", "subcarriers", "tones", "plan (s)"]
-    head += [*QUANTITIES.values(), "x real time"]
-    cells = []
-    for row in result["rows"]:
-        setting = Setting(**row["setting"])
-        cells.append(
-            [
-                LABELS[setting.axis],
-                str(setting.sensors),
-                str(setting.snapshots),
-                f"{_SAMPLE_RATE_HZ / setting.frame_length:.0f}",
-                str(row["subcarriers"]),
-                str(row["tones"]),
-                f"{row['plan_s']:.2f}",
-                f"{row['start_s']:.2f}",
-                f"{row['samples_ms']:.1f}",
-                f"{row['group_us']:.0f}",
-                f"{row['groups_ms']:.2f}",
-                f"{row['real_time']:.1f}",
-            ]
-        )
-    powers = [
-        [LABELS[each["axis"]], QUANTITIES[each["quantity"]], f"{each['exponent']:.2f}"]
-        + [f"{each['at_end']:.2f}"]
-        for each in result["growth"]
-    ]
+    rows = [{**row, **row["setting"]} for row in result["rows"]]
     machine = result["machine"]
     return "\n\n".join(
         [
             f"{machine['processor']}, {machine['cores']} cores, NumPy {machine['numpy']}",
-            markdown_table(head, cells).rstrip("\n"),
-            markdown_table(["along", "time", "exponent", "at the end"], powers).rstrip("\n"),
+            markdown_table(*head_and_cells(rows, COLUMNS)),
+            markdown_table(*head_and_cells(result["growth"], GROWTH)),
         ]
     )

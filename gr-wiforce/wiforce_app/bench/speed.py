@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench speed``: samples per second of the chains, compared with stock blocks."""
 
-import json
 import os
 import shutil
 import tempfile
 
 import click
 import numpy as np
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import load_scene
 
-from ..options import FiniteRange, IntegerRange
-from ..progress import progress
+from ..shell.options import FiniteRange, IntegerRange
+from ..shell.progress import progress
+from .report import Column, echo, head_and_cells, text_table
+from .throughput.recording import tone_weights, write_recording
+from .throughput.workers import Row, Worker
 
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (
@@ -33,6 +37,18 @@ _CHAINS = (
 )
 _SCENES = {"plan-still-one-tag": "demo", "plan-busy-two-tags": "two_sensors"}
 _PACKETS = (364, 4096, 65536)
+COLUMNS = (
+    Column("row", "name"),
+    Column("tones", "tones"),
+    Column("cores", "pinned", lambda pinned: "one" if pinned else "all"),
+    Column("Msps", "msps", ".0f"),
+    Column("95 % interval", "spread", ".0f"),
+    Column("/tuned", "over_stock_tuned", ".2f"),
+    Column("/default", "over_stock_default", ".1f"),
+    Column("of file", "of_file_source_ceiling", ".2f"),
+    Column("of read", "of_read_bandwidth", ".2f"),
+    Column("MB", "peak_memory_mb", ".0f"),
+)
 _SC16_BYTES, _FC32_BYTES = 4, 8
 
 
@@ -69,7 +85,6 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
     ratios within a turn.
     """
     from .throughput.latency import measure_latency
-    from .throughput.recording import tone_weights, write_recording
 
     lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
@@ -82,7 +97,7 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
         lengths = _lengths(recording, runs, cpu_time)
     latency = [measure_latency(tone_weights(16), n, latency_seconds) for n in _PACKETS]
     result = {"rows": rows, "lengths": lengths, "latency": latency}
-    click.echo(json.dumps(result, indent=1) if as_json else _table(result))
+    echo(result, as_json, lambda: _table(result))
 
 
 def _check_room(folder, size, megabytes):
@@ -93,9 +108,6 @@ def _check_room(folder, size, megabytes):
 
 
 def _lines(only):
-    from .throughput.recording import tone_weights
-    from .throughput.workers import Row
-
     lines = [Row(name, name, tone_weights(tones), share) for name, tones, share in _CHAINS]
     lines += [Row(name, "file-sc16", _planned(scene)) for name, scene in _SCENES.items()]
     known = {line.name for line in lines}
@@ -109,9 +121,6 @@ def _lines(only):
 
 def _planned(scene):
     """Weights of the plan of a shipped scene."""
-    from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.scene import load_scene
-
     return plan(load_scene(scene)).table.weights
 
 
@@ -142,8 +151,6 @@ def _measure(lines, recording, runs, pinned, cpu_time):
 
 def _run_in_turns(lines, recording, runs, pinned, clock):
     """Msps of every run, (lines, runs), and peak memory of each line's process in MB."""
-    from .throughput.workers import Worker
-
     cpu = max(os.sched_getaffinity(0)) if pinned else None
     workers = [Worker(line, recording, cpu) for line in lines]
     try:
@@ -155,17 +162,14 @@ def _run_in_turns(lines, recording, runs, pinned, clock):
                 for n, worker in enumerate(workers):
                     figures[n, turn] = worker.run(clock)
                     step(1)
-        return figures, [worker.close() for worker in workers]
+        return figures, [worker.peak_memory_mb() for worker in workers]
     finally:
         for worker in workers:
-            worker.kill()
+            worker.close()
 
 
 def _lengths(recording, runs, cpu_time):
     """The same chain on a recording and on its first tenth: time per sample and memory."""
-    from .throughput.recording import tone_weights
-    from .throughput.workers import Row
-
     shares = (0.1, 1.0)
     lines = [Row("file-fc32", "file-fc32", tone_weights(16), share) for share in shares]
     figures, peaks = _run_in_turns(lines, recording, runs, True, "cpu" if cpu_time else "wall")
@@ -193,19 +197,7 @@ def _interval(values):
 
 
 def _table(result):
-    lines = [
-        f"{'row':<20}{'tones':>6}{'cores':>6}{'Msps':>8}{'95 % interval':>16}"
-        f"{'/tuned':>8}{'/default':>9}{'of file':>8}{'of read':>8}{'MB':>6}"
-    ]
-    for row in result["rows"]:
-        low, high = row["spread"]
-        lines.append(
-            f"{row['name']:<20}{row['tones']:>6}{'one' if row['pinned'] else 'all':>6}"
-            f"{row['msps']:>8.0f}{f'{low:.0f}..{high:.0f}':>16}"
-            f"{row['over_stock_tuned']:>8.2f}{row['over_stock_default']:>9.1f}"
-            f"{row['of_file_source_ceiling']:>8.2f}{row['of_read_bandwidth']:>8.2f}"
-            f"{row['peak_memory_mb']:>6.0f}"
-        )
+    lines = [text_table(*head_and_cells(result["rows"], COLUMNS))]
     lines.append("")
     for row in result["lengths"]:
         lines.append(

@@ -2,18 +2,22 @@
 """``gr-wiforce bench stress``: worst errors at numerical extremes, and their causes."""
 
 import dataclasses
-import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
+from gnuradio.wiforce.sensor import load_sensor
 
-from ..markdown import filled_page, markdown_table
-from ..options import IntegerRange
-from ..progress import progress
-from .cases import Case
+from ..shell.markdown import filled_page, markdown_table
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
+from .report import Column, echo, head_and_cells, text_table
+from .snapshots.cases import Case
+from .snapshots.stress_paths import WAVEFORM, read_case
 
 # gamma with negligible noise, so that systematic errors remain; even less noise for clutter.
 _QUIET_DB, _SILENT_DB = 60.0, 140.0
@@ -22,43 +26,22 @@ _WEEK_GROUPS = int(7 * 86400 / 0.036)
 _BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
 
 
-@dataclass(frozen=True)
-class Row:
-    """Worst error of one kind of stress on one path.
-
-    Attributes
-    ----------
-    stress, path : str
-    worst : float
-        Largest phase error in degrees or in stated standard deviations, of what is not flagged
-        weak; or per cent of unflagged readings beyond three standard deviations.
-    unit : str
-    limit : float or None
-        What it must not exceed.
-    undetected : float
-        Largest error that neither the stated standard deviation nor a flag indicates, same unit.
-    discarded : int
-        Groups or readings that were flagged or not read.
-    not_finite : int
-        Values that are not finite although they are reported as valid.
-    cause : str
-        What causes the worst error.
-    """
-
-    stress: str
-    path: str
-    worst: float
-    unit: str
-    limit: float | None
-    undetected: float
-    discarded: int
-    not_finite: int
-    cause: str
-
-    @property
-    def good(self):
-        within = self.limit is None or self.worst <= self.limit
-        return within and self.undetected == 0 and self.not_finite == 0
+# The worst error of one kind of stress on one path: the largest phase error in degrees or in stated
+# standard deviations, of what is not flagged weak; or per cent of unflagged readings beyond three
+# standard deviations. Undetected is the largest error that neither the stated standard deviation
+# nor a flag indicates; not finite are values that are reported as valid.
+COLUMNS = (
+    Column("stress", "stress"),
+    Column("path", "path"),
+    Column("worst", "worst", ".2g"),
+    Column("", "unit"),
+    Column("limit", "limit", "g"),
+    Column("undetected", "undetected", ".2g"),
+    Column("discarded", "discarded"),
+    Column("NaN", "not_finite"),
+    Column("", "good", lambda good: "" if good else "BAD"),
+    Column("main cause", "cause"),
+)
 
 
 @click.command()
@@ -90,11 +73,7 @@ def stress(as_json, search, only, seed, page_path):
             step(1)
     if page_path is not None:
         Path(page_path).write_text(_page(rows, page_path), encoding="utf-8")
-    if as_json:
-        found = [dataclasses.asdict(row) | {"good": row.good} for row in rows]
-        click.echo(json.dumps({"rows": found}, indent=1))
-    else:
-        click.echo(table(rows))
+    echo({"rows": rows}, as_json, lambda: text_table(*head_and_cells(rows, COLUMNS)))
 
 
 def tasks_of(search, seed):
@@ -131,15 +110,30 @@ def _case(name, **changes):
 
 
 def _row(name, path, outcome, limit, cause):
-    return Row(
+    return _limited(
         name, path, outcome.worst_deg, "deg", limit, outcome.undetected_deg, outcome.discarded,
         outcome.not_finite, cause,
     )  # fmt: skip
 
 
-def _clutter(name, path, clutter_db, limit):
-    from .stress_paths import read_case
+def _limited(stress, path, worst, unit, limit, undetected, discarded, not_finite, cause):
+    """A row, and whether it is within its limit and hides nothing."""
+    row = {
+        "stress": stress,
+        "path": path,
+        "worst": worst,
+        "unit": unit,
+        "limit": limit,
+        "undetected": undetected,
+        "discarded": discarded,
+        "not_finite": not_finite,
+        "cause": cause,
+    }
+    within = limit is None or worst <= limit
+    return {**row, "good": within and undetected == 0 and not_finite == 0}
 
+
+def _clutter(name, path, clutter_db, limit):
     cause = {
         "double": "remaining noise and the fit of the clock",
         "channel first": "rounding in the FFT of each snapshot, before clutter is removed",
@@ -150,8 +144,6 @@ def _clutter(name, path, clutter_db, limit):
 
 
 def _week_gap(name, path):
-    from .stress_paths import read_case
-
     case = _case(name, groups=40)
     first = list(range(case.reference_groups))
     indices = first + [_WEEK_GROUPS + i for i in range(case.groups)]
@@ -168,8 +160,6 @@ def _week_gap(name, path):
 
 
 def _week_on(name, path):
-    from .stress_paths import read_case
-
     case = _case(name)
     count = case.reference_groups + case.groups
     outcome = read_case(case, path, [_WEEK_GROUPS + i for i in range(count)])
@@ -177,8 +167,6 @@ def _week_on(name, path):
 
 
 def _levels(name, path, factor):
-    from .stress_paths import read_case
-
     case = _case(name, groups=12)
 
     def scale(number):
@@ -191,8 +179,6 @@ def _levels(name, path, factor):
 
 
 def _scaled(name, path, factor):
-    from .stress_paths import read_case
-
     outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
     single = path != "double"
     cause = "single precision loses digits below 1e-38" if single and factor < 1e-30 else (
@@ -202,8 +188,6 @@ def _scaled(name, path, factor):
 
 
 def _not_finite_samples(name, path):
-    from .stress_paths import read_case
-
     rng = np.random.default_rng(1)
 
     def hurt(number, snapshots):
@@ -226,10 +210,6 @@ def _near_clocks(name, path, search, seed, readable):
 
     ``readable`` selects pairs that the planner accepts, or those that it warns of.
     """
-    from gnuradio.wiforce.planning.clocks import assess_clocks
-
-    from .stress_paths import WAVEFORM, read_case
-
     rng = np.random.default_rng(seed)
     ratios = (1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8)
 
@@ -243,13 +223,11 @@ def _near_clocks(name, path, search, seed, readable):
     def label(case):
         return f"clocks 1000 and {case.clocks_hz[1]:.2f} Hz"
 
-    return _searched(name, path, search, trial, label, read_case)
+    return _searched(name, path, search, trial, label)
 
 
 def _any_setting(name, path, search, seed):
     """Random settings from the whole permitted range of a scene."""
-    from .stress_paths import read_case
-
     rng = np.random.default_rng(seed)
 
     def trial():
@@ -275,14 +253,11 @@ def _any_setting(name, path, search, seed):
             f"dB, clutter +{case.static_db:.0f} dB in {case.clutter_hz:.0f} Hz"
         )
 
-    return _searched(name, path, search, trial, label, read_case)
+    return _searched(name, path, search, trial, label)
 
 
-def _searched(name, path, search, trial, label, read_case):
+def _searched(name, path, search, trial, label):
     """Worst of many trials: the largest unflagged error in stated standard deviations."""
-    from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-
     worst, cause, refused, not_finite, discarded = 0.0, "", 0, 0, 0
     for run in range(search):
         case = trial()
@@ -301,7 +276,7 @@ def _searched(name, path, search, trial, label, read_case):
     # Groups of a run share their reference, and ends share their clock.
     undetected = worst if worst > _UNDETECTED_STD else 0.0
     cause += f"; {refused} of {search} refused"
-    return Row(name, path, worst, "std", None, undetected, discarded, not_finite, cause)
+    return _limited(name, path, worst, "std", None, undetected, discarded, not_finite, cause)
 
 
 # Largest of some hundred Gaussian errors, with a margin of a third.
@@ -310,8 +285,6 @@ _UNDETECTED_STD = 6.0
 
 def _inversion(name, path, sensor, seed):
     """Presses over the whole span of a model at any noise; unflagged errors in stated std."""
-    from gnuradio.wiforce.sensor import load_sensor
-
     model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
     worst, cause, discarded, not_finite = 0.0, "", 0, 0
     for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):
@@ -334,7 +307,7 @@ def _inversion(name, path, sensor, seed):
                 f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
                 f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std"
             )
-    return Row(name, path, worst, "%", _BEYOND_3_STD, 0.0, discarded, not_finite, cause)
+    return _limited(name, path, worst, "%", _BEYOND_3_STD, 0.0, discarded, not_finite, cause)
 
 
 # Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
@@ -342,32 +315,10 @@ def _inversion(name, path, sensor, seed):
 _BEYOND_3_STD, _LEAST_N = 1.0, 0.02
 
 
-def table(rows):
-    """Rows as text, one line each."""
-    head = f"{'stress':<37}{'path':<16}{'worst':>10}{'limit':>7}{'undetected':>12}{'discarded':>10}"
-    lines = [head + f"{'NaN':>5}  {'':4}main cause"]
-    for row in rows:
-        limit = "" if row.limit is None else f"{row.limit:g}"
-        lines.append(
-            f"{row.stress:<37}{row.path:<16}{row.worst:>6.2g} {row.unit:<3}{limit:>7}"
-            f"{row.undetected:>12.2g}{row.discarded:>10}{row.not_finite:>5}  "
-            f"{'' if row.good else 'BAD':<4}{row.cause}"
-        )
-    return "\n".join(lines)
-
-
-_HEAD = ("stress", "path", "worst", "limit", "undetected", "discarded", "NaN", "main cause")
-
-
 def _page(rows, page_path):
-    cells = [
-        (
-            row.stress, row.path, f"{row.worst:.2g} {row.unit}",
-            "" if row.limit is None else f"{row.limit:g}", f"{row.undetected:.2g}",
-            str(row.discarded), str(row.not_finite), row.cause,
-        )
-        for row in rows
-    ]  # fmt: skip
+    shown = [{**row, "worst": f"{row['worst']:.2g} {row['unit']}"} for row in rows]
+    columns = [column for column in COLUMNS if column.title]
+    columns[2] = Column("worst", "worst")
     command = f"gr-wiforce bench stress --page {page_path}"
-    template = Path(__file__).with_suffix(".md")
-    return filled_page(template, command=command, table=markdown_table(_HEAD, cells))
+    table = markdown_table(*head_and_cells(shown, columns))
+    return filled_page(Path(__file__).with_suffix(".md"), command=command, table=table)

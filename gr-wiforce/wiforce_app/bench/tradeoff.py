@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench tradeoff``: run time against error, for every scene and sensible setting."""
 
-import json
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -10,9 +9,10 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from ..markdown import filled_page, markdown_table
-from ..progress import progress
-from .front import beat_the_plan, front
+from ..shell.markdown import filled_page, markdown_table
+from ..shell.progress import progress
+from .report import Column, echo, head_and_cells
+from .scenes.front import beat_the_plan, front
 
 _RUNS, _QUICK_RUNS = 2, 1
 
@@ -40,8 +40,8 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     from gnuradio import gr  # noqa: F401  of the flowgraphs that are timed, before any file is made
     from gnuradio.wiforce.scene import load_scene, sampled_scenes
 
-    from ..evaluation.runs import keep_result, result_of
-    from ..provenance import fingerprint
+    from ..evaluate.runs import keep_result, result_of
+    from ..shell.provenance import fingerprint
 
     names = list(dict.fromkeys(scenes or sampled_scenes()))
     # Invalid scenes are refused before any work is done.
@@ -51,7 +51,7 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
     inputs = [file for name in names for file in load_scene(name).files]
     if plot_path is not None:
-        from ..plots import check_picture
+        from ..shell.plots import check_picture
 
         check_picture(plot_path, inputs)
     if page_path is not None:
@@ -75,25 +75,31 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     if page_path is not None:
         page = _page(results, scenes, quick, plot_path, page_path)
         Path(page_path).write_text(page, encoding="utf-8")
-    if as_json:
-        click.echo(json.dumps({"scenes": results}, indent=1))
-    else:
-        parts = (table, verdicts, room_table, skip_table)
-        click.echo("\n\n".join(part(results) for part in parts))
+    parts = (table, verdicts, room_table, skip_table)
+    echo({"scenes": results}, as_json, lambda: "\n\n".join(part(results) for part in parts))
 
 
 def _measured(name, folder, runs):
     """A scene's result, from a process of its own: memory and caches are as for any other."""
-    from .tradeoff_points import measure_scene
+    from .scenes.tradeoff_points import measure_scene
 
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(measure_scene, name, folder, runs).result()
 
 
-_HEAD = (
-    "scene", "setting", "ms per s", "samples", "groups", "readings/s", "phase (deg)", "bound",
-    "force (N)", "location (mm)", "front",
-)  # fmt: skip
+COLUMNS = (
+    Column("scene", "scene"),
+    Column("setting", "setting"),
+    Column("ms per s", "cpu_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
+    Column("samples", "samples_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
+    Column("groups", "groups_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
+    Column("readings/s", "readings_per_s", ".0f"),
+    Column("phase (deg)", "phase_deg", ".3g"),
+    Column("bound", "bound_deg", ".3g"),
+    Column("force (N)", "force_n", ".3g"),
+    Column("location (mm)", "location_mm", ".3g"),
+    Column("front", "front"),
+)
 
 
 def table(results):
@@ -103,8 +109,10 @@ def table(results):
         points = result["points"]
         kept = [point["setting"] for point in front(points)]
         for point in points:
-            rows.append(_row(result, point, point["setting"] in kept))
-    return markdown_table(_HEAD, rows)
+            name = Path(result["scene"]).stem if point["setting"] == "plan" else ""
+            shown = "yes" if point["setting"] in kept else ""
+            rows.append({**point, "scene": name, "front": shown})
+    return markdown_table(*head_and_cells(rows, COLUMNS))
 
 
 def verdicts(results):
@@ -164,19 +172,6 @@ def skip_table(results):
         shown = ["" if t is None else f"{1e3 * t:.2g}" for t in times]
         rows.append([Path(result["scene"]).stem, *shown])
     return markdown_table(["scene", *names], rows)
-
-
-def _row(result, point, on_front):
-    times = [1e3 * point[key] for key in ("cpu_s_per_s", "samples_s_per_s", "groups_s_per_s")]
-    errors = [point[key] for key in ("phase_deg", "bound_deg", "force_n", "location_mm")]
-    return [
-        Path(result["scene"]).stem if point["setting"] == "plan" else "",
-        point["setting"],
-        *(f"{value:.1f}" for value in times),
-        f"{point['readings_per_s']:.0f}",
-        *("" if value is None else f"{value:.3g}" for value in errors),
-        "yes" if on_front else "",
-    ]
 
 
 def _page(results, scenes, quick, plot_path, page_path):

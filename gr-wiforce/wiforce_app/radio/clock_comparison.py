@@ -22,12 +22,6 @@ class ClockComparison:
         Returns the device's time in seconds; may raise RuntimeError.
     utc, now : callable
         Return UTC and a steady time in seconds.
-
-    Examples
-    --------
-    >>> comparison = ClockComparison(lambda: 20.0, utc=lambda: 120.0)
-    >>> comparison.look()
-    (100.0, 0.0)
     """
 
     def __init__(
@@ -42,11 +36,9 @@ class ClockComparison:
     def look(self) -> tuple[float, float] | None:
         """Compare the clocks where the last comparison is ten seconds old.
 
-        Returns
-        -------
-        tuple of (float, float) or None
-            Offset of UTC from the device's clock and its uncertainty, in s, by the quickest of
-            three answers; None where none is due, or the device does not answer.
+        Returns tuple of (float, float) or None: offset of UTC from the device's clock and its
+        uncertainty, in s, by the quickest of three answers; None where none is due, or the device
+        does not answer.
         """
         if self._now() - self._compared_s < _EVERY_S:
             return None

@@ -29,10 +29,6 @@ _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 class RadioLink:
     """A device, opened in a process of its own.
 
-    Parameters
-    ----------
-    request : RadioRequest
-
     Attributes
     ----------
     request : RadioRequest

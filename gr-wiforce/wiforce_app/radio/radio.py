@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from gnuradio.wiforce.errors import InputError
 
-from ..log import printable
+from ..shell.log import printable
 from .request import RadioRequest
 
 _LOCK_S = 1.0
@@ -78,10 +78,6 @@ class Radio(ABC):
     """Receiver and transmitter of a device, 16-bit integers both ways.
 
     A driver is a derived class: it opens the device, and says how time and streams are handled.
-
-    Parameters
-    ----------
-    request : RadioRequest
 
     Attributes
     ----------
@@ -192,10 +188,7 @@ class Radio(ABC):
     def start_together(self, lead_s: float) -> float:
         """Schedule the start of both streams `lead_s` from now, where the driver can.
 
-        Returns
-        -------
-        float
-            Time of the start, as ``time_s``.
+        Returns float: time of the start, as ``time_s``.
         """
 
     @abstractmethod
@@ -248,16 +241,7 @@ class Radio(ABC):
 
 
 def open_radio(request: RadioRequest) -> Radio:
-    """The radio that is asked for, by its driver.
-
-    Parameters
-    ----------
-    request : RadioRequest
-
-    Returns
-    -------
-    Radio
-    """
+    """The radio that is asked for, by its driver."""
     module, name = _CLASSES[request.driver]
     return getattr(importlib.import_module(f".{module}", __package__), name)(request)
 

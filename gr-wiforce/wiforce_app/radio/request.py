@@ -99,15 +99,10 @@ class RadioRequest:
 
         Parameters
         ----------
-        scene : Scene
         args : str
             Device arguments.
         **settings
             What the scene does not state, by the names of the attributes.
-
-        Returns
-        -------
-        RadioRequest
         """
         return cls(
             args,

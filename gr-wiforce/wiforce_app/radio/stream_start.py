@@ -31,7 +31,6 @@ def start_flowgraph(
 
     Parameters
     ----------
-    flowgraph : gr.top_block
     stopped : callable
         Whether to give up.
     option, args : str

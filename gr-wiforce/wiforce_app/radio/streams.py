@@ -35,8 +35,6 @@ class RadioStreams:
 
     Parameters
     ----------
-    radio : Radio
-    request : RadioRequest
     samples : socket.socket
         Where samples are sent.
 

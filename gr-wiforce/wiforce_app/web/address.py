@@ -49,21 +49,10 @@ class PageAddress:
         token : str, optional
             The user's own; beyond loopback a random one is made by default.
 
-        Returns
-        -------
-        PageAddress
-
         Raises
         ------
         InputError
             When a package is missing, for another text, and for a token that is easily guessed.
-
-        Examples
-        --------
-        >>> PageAddress.of("8080")
-        PageAddress(host='127.0.0.1', port=8080, token=None)
-        >>> PageAddress.of("[::1]:8080").url
-        'http://[::1]:8080/'
         """
         # Bokeh draws the plots; Tornado, which it brings along, serves the page.
         check_installed(OPTION, ("bokeh", "tornado"))
@@ -98,24 +87,11 @@ class PageAddress:
         return f"{text} (plain HTTP: whoever reads the network sees readings and the token)"
 
     def accepts(self, token: str) -> bool:
-        """Whether a token is the right one; takes as long for every token.
-
-        Parameters
-        ----------
-        token : str
-
-        Returns
-        -------
-        bool
-        """
+        """Whether a token is the right one; takes as long for every token."""
         return self.token is None or hmac.compare_digest(self.token.encode(), token.encode())
 
     def listen(self) -> socket.socket:
         """Open the port.
-
-        Returns
-        -------
-        socket.socket
 
         Raises
         ------

@@ -48,10 +48,6 @@ def in_turn(read: Callable[[int], Awaitable[bytes]]) -> Callable[[int], Awaitabl
     ----------
     read : callable
         Reads so many bytes of a stream.
-
-    Returns
-    -------
-    callable
     """
 
     async def paced(length: int) -> bytes:

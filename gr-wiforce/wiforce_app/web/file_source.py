@@ -61,12 +61,7 @@ class FileSource:
         """None: files do not tell that they have grown."""
 
     def poll(self, page_state: PageState) -> None:
-        """Give the state what the file holds by now.
-
-        Parameters
-        ----------
-        page_state : PageState
-        """
+        """Give the state what the file holds by now."""
         if self._file is None or not (data := self._file.read(_CHUNK_BYTES)):
             data = b""
             if self._is_replaced():

@@ -15,7 +15,7 @@ from typing import Any
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 
-from ..session.outputs import Output
+from ..live.outputs import Output
 from .address import OPTION, PageAddress
 
 # The process sends viewers the end of the run before it ends itself.
@@ -30,7 +30,6 @@ class LivePage(Output):
 
     Parameters
     ----------
-    address : PageAddress
     warn : callable
         Takes a line for the user.
 

@@ -19,21 +19,7 @@ _MOST_ENTRIES = 32  # of tares, group counts and the health of a sensor; the rea
 
 
 def loaded(data: bytes) -> dict[str, Any]:
-    """A JSON object; empty where it is none. Numbers that JSON cannot hold become None.
-
-    Parameters
-    ----------
-    data : bytes
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> loaded(b'{"force_n": NaN}'), loaded(b"[1]")
-    ({'force_n': None}, {})
-    """
+    """A JSON object; empty where it is none. Numbers that JSON cannot hold become None."""
     try:
         values = json.loads(data, parse_constant=lambda _: None, parse_float=number)
     except (ValueError, RecursionError):
@@ -42,21 +28,7 @@ def loaded(data: bytes) -> dict[str, Any]:
 
 
 def number(value: Any) -> float | None:
-    """A finite number from a number or its text; None for anything else.
-
-    Parameters
-    ----------
-    value : Any
-
-    Returns
-    -------
-    float or None
-
-    Examples
-    --------
-    >>> number("1.5"), number("nan"), number([]), number(10**400)
-    (1.5, None, None, None)
-    """
+    """A finite number from a number or its text; None for anything else."""
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -65,35 +37,12 @@ def number(value: Any) -> float | None:
 
 
 def text(value: Any) -> str:
-    """A text of limited length; empty for anything else.
-
-    Parameters
-    ----------
-    value : Any
-
-    Returns
-    -------
-    str
-    """
+    """A text of limited length; empty for anything else."""
     return value[:LONGEST_TEXT] if isinstance(value, str) else ""
 
 
 def status_of(heartbeat: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page shows of a heartbeat.
-
-    Parameters
-    ----------
-    heartbeat : mapping of str to Any
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> status_of({"state": "reading", "gaps": [[]], "sensors": 5})["sensors"]
-    {}
-    """
+    """What the page shows of a heartbeat."""
     sensors = heartbeat.get("sensors")
     named = islice(sensors.items(), MOST_SENSORS) if isinstance(sensors, dict) else ()
     tare = heartbeat.get("tare")

@@ -35,12 +35,7 @@ def bokeh_scripts() -> list[Path]:
 
 @cache
 def figures() -> dict[str, Any]:
-    """Both plots, in the form that Bokeh's ``embed_item`` takes.
-
-    Returns
-    -------
-    dict
-    """
+    """Both plots, in the form that Bokeh's ``embed_item`` takes."""
     time_axis = Range1d(0, 30, name="time")
     force = _plot("force", "force (N)", time_axis)
     location = _plot("location", "location (mm)", time_axis)

@@ -36,20 +36,13 @@ _TEXTS = ("sensor", "flags")
 def page_row(values: Mapping[str, Any]) -> list[Any] | None:
     """A row of the page from a row of a readings file or a message.
 
+    Returns list or None: values in the order of :data:`ROW`, unknown numbers None; None for what is
+    no reading.
+
     Parameters
     ----------
     values : mapping
         Columns by name; numbers may be text, as in CSV.
-
-    Returns
-    -------
-    list or None
-        Values in the order of :data:`ROW`, unknown numbers None; None for what is no reading.
-
-    Examples
-    --------
-    >>> page_row({"sensor": "arm", "time_s": "0.018", "touch": "0", "flags": "gap"})
-    ['arm', 0.018, 0.0, None, None, None, None, None, None, 'gap', None, None, None]
     """
     row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
     texts = [row[ROW.index(name)] for name in _TEXTS]
@@ -75,13 +68,6 @@ class PageState:
     ----------
     position : tuple of (int, int)
         How far a viewer is that has everything: number of the run, and of the next row.
-
-    Examples
-    --------
-    >>> page_state = PageState(30.0)
-    >>> page_state.add({"sensor": "arm", "time_s": 0.5, "touch": 0})
-    >>> json.loads(page_state.message((0, 0), status=False))["rows"][0][:3]
-    ['arm', 0.5, 0.0]
     """
 
     def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
@@ -148,17 +134,14 @@ class PageState:
         return {name: round(now - arrived, 3) for name, arrived in self._arrived.items()}
 
     def show(self, status: Mapping[str, Any]) -> None:
-        """Take the status of the source.
-
-        Parameters
-        ----------
-        status : mapping of str to plain values
-        """
+        """Take the status of the source."""
         self._status = dict(status)
         self._texts.clear()
 
     def message(self, position: tuple[int, int], status: bool) -> str:
         """What a viewer lacks, or the first part of it; made once for all that are equally far.
+
+        Returns str: A JSON object; ``restart`` is true where former rows are to be forgotten.
 
         Parameters
         ----------
@@ -166,11 +149,6 @@ class PageState:
             How far the viewer is; ``(-1, 0)`` for a new one.
         status : bool
             With the status.
-
-        Returns
-        -------
-        str
-            A JSON object; ``restart`` is true where former rows are to be forgotten.
         """
         key = (position, status)
         if key not in self._texts:
@@ -183,16 +161,7 @@ class PageState:
         return self._texts[key]
 
     def position_after(self, position: tuple[int, int]) -> tuple[int, int]:
-        """How far a viewer is that gets the message for a position.
-
-        Parameters
-        ----------
-        position : tuple of (int, int)
-
-        Returns
-        -------
-        tuple of (int, int)
-        """
+        """How far a viewer is that gets the message for a position."""
         _, first = self._lacking(position)
         kept = self._count - len(self._rows)
         return self._runs, min(self._count, kept + first + _MOST_ROWS_SENT)

@@ -65,8 +65,6 @@ class PageServer:
 
     Parameters
     ----------
-    source : Source
-    address : PageAddress
     listening : socket.socket
         Of :meth:`PageAddress.listen`.
     history_s : float
@@ -134,12 +132,7 @@ class PageServer:
         self._ending.set()
 
     def tare(self, viewer: "_Viewer") -> None:
-        """Request a tare; viewers who do so meanwhile get the same answer.
-
-        Parameters
-        ----------
-        viewer : _Viewer
-        """
+        """Request a tare; viewers who do so meanwhile get the same answer."""
         ask = getattr(self.source, "tare", None)
         if ask is None:
             return
@@ -149,12 +142,7 @@ class PageServer:
             self._asked = bool(self._asking)
 
     def forget(self, viewer: "_Viewer") -> None:
-        """Keep nothing of a viewer who has gone.
-
-        Parameters
-        ----------
-        viewer : _Viewer
-        """
+        """Keep nothing of a viewer who has gone."""
         self.viewers.discard(viewer)
         self._asking.discard(viewer)
 

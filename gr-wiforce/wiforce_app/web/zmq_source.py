@@ -80,12 +80,7 @@ class ZmqSource:
         return self._subscriber.fileno()
 
     def poll(self, page_state: PageState) -> None:
-        """Give the state what has come in.
-
-        Parameters
-        ----------
-        page_state : PageState
-        """
+        """Give the state what has come in."""
         end_s = time.monotonic() + _LONGEST_POLL_S
         for _ in range(_MOST_MESSAGES):
             if not self._subscriber.poll(0) or time.monotonic() > end_s:

@@ -11,8 +11,8 @@ from .. import names
 from ..errors import InputError
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
-from ..planning.findings import Finding
 from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..planning.room.findings import Finding
 from ..press.tares import TareState
 from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold

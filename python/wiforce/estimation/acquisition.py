@@ -45,14 +45,6 @@ class ClockFit:
         Of J of each of the L groups.
     found : bool
         Whether a tag was received.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> late = PhaseLikelihood(table, 0, 0.02048, clock2_delay=0.5)
-    >>> ClockFit(0.2, 1.0, 0.3, 1e-4, late, np.zeros((12, 17)), True).overlapping
-    True
     """
 
     time_s: float
@@ -99,33 +91,10 @@ def acquire(
     subcarriers : int
         K.
 
-    Returns
-    -------
-    ClockFit
-
     Notes
     -----
     Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/theory.md, Clock): a grid
     over the offset, with a Fourier transform over the phase, then Newton steps.
-
-    Examples
-    --------
-    A clock that is 50 ppm fast, over twelve groups on two subcarriers without noise:
-
-    >>> from gnuradio.wiforce.signal.switching import switch_averages
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> nominal = PhaseLikelihood(table, 0, 1000.0 * 20.48e-6)
-    >>> rate, times_s = 2 * np.pi * 1000 * (1 + 50e-6), 0.036 * np.arange(12)
-    >>> covariances = []
-    >>> for center_s in times_s:
-    ...     phases = 0.3 + rate * (center_s + table.times_s)
-    ...     waveforms = switch_averages(phases, np.pi * 1000 * 20.48e-6)
-    ...     tones = table.weights @ waveforms @ np.array([[1, 1j], [1j, 1]])
-    ...     covariances.append(nominal.covariance(tones, np.full(2, 1e-6)))
-    >>> fit = acquire(times_s, np.array(covariances), nominal, 2 * np.pi * 1000, 100.0, 2)
-    >>> fit.found, round(fit.rate / (2 * np.pi * 1000) * 1e6)
-    (True, 50)
     """
     center = times_s.mean()
     elapsed = times_s - center

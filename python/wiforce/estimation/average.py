@@ -17,37 +17,18 @@ class SubcarrierAverage:
     Half of the noise of the R_i (:func:`ratio_variance`) lies along the phase, so that
     std(arg R) = sqrt(var(R) / 2) / |R|. The noise of the reference is an error of the untouched
     phases, which the press filter knows (docs/press.md).
-
-    Examples
-    --------
-    One group of a sensor whose ends have turned by 30 and -10 deg, on four subcarriers:
-
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> turn = np.exp(1j * np.radians([30.0, -10.0]))
-    >>> group = Groups(
-    ...     [13], changes=np.tile(turn[None, :, None], 4), noise=np.full((1, 4), 1e-4),
-    ...     gain=np.full((1, 2), 0.01), reference_power=np.ones((1, 2)),
-    ...     reference_gain=np.full((1, 2), 0.001), in_reference=np.zeros((1, 2), bool))
-    >>> averaged = SubcarrierAverage().process(group)
-    >>> np.degrees(np.angle(averaged.ratios)).round(6).tolist()
-    [[30.0, -10.0]]
-    >>> averaged.phase_std_deg.round(4).tolist()
-    [[0.0203, 0.0203]]
     """
 
     def process(self, groups: Groups) -> Groups:
         """Average a batch.
 
+        Returns Groups: with ``ratios`` and ``phase_std_deg``, infinite for an end that was not
+        received or has no reference; without ``changes``.
+
         Parameters
         ----------
         groups : Groups
             With ``changes`` and the arrays of separation and reference.
-
-        Returns
-        -------
-        Groups
-            With ``ratios`` and ``phase_std_deg``, infinite for an end that was not received or has
-            no reference; without ``changes``.
         """
         if not len(groups):
             return groups
@@ -59,22 +40,14 @@ class SubcarrierAverage:
 def phase_std_deg(ratios: Array, variance: Array) -> Array:
     """Standard deviation of the phase of ratios with complex noise.
 
+    Returns ndarray, of the same shape: in degrees; infinite where R is 0.
+
     Parameters
     ----------
     ratios : ndarray of complex
         R.
     variance : ndarray, of the same shape
         Of R.
-
-    Returns
-    -------
-    ndarray, of the same shape
-        In degrees; infinite where R is 0.
-
-    Examples
-    --------
-    >>> phase_std_deg(np.array([1j, 0.0]), np.full(2, 2e-4)).round(3).tolist()
-    [0.573, inf]
     """
     magnitude = np.abs(ratios)
     std = np.full(magnitude.shape, np.inf)

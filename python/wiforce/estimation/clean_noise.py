@@ -25,21 +25,6 @@ class CleanNoise:
     ----------
     group_period_s : float
         Length of a group, in s.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> from gnuradio.wiforce.estimation.least_squares import ToneModel
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> model = ToneModel(table, [], None)
-    >>> rng = np.random.default_rng(1)
-    >>> tones = rng.standard_normal((20, 16, 126, 2)) @ [0.7071, 0.7071j]
-    >>> groups, _ = model.prepare(Groups(np.arange(20), tones))
-    >>> fit = model.fit(groups, model.predict(groups))
-    >>> history = CleanNoise(0.036).follow(groups, fit)
-    >>> bool(np.allclose(history.variance.mean(axis=1), groups.power().mean(), rtol=0.05))
-    True
     """
 
     def __init__(self, group_period_s: float) -> None:
@@ -54,16 +39,12 @@ class CleanNoise:
     def follow(self, groups: GroupTones, fit: GroupFit) -> NoiseHistory:
         """Update the estimate by some groups.
 
+        Returns NoiseHistory: of all of them; noise that has changed is followed.
+
         Parameters
         ----------
-        groups : GroupTones
         fit : GroupFit
             Of these groups, without spread lines.
-
-        Returns
-        -------
-        NoiseHistory
-            Of all of them; noise that has changed is followed.
         """
         residuals, levels = fit.noise(), groups.level.tolist()
         complete = (groups.missing == 0).tolist()
@@ -93,25 +74,13 @@ class CleanNoise:
 def gain_of_least_error(fit: GroupFit, inverse_noise: Array) -> Array:
     """Gain of each end that is due to errors that are no noise.
 
+    Returns ndarray, shape (G, E): variance of V over ``sigma_k^2``, for the error of a phase that
+    remains of spread lines.
+
     Parameters
     ----------
-    fit : GroupFit
     inverse_noise : ndarray, shape (G, K)
         1 / sigma_k^2.
-
-    Returns
-    -------
-    ndarray, shape (G, E)
-        Variance of V over ``sigma_k^2``, for the error of a phase that remains of spread lines.
-
-    Examples
-    --------
-    >>> white, ends = np.eye(4)[None, :, :2], np.full((1, 2, 100), 2.0)
-    >>> residual = np.zeros((1, 4, 100))
-    >>> fit = GroupFit(
-    ...     np.arange(2), ends, np.ones((1, 2)), residual, white, white.swapaxes(1, 2), white)
-    >>> gain_of_least_error(fit, np.ones((1, 100))).round(8).tolist()
-    [[2.88e-06, 2.88e-06]]
     """
     energy = np.sum(power_of(fit.ends) * inverse_noise[:, None], axis=2)
     gain: Array = 2 * _LEAST_ERROR**2 * energy

@@ -52,11 +52,6 @@ class ClockLine:
         Power of the line over the floor; 0 where none stands out.
     rival_hz : float or None
         Another clock within a wide tolerance, that of a second tag; None where there is none.
-
-    Examples
-    --------
-    >>> ClockLine(1000.02, 0.01, 300.0).found
-    True
     """
 
     clock_hz: float
@@ -81,11 +76,6 @@ def find_clocks(
         From 0 in equal steps.
     spectrum : ndarray, shape (F,)
         Power in units of the floor, as :func:`.survey.survey_channel` computes it.
-    clocks : sequence of TagClock, length S
-
-    Returns
-    -------
-    tuple of ClockLine, length S
 
     Notes
     -----
@@ -93,14 +83,6 @@ def find_clocks(
     which most is received at f, 2 f, ..., 6 f together, sum_m log P(m f), not counting what
     continues a comb of lamps or of a slower tag. Tags are taken in the order of that sum, and
     the lines of each are masked for those that follow.
-
-    Examples
-    --------
-    >>> hertz = np.arange(0, 8000, 2.0)
-    >>> room = 1 + sum(1e4 * np.exp(-(((hertz - 1012 * m) / 3) ** 2)) for m in (1, 2, 4))
-    >>> room += 1e6 * np.exp(-(((hertz - 1000) / 3) ** 2))  # something else
-    >>> round(find_clocks(hertz, room, [TagClock(1000.0, 20_000.0)])[0].clock_hz, 3)
-    1012.0
     """
     found: dict[int, ClockLine] = {}
     rest = spectrum.copy()
@@ -137,12 +119,6 @@ def vertex(spectrum: Array, best: int) -> tuple[float, float]:
     offset : float
         In bins from ``best``, within half a bin.
     height : float
-
-    Examples
-    --------
-    >>> offset, height = vertex(np.exp(-0.5 * (np.arange(9) - 4.2) ** 2), 4)
-    >>> round(offset, 6), round(height, 6)
-    (0.2, 1.0)
     """
     below, top, above = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
     curvature = below - 2 * top + above
@@ -255,24 +231,13 @@ def _mask(frequency_hz: Array, spectrum: Array, line: ClockLine) -> None:
 def measured(clock: TagClock, line: ClockLine) -> TagClock:
     """The clock of a tag as a survey has measured it.
 
+    Returns TagClock: the same unless its tolerance is wide. Where no line stands out, it keeps its
+    nominal frequency.
+
     Parameters
     ----------
     clock : TagClock
         As the scene states it.
-    line : ClockLine
-
-    Returns
-    -------
-    TagClock
-        The same unless its tolerance is wide. Where no line stands out, it keeps its nominal
-        frequency.
-
-    Examples
-    --------
-    >>> measured(TagClock(1000.0, 20_000.0), ClockLine(1012.0, 0.01, 50.0))
-    TagClock(clock_hz=1012.0, tolerance_ppm=300.0, nominal_hz=1000.0)
-    >>> measured(TagClock(1000.0), ClockLine(1000.05, 0.01, 50.0))
-    TagClock(clock_hz=1000.0, tolerance_ppm=100.0, nominal_hz=None)
     """
     if not clock.wide:
         return clock

@@ -46,16 +46,6 @@ class ClockSearch:
     jointly : bool
         Whether the likelihood of some tag is biased, so that all clocks are estimated jointly from
         the complete model.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
-    >>> search = ClockSearch(model, NoiseEstimate(0.036), 20.48e-6)
-    >>> search.groups, search.jointly
-    (12, False)
     """
 
     def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:

@@ -37,12 +37,6 @@ class ClockPath(NamedTuple):
         In radians.
     rate : ndarray, shape (G, ...)
         Above nominal, in rad/s.
-
-    Examples
-    --------
-    >>> path = ClockPath(np.array([[0.1, 0.2]]), np.array([[0.0, 3.0]]))
-    >>> path.of(1).phase, path.of(1).rate
-    (array([0.2]), array([3.]))
     """
 
     phase: Array
@@ -56,20 +50,11 @@ class ClockPath(NamedTuple):
 def predict_clocks(trackers: Sequence[ClockTracker], center_s: Array) -> ClockPath:
     """Clocks expected at the centres of groups.
 
+    Returns ClockPath: arrays of shape (G, S).
+
     Parameters
     ----------
-    trackers : sequence of ClockTracker, length S
     center_s : ndarray, shape (G,)
-
-    Returns
-    -------
-    ClockPath
-        Arrays of shape (G, S).
-
-    Examples
-    --------
-    >>> predict_clocks([], np.zeros(3)).phase.shape
-    (3, 0)
     """
     phase, rate = np.empty((2, len(center_s), len(trackers)))
     for tag, tracker in enumerate(trackers):
@@ -99,18 +84,6 @@ class ClockTracker:
         Phase in radians at a time, and its rate above nominal in rad/s.
     variances : (float, float, float)
         Variance of the phase, covariance, variance of the rate.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> likelihood = PhaseLikelihood(table, 0, 0.02048)
-    >>> fit = ClockFit(0.2, 1.0, 0.3, 1e-6, likelihood, np.ones((12, 17), complex), True)
-    >>> tracker = ClockTracker(fit, 0.036 * np.arange(12), 2 * np.pi * 1000, 62, 1.0)
-    >>> phase, rate = tracker.predict(1.2)  # 1000 periods later, and 0.3 rad/s above nominal
-    >>> round((phase - 1.0) / (2 * np.pi), 3), rate
-    (1000.048, 0.3)
     """
 
     def __init__(
@@ -160,6 +133,9 @@ class ClockTracker:
     ) -> bool:
         """Advance to ``time_s`` and correct by the group's likelihood.
 
+        Returns present (bool): False when the group's tones do not contain the tag; the clock then
+        coasts.
+
         Parameters
         ----------
         time_s : float
@@ -172,11 +148,6 @@ class ClockTracker:
             Error of that phase and its variance, instead of the likelihood's.
         ahead : float
             By how much the predicted phase exceeds that phase, in rad (:meth:`ahead_of`).
-
-        Returns
-        -------
-        present : bool
-            False when the group's tones do not contain the tag; the clock then coasts.
         """
         self._advance(time_s)
         energy, slope, curvature = likelihood

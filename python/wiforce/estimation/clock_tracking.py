@@ -57,13 +57,6 @@ class TrackedClocks:
         Whether the group contains the tag.
     noise : NoiseHistory
         MODEL_LOST where the last of these groups shows that clocks or noise are wrong.
-
-    Examples
-    --------
-    >>> path, ones = ClockPath(np.zeros((3, 1)), np.zeros((3, 1))), np.ones((3, 62))
-    >>> noise = NoiseHistory(np.ones(3), ones, ones, ones, Verdict.LEARNED)
-    >>> len(TrackedClocks(path, np.ones((3, 1), bool), noise))
-    3
     """
 
     path: ClockPath
@@ -125,20 +118,6 @@ class ClockTracking:
         Known before the first group is tracked.
     search : ClockSearch
         Acquires tags whose clock is not known.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock, TrackedTag
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
-    >>> noise = NoiseEstimate(0.036)
-    >>> noise.set(np.ones(62), 1.0)
-    >>> tracking = ClockTracking(model, noise, ClockSearch(model, noise, 20.48e-6))
-    >>> groups, usable = model.prepare(Groups(np.arange(3), np.ones((3, 16, 62))))
-    >>> tracking.track(groups).received.shape  # no tag is locked: group by group
-    (1, 0)
     """
 
     def __init__(self, model: ToneModel, noise: NoiseEstimate, search: ClockSearch) -> None:
@@ -171,15 +150,12 @@ class ClockTracking:
     def track(self, groups: GroupTones) -> TrackedClocks:
         """Track clocks and noise over the first of some groups, at least one.
 
+        Returns TrackedClocks: of as many groups as were tracked.
+
         Parameters
         ----------
         groups : GroupTones
             All of them usable.
-
-        Returns
-        -------
-        TrackedClocks
-            Of as many groups as were tracked.
         """
         model, first = self._model, groups[:1]
         for tag in model.tags:

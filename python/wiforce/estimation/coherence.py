@@ -47,22 +47,6 @@ class CoherentResidual:
     J. MacKinnon and H. White (1985) takes each tone's own power, in the median of the last groups.
     A sudden rise in a single group is judged with equal power on all tones, which fewer groups
     determine.
-
-    Examples
-    --------
-    >>> tones, rng = np.eye(16)[:, :2].astype(complex), np.random.default_rng(1)
-    >>> ends = np.ones((1, 2, 62), complex)
-    >>> def fit_of(residual):
-    ...     residual[:2] = 0
-    ...     white, solver, gain = tones[None], tones.T[None], np.ones((1, 2))
-    ...     return GroupFit(np.arange(2), ends, gain, residual[None], white, solver, white)
-    >>> white = rng.standard_normal((16, 62, 2)) @ [0.7071, 0.7071j]
-    >>> CoherentResidual(2).update(fit_of(white), np.ones(62))[0]
-    array([[1., 1.]])
-    >>> coherent = white + 3 * rng.standard_normal((16, 1))
-    >>> factors, disturbed = CoherentResidual(2).update(fit_of(coherent), np.ones(62))
-    >>> bool(np.all(factors > 100))
-    True
     """
 
     def __init__(self, ends: int) -> None:
@@ -78,7 +62,6 @@ class CoherentResidual:
 
         Parameters
         ----------
-        fit : GroupFit
         inverse_noise : ndarray, shape (G, K) or (K,)
             1 / sigma_k^2.
 

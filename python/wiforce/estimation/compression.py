@@ -46,11 +46,6 @@ class Image:
         Equalizer of the occupied subcarriers.
     bins : ndarray of int, shape (K,)
         Their FFT bins.
-
-    Examples
-    --------
-    >>> Image(np.full(4, -0.5), np.ones(4), np.arange(4)).of(np.array([1, 0, 0, 0])).real.tolist()
-    [-0.5, 0.0, 0.0, 0.0]
     """
 
     product: Array = field(repr=False)
@@ -76,15 +71,6 @@ class Compression:
         Of the tags' channels.
     std : float
         Standard deviation of what remains of the image, relative to the channel.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> groups = Groups([0], ends=np.ones((1, 2, 3)), gain=np.ones((1, 2)), noise=np.ones((1, 3)))
-    >>> image = Image(np.full(3, -0.01), np.ones(3), np.arange(3))
-    >>> corrected = Compression(image, 0.001).correct(groups)
-    >>> corrected.ends[0, 0].real.tolist(), corrected.gain[0].round(6).tolist()
-    ([1.01, 1.01, 1.01], [1.000006, 1.000006])
     """
 
     image: Image = field(repr=False)
@@ -124,13 +110,6 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     -----
     What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset. Filters ring at the
     edges of the preamble, so that only its middle and that of the guard are used.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> measure_compression(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
-    True
     """
     if not _is_silent_at_zero(waveform):
         return None
@@ -196,20 +175,6 @@ def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Ima
         Mean folded symbol.
     coefficient : float
         c.
-    waveform : Waveform
-
-    Returns
-    -------
-    Image
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> sent = waveform.preamble[64:128]  # a single static path without delay
-    >>> image = image_operator(sent, -0.01, waveform).of(np.ones(62))
-    >>> round(np.mean(image).real, 3)
-    -0.011
     """
     bins = waveform.bins
     return Image(coefficient * symbol**2, waveform.equalizer()[bins], bins)

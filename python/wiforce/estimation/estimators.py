@@ -35,11 +35,6 @@ class Estimator:
     ratios : str
         Meaning of the resulting ratios R: the ``change`` against the untouched sensor, a ``step``
         from group to group, or a ``square`` of the change.
-
-    Examples
-    --------
-    >>> ESTIMATORS["paper"].against, ESTIMATORS["harmonic"].against
-    ('previous', 'untouched')
     """
 
     separator: Callable[..., EndSeparator | LineSeparator]
@@ -61,10 +56,6 @@ class Estimator:
         ----------
         table, clocks, waveform, derotated, others
             As for :class:`.separation.EndSeparator`; only that one knows ``others``.
-
-        Returns
-        -------
-        EndSeparator or LineSeparator
         """
         more = {"others": others} if others else {}
         return self.separator(table, clocks, waveform, derotated, **more)
@@ -82,10 +73,6 @@ class Estimator:
             Length of the untouched reference.
         waveform : Waveform
             As it was sent.
-
-        Returns
-        -------
-        ConjugateDifference
         """
         # The channels of packets are ratios of antennas, which no few delays describe.
         if isinstance(waveform, PacketWaveform):
@@ -111,19 +98,10 @@ def estimator_named(name: str) -> Estimator:
     name : str
         One of ``ESTIMATORS``.
 
-    Returns
-    -------
-    Estimator
-
     Raises
     ------
     InputError
         For any other name.
-
-    Examples
-    --------
-    >>> estimator_named("sideband").ratios
-    'square'
     """
     if name not in ESTIMATORS:
         raise InputError("estimator", f"must be one of {', '.join(ESTIMATORS)}", name)
@@ -145,17 +123,6 @@ class RatioUnfolder:
     ------
     InputError
         For any other word.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> steps = np.exp(1j * np.radians([[0.0, 0.0], [30.0, 10.0], [15.0, 5.0]]))
-    >>> groups = Groups(
-    ...     np.arange(3), ratios=steps, phase_std_deg=np.ones((3, 2)),
-    ...     new_reference=np.array([True, False, False]))
-    >>> changes = RatioUnfolder("step").process(groups).ratios
-    >>> np.degrees(np.angle(changes)).round(6).tolist()
-    [[0.0, 0.0], [30.0, 10.0], [45.0, 15.0]]
     """
 
     def __init__(self, ratios: str) -> None:

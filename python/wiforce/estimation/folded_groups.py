@@ -17,24 +17,15 @@ from .snapshot_group import SnapshotGroup
 def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
     """Factors by which tones are multiplied before the FFT, as kernels and blocks take them.
 
+    Returns ndarray of complex, shape (M, symbol_length): ``ToneTable.derotation``; empty where the
+    waveform's symbol is too long for it.
+
     Parameters
     ----------
     table : ToneTable
         Weights of the run.
     waveform : Waveform
         As it was sent.
-
-    Returns
-    -------
-    ndarray of complex, shape (M, symbol_length)
-        ``ToneTable.derotation``; empty where the waveform's symbol is too long for it.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo")
-    >>> rotation_of(plan.table, plan.waveform).shape
-    (24, 64)
     """
     if not waveform.is_derotated:
         return np.zeros((0, waveform.symbol_length), complex)
@@ -77,16 +68,6 @@ class FoldedGroups:
         As it was sent.
     derotated : bool
         Whether the tones of complete groups are derotated.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo")
-    >>> folded = np.tile(plan.waveform.frame()[64:128], (plan.group_length, 1))  # a static channel
-    >>> present = np.arange(plan.group_length) != 100
-    >>> tones, static, _ = FoldedGroups(plan.table, plan.waveform).solve(present, folded[present])
-    >>> tones.shape, bool(np.abs(tones).max() < 1e-6), bool(np.allclose(static, 1, atol=1e-5))
-    ((24, 62), True, True)
     """
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
@@ -136,10 +117,6 @@ class FoldedGroups:
         ----------
         received : sequence of SnapshotGroup
             With ``kept``, in order.
-
-        Returns
-        -------
-        Groups
         """
         count, length = len(received), self._table.group_length
         tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)

@@ -27,20 +27,12 @@ _LEAST_QUIET = 8
 def whole_frames(samples: Array, frame_length: int) -> Array:
     """Cut samples into frames, without what remains after the last whole one.
 
+    Returns ndarray, shape (n // frame_length, frame_length).
+
     Parameters
     ----------
     samples : ndarray, shape (n,)
         Any values, one per sample.
-    frame_length : int
-
-    Returns
-    -------
-    ndarray, shape (n // frame_length, frame_length)
-
-    Examples
-    --------
-    >>> whole_frames(np.arange(7), 3).tolist()
-    [[0, 1, 2], [3, 4, 5]]
     """
     return samples[: len(samples) // frame_length * frame_length].reshape(-1, frame_length)
 
@@ -48,21 +40,13 @@ def whole_frames(samples: Array, frame_length: int) -> Array:
 def searched_samples(waveform: Waveform) -> int:
     """Samples at the start of a stream in which frames are searched.
 
+    Returns int: ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much
+    energy.
+
     Parameters
     ----------
     waveform : Waveform
         As it was sent.
-
-    Returns
-    -------
-    int
-        ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much energy.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> searched_samples(sounding_waveform()) // 720
-    2000
     """
     length = waveform.frame_length
     frames = min(SEARCHED_FRAMES, max(_FEWEST_FRAMES, _SEARCHED_SAMPLES // length))
@@ -72,6 +56,9 @@ def searched_samples(waveform: Waveform) -> int:
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     """Find the sample at which the first frame of a stream begins.
 
+    Returns int or None: 0 <= offset < frame_length; ``MARGIN`` samples before the strongest path.
+    None when no preamble is found.
+
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
@@ -79,24 +66,10 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     waveform : Waveform
         As it was sent.
 
-    Returns
-    -------
-    int or None
-        0 <= offset < frame_length; ``MARGIN`` samples before the strongest path. None when no
-        preamble is found.
-
     Notes
     -----
     The mean frame, in which static paths add up, is correlated with the sent frame at every cyclic
     shift.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> stream = np.roll(np.tile(waveform.frame(), 20), 100)
-    >>> find_frame_offset(stream, waveform) + MARGIN
-    100
     """
     length = waveform.frame_length
     frames = whole_frames(samples, length)
@@ -128,20 +101,7 @@ def _quiet(match: Array, best: int, preamble: int) -> Array | None:
 def has_quiet_samples(waveform: Waveform) -> bool:
     """Whether the guard is long enough to tell a preamble from noise in the mean frame.
 
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Returns
-    -------
-    bool
-        False where :func:`find_frame_offset` gives the best offset, whatever it is.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> has_quiet_samples(sounding_waveform()), has_quiet_samples(sounding_waveform("wifi", 400))
-    (True, False)
+    Returns bool: False where :func:`find_frame_offset` gives the best offset, whatever it is.
     """
     return waveform.frame_length - 2 * (waveform.preamble_length + _ECHOES) - 1 >= _LEAST_QUIET
 
@@ -149,23 +109,14 @@ def has_quiet_samples(waveform: Waveform) -> bool:
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
     """Whether frames cut from sample 0 contain their averaged repetitions.
 
+    Returns bool: True where the delay fits into the repetitions that are dropped.
+
     Parameters
     ----------
     offset : int
         Sample at which the first frame begins.
     waveform : Waveform
         As it was sent.
-
-    Returns
-    -------
-    bool
-        True where the delay fits into the repetitions that are dropped.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> keeps_alignment(20, sounding_waveform()), keeps_alignment(300, sounding_waveform())
-    (True, False)
     """
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
@@ -174,45 +125,21 @@ def keeps_alignment(offset: int, waveform: Waveform) -> bool:
 def frame_offset_in(samples: Array, waveform: Waveform) -> int:
     """Samples before the first frame of a recording.
 
+    Returns int: 0 where frames cut from sample 0 contain their preambles, and where no preamble is
+    found.
+
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
         The recording's first samples, :func:`searched_samples` if it is that long.
     waveform : Waveform
         As it was sent.
-
-    Returns
-    -------
-    int
-        0 where frames cut from sample 0 contain their preambles, and where no preamble is found.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> frame_offset_in(np.roll(np.tile(waveform.frame(), 20), 400), waveform)
-    392
     """
     offset = find_frame_offset(samples, waveform)
     return 0 if offset is None or keeps_alignment(offset, waveform) else offset
 
 
 def describe_frames(waveform: Waveform) -> str:
-    """Name the frames that are searched, for messages that say that there are none.
-
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> describe_frames(sounding_waveform())
-    "waveform 'repeated', 720 samples per frame at 12.5 Msps"
-    """
+    """Name the frames that are searched, for messages that say that there are none."""
     rate = f"{waveform.sample_rate_hz / 1e6:g} Msps"
     return f"waveform {waveform.name!r}, {waveform.frame_length} samples per frame at {rate}"

@@ -46,14 +46,6 @@ class FrameFollower:
     Timing is measured by the product of neighbouring bins of a frame's spectrum, summed over bins
     and frames. A delay of d samples rotates it by -2 pi d / L; the common phase of a frame, which a
     free-running oscillator makes random, cancels.
-
-    Examples
-    --------
-    >>> follower = FrameFollower(400)
-    >>> sent = np.random.default_rng(1).integers(-99, 99, (320, 2)).astype(np.int16)
-    >>> frames = np.tile(np.concatenate([sent, np.zeros((80, 2), np.int16)]), (65, 1))
-    >>> follower.take(frames).shape
-    (25600, 2)
     """
 
     def __init__(self, frame_length: int) -> None:
@@ -69,15 +61,12 @@ class FrameFollower:
     def take(self, items: Array) -> Array:
         """Take the next samples.
 
+        Returns ndarray of int16, shape (m L, 2 A): whole frames.
+
         Parameters
         ----------
         items : ndarray of int16, shape (n, 2 A)
             I and Q of A antennas; timing is that of the first one.
-
-        Returns
-        -------
-        ndarray of int16, shape (m L, 2 A)
-            Whole frames.
         """
         held = items if self._held is None else np.concatenate([self._held, items])
         frames = []
@@ -93,16 +82,12 @@ class FrameFollower:
     def lose(self, samples: int, width: int = 2) -> Array:
         """Samples were lost behind those taken so far.
 
+        Returns ndarray of int16, shape (m L, 2 A): the whole frames before the gap.
+
         Parameters
         ----------
-        samples : int
         width : int
             Columns of the items.
-
-        Returns
-        -------
-        ndarray of int16, shape (m L, 2 A)
-            The whole frames before the gap.
         """
         frames = []
         held = np.empty((0, width), np.int16) if self._held is None else self._held

@@ -55,11 +55,6 @@ class FramePeriod:
         Mean over all frames of the normalised correlation with the sounding symbol, at the place
         within the frame where it is highest; 1 for the symbol without noise and echoes, about
         0.1 for other signals.
-
-    Examples
-    --------
-    >>> FramePeriod(1440, False).samples
-    1440
     """
 
     samples: float | None
@@ -68,21 +63,7 @@ class FramePeriod:
 
 
 def samples_needed(frame_length: int) -> int:
-    """Samples in which :func:`find_frame_period` can confirm a frame length.
-
-    Parameters
-    ----------
-    frame_length : int
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> samples_needed(720), samples_needed(100_000)
-    (65536, 400000)
-    """
+    """Samples in which :func:`find_frame_period` can confirm a frame length."""
     return max(SEARCHED_SAMPLES, _LEAST_FRAMES * frame_length)
 
 
@@ -100,10 +81,6 @@ def find_frame_period(
     symbol : ndarray of complex, shape (m,), optional
         Samples of a symbol to search for instead of the waveform's.
 
-    Returns
-    -------
-    FramePeriod
-
     Notes
     -----
     Each sample is given the normalised correlation of the samples from there with the sounding
@@ -111,13 +88,6 @@ def find_frame_period(
     ignores DC and most of what is no preamble. A period is a lag at which, and at whose multiples,
     the autocovariance of q is high. The shortest such lag of at least a preamble is the length of a
     frame.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> stream = np.tile(sounding_waveform(frame_length=1440).frame(), 40)
-    >>> find_frame_period(stream, sounding_waveform(frame_length=720))
-    FramePeriod(samples=1440, agrees=False, likeness=1.0)
     """
     if symbol is None:
         symbol = symbol_of(waveform)
@@ -133,19 +103,7 @@ def find_frame_period(
 def symbol_of(waveform: Waveform) -> Array:
     """Samples of the symbol whose repetitions are averaged.
 
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Returns
-    -------
-    ndarray of complex, shape (symbol_length,)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> symbol_of(sounding_waveform()).shape
-    (64,)
+    Returns ndarray of complex, shape (symbol_length,).
     """
     return waveform.symbol
 
@@ -239,6 +197,9 @@ def _fast_length(least: int) -> int:
 def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     """Whether each expected frame holds a preamble where the one before has it.
 
+    Returns bool: True also where another signal, a tone or a second reader, is received along with
+    them.
+
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
@@ -246,22 +207,10 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     waveform : Waveform
         As it is expected.
 
-    Returns
-    -------
-    bool
-        True also where another signal, a tone or a second reader, is received along with them.
-
     Notes
     -----
     The symbols of neighbouring frames are multiplied after correlation, which carrier offsets do
     not harm. What gives the same product at all samples of a frame is no preamble.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> stream = np.tile(sounding_waveform(frame_length=1440).frame(), 40)
-    >>> [repeats_every_frame(stream, sounding_waveform(frame_length=n)) for n in (720, 1440)]
-    [False, True]
     """
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
@@ -279,24 +228,14 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
 def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
     """Normalised correlation of the mean frame with the preamble, at the best cyclic shift.
 
+    Returns float: 0 to 1; about 0.02 for noise. 0 without a whole frame of finite samples.
+
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
         As many frames as possible.
     waveform : Waveform
         As it is expected.
-
-    Returns
-    -------
-    float
-        0 to 1; about 0.02 for noise. 0 without a whole frame of finite samples.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> round(likeness_of_mean(np.tile(waveform.frame(), 20), waveform), 3)
-    1.0
     """
     length = waveform.frame_length
     frames = whole_frames(samples, length)

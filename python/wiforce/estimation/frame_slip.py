@@ -23,24 +23,13 @@ _IN_PLACE, _SAME = 0.7, 0.8
 def without_slip(folded: Array) -> Array:
     """The longer part of a run of snapshots in which the frame timing slipped.
 
+    Returns ndarray: all of them where there was none, or where no static path stands out by which
+    it would be recognised.
+
     Parameters
     ----------
     folded : ndarray of complex, shape (n, 64)
         Consecutive folded frames, with at most one slip among them.
-
-    Returns
-    -------
-    ndarray
-        All of them where there was none, or where no static path stands out by which it would be
-        recognised.
-
-    Examples
-    --------
-    >>> frame = np.random.default_rng(1).standard_normal(64)
-    >>> folded = np.tile(frame, (400, 1))
-    >>> folded[:100] = np.roll(frame, 9)
-    >>> without_slip(folded).shape, without_slip(folded[100:]).shape
-    ((288, 64), (300, 64))
     """
     blocks = len(folded) // _BLOCK
     if blocks < 4:

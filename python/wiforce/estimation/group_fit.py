@@ -32,13 +32,6 @@ class GroupFit:
         Its pseudo-inverse.
     slopes : ndarray of complex, shape (G, M, E)
         Derivatives of ``white`` by each tag's clock phase.
-
-    Examples
-    --------
-    >>> white, ends = np.eye(4)[None, :, :2], np.ones((1, 2, 62))
-    >>> solver, residual = white.swapaxes(1, 2), np.zeros((1, 4, 62))
-    >>> GroupFit(np.arange(2), ends, np.ones((1, 2)), residual, white, solver, white).ends.shape
-    (1, 2, 62)
     """
 
     rows: Array
@@ -86,13 +79,6 @@ def ends_and_residual(white: Array, solver: Array, tones: Array) -> tuple[Array,
     -------
     ends : ndarray of complex, shape (G, E, K)
     residual : ndarray of complex, shape (G, M, K)
-
-    Examples
-    --------
-    >>> white = np.eye(2)[None, :, :1]
-    >>> ends, residual = ends_and_residual(white, white.swapaxes(1, 2), np.ones((1, 2, 1)))
-    >>> ends.ravel().tolist(), residual.ravel().tolist()
-    ([1.0], [0.0, 1.0])
     """
     ends = solver @ tones
     residual = white @ ends

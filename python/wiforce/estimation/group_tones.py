@@ -41,19 +41,6 @@ class GroupWeights:
         Makes the tones' noise white, with the variance of H.
     mixer : ndarray of complex, shape (n, M)
         From snapshots to whitened tones, by snapshot.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.switching import switch_averages
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> waveforms = switch_averages(2 * np.pi * 1000 * table.times_s, 0.064)  # s1 and s2
-    >>> weights.mix(waveforms).shape
-    (16, 2)
-    >>> clocks, pulses = [[[0.0, 2 * np.pi * 1000, 0.064]]], [[0.0, 0.25, 0.25]]
-    >>> bool(np.allclose(weights.switched(clocks, pulses)[0, :, :2], weights.mix(waveforms)))
-    True
     """
 
     def __init__(
@@ -75,6 +62,10 @@ class GroupWeights:
     def switched(self, clocks: ArrayLike, pulses: ArrayLike) -> Array:
         """Whitened tones of the tags' switching waveforms, and their derivatives.
 
+        Returns ndarray of complex, shape (G, M, 4S): :meth:`mix` of what
+        ``signal.switching.switch_averages_and_slopes`` gives: the averages of all tags, and behind
+        them the slopes.
+
         Parameters
         ----------
         clocks : array_like, shape (G, S, 3)
@@ -82,12 +73,6 @@ class GroupWeights:
             phase that a snapshot averages over.
         pulses : array_like, shape (S, 3)
             Delay of clock 2, in radians of clock 1, and both duty cycles.
-
-        Returns
-        -------
-        ndarray of complex, shape (G, M, 4S)
-            :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the averages
-            of all tags, and behind them the slopes.
         """
         tones: Array = self._switching.mix(clocks, pulses)
         return tones
@@ -100,14 +85,12 @@ class GroupWeights:
     def mix(self, waveforms: Array) -> Array:
         """Whitened tones of waveforms.
 
+        Returns ndarray of complex, shape (..., M, C).
+
         Parameters
         ----------
         waveforms : ndarray of float, shape (..., n, C)
             C waveforms at the snapshots of some groups.
-
-        Returns
-        -------
-        ndarray of complex, shape (..., M, C)
         """
         *groups, snapshots, columns = waveforms.shape
         # Contiguous in the order in which the switching waveforms are made.
@@ -136,17 +119,6 @@ class GroupTones:
         Snapshots that are absent.
     weights : list of GroupWeights, length G
         From snapshots to tones.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> tones = np.full((2, 16, 62), 2j)
-    >>> times_s, none = np.array([0.018, 0.054]), np.zeros(2, int)
-    >>> both = GroupTones(np.arange(2), times_s, tones, tones, np.full(2, 4.0), none, [weights] * 2)
-    >>> len(both), both[1:].group.tolist(), both.power().shape
-    (2, [1], (2, 62))
     """
 
     group: Array
@@ -212,25 +184,7 @@ class GroupTones:
 def without_loud(groups: GroupTones) -> GroupTones:
     """Exclude groups with a burst of interference, which would dominate a sum over groups.
 
-    Parameters
-    ----------
-    groups : GroupTones
-
-    Returns
-    -------
-    GroupTones
-        Those with at most ten times the median power.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = [GroupWeights(table, np.ones((16, 1)), table.times_s)] * 3
-    >>> tones, none = np.ones((3, 16, 62)), np.zeros(3)
-    >>> level = np.array([1.0, 81.0, 1.2])
-    >>> groups = GroupTones(np.arange(3), none, tones, tones, level, none, weights)
-    >>> without_loud(groups).group.tolist()
-    [0, 2]
+    Returns GroupTones: those with at most ten times the median power.
     """
     if not len(groups):
         return groups
@@ -240,18 +194,6 @@ def without_loud(groups: GroupTones) -> GroupTones:
 def power_of(values: Array) -> Array:
     """Squared magnitudes.
 
-    Parameters
-    ----------
-    values : ndarray of complex
-
-    Returns
-    -------
-    ndarray of float
-        Of the same shape.
-
-    Examples
-    --------
-    >>> power_of(np.array([3 + 4j])).tolist()
-    [25.0]
+    Returns ndarray of float: of the same shape.
     """
     return values.real**2 + values.imag**2

@@ -20,21 +20,14 @@ _CLIPPED_SHARE = 0.01
 def is_clipped(saturated: Array, group_length: int) -> Array:
     """Whether groups count as saturated.
 
+    Returns ndarray of bool, shape (G,).
+
     Parameters
     ----------
     saturated : ndarray of int, shape (G,)
         Snapshots of each group with samples at full scale.
     group_length : int
         Snapshots per group, N.
-
-    Returns
-    -------
-    ndarray of bool, shape (G,)
-
-    Examples
-    --------
-    >>> is_clipped(np.array([0, 6, 7]), 625).tolist()
-    [False, False, True]
     """
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 

@@ -36,6 +36,9 @@ def likelihood_bias(
 ) -> float:
     """Largest bias of the clock phase that maximises a tag's likelihood.
 
+    Returns float: in rad, without noise; the worst over clock phases, offsets within tolerance and
+    channels.
+
     Parameters
     ----------
     table : ToneTable
@@ -46,25 +49,6 @@ def likelihood_bias(
         Nominal clock of the tag.
     averaging_s : float
         Ta of the waveform, in s.
-
-    Returns
-    -------
-    float
-        In rad, without noise; the worst over clock phases, offsets within tolerance and channels.
-
-    Examples
-    --------
-    Groups of 600 snapshots do not hold whole periods of 1 kHz, groups of 625 do:
-
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> for length in (625, 600):
-    ...     table = design_weights([1000.0], length, 57.6e-6)
-    ...     likelihood = PhaseLikelihood(table, 0, 0.02048)
-    ...     bias = likelihood_bias(table, likelihood, TagClock(1000.0), 20.48e-6)
-    ...     print(f"{np.degrees(bias):.2f} deg")
-    0.03 deg
-    0.09 deg
     """
     largest = 0.0
     for offset in (-1, 0, 1):
@@ -114,21 +98,6 @@ class PhaseExpansion:
     compensate, the residual of a group is r - t dtheta. The gradient of the log-likelihood is
     2 Re sum_k t^H r / sigma_k^2 and the information 2 Re sum_k t^H t / sigma_k^2 (variable
     projection, G. Golub and V. Pereyra, 1973).
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> mixing, slopes = rng.standard_normal((2, 16, 2)) + 1j * rng.standard_normal((2, 16, 2))
-    >>> ends, error_rad = rng.standard_normal((2, 62)), 1e-3
-    >>> tones = (mixing + error_rad * slopes) @ ends
-    >>> solver = np.linalg.pinv(mixing)
-    >>> fitted = solver @ tones
-    >>> fit = PhaseExpansion.of(mixing, solver, slopes, fitted, tones - mixing @ fitted)
-    >>> errors, _ = phase_errors(*fit.information(np.full(62, 1e8)))
-    >>> bool(np.isclose(errors[0], error_rad, rtol=0.02))
-    True
-    >>> bool(np.all(fit.power_at(errors) < 1e-4 * fit.power))
-    True
     """
 
     ends: Array
@@ -154,10 +123,6 @@ class PhaseExpansion:
         ends : ndarray of complex, shape (..., 2S, K)
         residual : ndarray of complex, shape (..., M, K)
             Whitened tones minus ``mixing @ ends``.
-
-        Returns
-        -------
-        PhaseExpansion
         """
         projected: Array = slopes - mixing @ (solver @ slopes)
         adjoint = projected.conj().swapaxes(-1, -2)
@@ -211,14 +176,12 @@ class PhaseExpansion:
     def power_at(self, shifts: Array) -> Array:
         """Sum of the squared residual at other phases of the clocks.
 
+        Returns ndarray, shape (..., K).
+
         Parameters
         ----------
         shifts : ndarray, shape (..., S)
             By how much these phases exceed those of the expansion, in rad.
-
-        Returns
-        -------
-        ndarray, shape (..., K)
         """
         turned = self.ends * np.repeat(shifts, 2, axis=-1)[..., None]
         curvature = (turned.conj() * (self.gram @ turned)).real.sum(axis=-2)
@@ -247,12 +210,6 @@ def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Ar
         In rad, to be added to the phases assumed.
     variances : ndarray, shape (..., S)
         Infinite where the group does not determine a phase.
-
-    Examples
-    --------
-    >>> errors, variances = phase_errors(np.array([2.0]), np.array([[100.0]]), np.array([0.0]))
-    >>> errors.tolist(), variances.tolist()
-    ([0.02], [0.01])
     """
     scale = np.sqrt(np.maximum(information.diagonal(axis1=-2, axis2=-1), 0.0))
     known = (scale > 0).all(axis=-1, keepdims=True)

@@ -43,17 +43,6 @@ class ToneModel:
         Samples of the symbol that they are derotated within.
     spread : SpreadLines, optional
         Given when tags switch within a symbol, so that this is removed.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
-    >>> groups, usable = model.prepare(Groups([0], np.ones((1, 16, 62))))
-    >>> ends, gain, fit = model.solve(groups, model.predict(groups))  # no clock is known yet
-    >>> gain.tolist(), bool(np.allclose(fit.noise(), groups.power()))
-    ([[inf, inf]], True)
     """
 
     def __init__(
@@ -92,10 +81,6 @@ class ToneModel:
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
         """Whiten the tones of a batch.
-
-        Parameters
-        ----------
-        groups : Groups
 
         Returns
         -------
@@ -146,7 +131,6 @@ class ToneModel:
 
         Parameters
         ----------
-        groups : GroupTones
         clocks : ClockPath
             Of the locked tags in these groups.
         """
@@ -175,16 +159,12 @@ class ToneModel:
     def without_spread_lines(self, groups: GroupTones, clocks: ClockPath) -> GroupTones:
         """Groups without what the locked tags spread over the subcarriers at some clocks.
 
+        Returns GroupTones: the same where symbols are short.
+
         Parameters
         ----------
-        groups : GroupTones
         clocks : ClockPath
             Of the locked tags in these groups.
-
-        Returns
-        -------
-        GroupTones
-            The same where symbols are short.
         """
         if self._spread is None or not self.locked:
             return groups
@@ -195,7 +175,6 @@ class ToneModel:
 
         Parameters
         ----------
-        groups : GroupTones
         clocks : ClockPath
             Of the locked tags in these groups.
 
@@ -261,18 +240,11 @@ class ToneModel:
 def inverse_of(gram: Array) -> Array:
     """Inverses of small Hermitian positive definite matrices; pseudo-inverses of singular ones.
 
+    Returns ndarray of complex, shape (G, n, n).
+
     Parameters
     ----------
     gram : ndarray of complex, shape (G, n, n)
-
-    Returns
-    -------
-    ndarray of complex, shape (G, n, n)
-
-    Examples
-    --------
-    >>> inverse_of(np.diag([2.0 + 0j, 4.0])[None]).diagonal(axis1=1, axis2=2).real.tolist()
-    [[0.5, 0.25]]
     """
     if not gram.size:
         return gram

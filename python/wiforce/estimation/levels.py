@@ -33,11 +33,6 @@ class Levels:
         Power of the mean sample of the guard, or of all samples without a guard.
     clipped : float
         Share of the samples at full scale.
-
-    Examples
-    --------
-    >>> Levels(-3.0, -12.0, -60.0, -70.0, 0.0).noise_dbfs
-    -60.0
     """
 
     peak_dbfs: float
@@ -56,18 +51,6 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
         Full scale 1 per component; at least one frame.
     waveform : Waveform
         As it was sent.
-
-    Returns
-    -------
-    Levels
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> samples = 0.1 * np.roll(np.tile(waveform.frame(), 20), MARGIN)
-    >>> round(measure_levels(samples, waveform).preamble_dbfs, 2)
-    -20.0
     """
     length, preamble = waveform.frame_length, waveform.preamble_length
     frames = whole_frames(samples, length)

@@ -63,19 +63,6 @@ class PhaseLikelihood:
     ------
     InputError
         When the tag's own lines do not determine its clock's phase, or its ends.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> likelihood = PhaseLikelihood(table, 0, 1000.0 * 20.48e-6)
-    >>> likelihood.lines.tolist()
-    [-8, -7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7, 8]
-    >>> tones = np.zeros((2, 16, 1), complex)  # of two groups: end 2 at a clock phase of 0.3
-    >>> tones[:, [4, 11], 0] = np.exp(-4j * 0.3), np.exp(4j * 0.3)
-    >>> energy, slope, _ = likelihood.at(np.array([0.3, 0.4]), tones).sum(axis=2).T
-    >>> bool(energy[0] > energy[1]), bool(abs(slope[0]) < 1e-9), bool(slope[1] < 0)
-    (True, True, True)
     """
 
     def __init__(
@@ -124,18 +111,16 @@ class PhaseLikelihood:
     def at(self, phase: Array, tones: Array) -> Array:
         """Terms of J, J' and J'' at one phase per group, without computing the coefficients.
 
+        Returns ndarray, shape (G, 3, K): what each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2
+        and its derivatives, times sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j
+        m theta)).
+
         Parameters
         ----------
         phase : ndarray, shape (G,)
             theta, in rad.
         tones : ndarray of complex, shape (G, L, K)
             P of the tag's lines.
-
-        Returns
-        -------
-        ndarray, shape (G, 3, K)
-            What each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2 and its derivatives, times
-            sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j m theta)).
         """
         turns = np.exp(phase[:, None, None] * self._turns)
         derivatives = ((self._derivatives * turns) @ tones).reshape(len(tones), 3, 2, -1)
@@ -175,17 +160,15 @@ class PhaseLikelihood:
     def covariance(self, tones: Array, noise: Array) -> Array:
         """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
 
+        Returns ndarray of complex, shape (..., L, L): its trace is the energy of the lines, in
+        units of the noise.
+
         Parameters
         ----------
         tones : ndarray of complex, shape (..., L, K)
             P of the tag's lines.
         noise : ndarray, shape (..., K)
             Noise variance of a tone of unit noise gain on each subcarrier.
-
-        Returns
-        -------
-        ndarray of complex, shape (..., L, L)
-            Its trace is the energy of the lines, in units of the noise.
         """
         scaled = tones * self.scale[:, None]
         return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
@@ -204,16 +187,14 @@ class PhaseLikelihood:
     def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
         """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
 
+        Returns ndarray of complex, shape (..., degree + 1).
+
         Parameters
         ----------
         covariance : ndarray of complex, shape (..., L, L)
             See :meth:`covariance`.
         projection : ndarray of complex, shape (..., L, L), optional
             Instead of the likelihood's own.
-
-        Returns
-        -------
-        ndarray of complex, shape (..., degree + 1)
         """
         places, starts, exists = self._sorted
         terms = covariance * (self.projection if projection is None else projection)
@@ -224,27 +205,15 @@ class PhaseLikelihood:
 def phase_margin(spectra: Array, lines: Array) -> float:
     """How clearly a clock phase differs from any that is an eighth of a cycle or more away.
 
+    Returns float: smallest share of the ends' signals, averaged over both, that changes at such a
+    phase; 0 when the ends can be swapped or are not distinguishable.
+
     Parameters
     ----------
     spectra : ndarray of complex, shape (L, 2)
         The two ends' spectra at the correct phase.
     lines : ndarray of int, shape (L,)
         Harmonic number of each row.
-
-    Returns
-    -------
-    float
-        Smallest share of the ends' signals, averaged over both, that changes at such a phase; 0
-        when the ends can be swapped or are not distinguishable.
-
-    Examples
-    --------
-    Lines +-1 and +-4 alone leave half a cycle open; lines +-2, which both ends share, decide:
-
-    >>> lines = np.array([-4, -2, -1, 1, 2, 4])
-    >>> spectra, read = harmonics(lines, 0.02), np.abs(lines) != 2
-    >>> round(phase_margin(spectra, lines), 2), round(phase_margin(spectra[read], lines[read]), 2)
-    (0.24, 0.0)
     """
     norms = np.linalg.norm(spectra, axis=0)
     if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
@@ -261,22 +230,7 @@ def phase_margin(spectra: Array, lines: Array) -> float:
 def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
     """Lines by which a tag's clock is tracked: of this tag alone, and not aliased.
 
-    Parameters
-    ----------
-    tones : sequence of Tone
-    tag : int
-
-    Returns
-    -------
-    rows, lines : ndarray of int, shape (L,)
-        Index of the tone, and number of the harmonic.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.lines import tag_lines
-    >>> rows, lines = own_lines(tag_lines([1000.0, 1400.0], 57.6e-6, 625), 0)
-    >>> lines[lines > 0].tolist()  # line 7 is shared
-    [1, 2, 3, 4, 5, 6, 8]
+    Returns rows, lines (ndarray of int, shape (L,)): index of the tone, and number of the harmonic.
     """
     rows, lines = [], []
     for row, tone in enumerate(tones):
@@ -292,22 +246,14 @@ def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
 def turned_by(coefficients: Array, phases: Array | float) -> Array:
     """Shift the argument of J.
 
+    Returns ndarray of complex, shape (..., D + 1): of J(theta + phase).
+
     Parameters
     ----------
     coefficients : ndarray of complex, shape (..., D + 1)
         Of J(theta).
     phases : float or ndarray, shape (...)
         In rad.
-
-    Returns
-    -------
-    ndarray of complex, shape (..., D + 1)
-        Of J(theta + phase).
-
-    Examples
-    --------
-    >>> turned_by(np.array([1, 1 + 0j]), np.pi).round(6).real.tolist()
-    [1.0, -1.0]
     """
     return coefficients * np.exp(1j * np.multiply.outer(phases, _orders(coefficients.shape[-1])[0]))
 
@@ -315,19 +261,12 @@ def turned_by(coefficients: Array, phases: Array | float) -> Array:
 def evaluate(coefficients: Array) -> tuple[Array, Array, Array]:
     """J, J' and J'' at theta = 0.
 
+    Returns value, slope, curvature (ndarray, shape (...)).
+
     Parameters
     ----------
     coefficients : ndarray of complex, shape (..., D + 1)
         q_0 ... q_D; see :meth:`PhaseLikelihood.coefficients`.
-
-    Returns
-    -------
-    value, slope, curvature : ndarray, shape (...)
-
-    Examples
-    --------
-    >>> [float(x) for x in evaluate(np.array([3.0, 0.5 + 0j]))]  # 3 + cos(theta)
-    [4.0, 0.0, -1.0]
     """
     _, value, slope, curvature = _orders(coefficients.shape[-1])
     return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature

@@ -59,11 +59,6 @@ class Verdict(Enum):
     MODEL_LOST
         ``STEP_GROUPS`` groups in a row do not fit: noise has risen, or a clock is tracked at a
         wrong phase.
-
-    Examples
-    --------
-    >>> [verdict.name for verdict in Verdict]
-    ['LEARNED', 'STEPPED', 'MODEL_LOST']
     """
 
     LEARNED = auto()
@@ -88,12 +83,6 @@ class NoiseHistory:
         sigma_k^2 after it, without ``raised``.
     verdict : Verdict
         On the last of these groups.
-
-    Examples
-    --------
-    >>> ones = np.ones((3, 62))
-    >>> len(NoiseHistory(np.ones(3), ones, ones, ones, Verdict.LEARNED))
-    3
     """
 
     ratio: Array
@@ -128,13 +117,6 @@ class NoiseEstimate:
         1 / sigma_k^2.
     memory : int
         Groups that it is a mean of, at most.
-
-    Examples
-    --------
-    >>> noise = NoiseEstimate(0.036)
-    >>> noise.set(np.array([1.0, 2.0, 3.0]), level=1.0)
-    >>> noise.level, noise.inverse[1]
-    (2.0, 0.5)
     """
 
     def __init__(self, group_period_s: float, profile: Array | None = None) -> None:
@@ -174,17 +156,15 @@ class NoiseEstimate:
     def raised(self, residual: Array, freedom: int) -> Array:
         """Noise of a group over that of the groups before, 1 where it is not significantly more.
 
+        Returns ndarray, shape (K,): above 1 on subcarriers that a narrow-band transmitter
+        interfered with.
+
         Parameters
         ----------
         residual : ndarray, shape (K,)
             Mean square of the group's whitened residual per degree of freedom.
         freedom : int
             Its complex degrees of freedom on each subcarrier.
-
-        Returns
-        -------
-        ndarray, shape (K,)
-            Above 1 on subcarriers that a narrow-band transmitter interfered with.
         """
         return raised_subcarriers(residual * self.inverse, freedom)
 
@@ -192,6 +172,9 @@ class NoiseEstimate:
         self, residuals: Array, freedom: int, levels: Sequence[float], complete: Sequence[bool]
     ) -> NoiseHistory:
         """Update the estimate group by group, up to the first one that it does not fit.
+
+        Returns NoiseHistory: of as many groups as were taken, at least one; of all of them where
+        each is LEARNED.
 
         Parameters
         ----------
@@ -203,19 +186,6 @@ class NoiseEstimate:
             Mean power of each group's whitened tones.
         complete : sequence of bool, length G
             Whether the group may be learned from.
-
-        Returns
-        -------
-        NoiseHistory
-            Of as many groups as were taken, at least one; of all of them where each is LEARNED.
-
-        Examples
-        --------
-        >>> noise = NoiseEstimate(0.036)
-        >>> noise.set(np.ones(62), level=1.0, groups=12)
-        >>> history = noise.follow(np.full((20, 62), 2.0), 14, np.ones(20), np.ones(20, bool))
-        >>> len(history), history.verdict.name, history.ratio[0], round(noise.level, 1)
-        (8, 'STEPPED', 2.0, 2.3)
         """
         limit = _raised_limit(freedom)
         ratio, raised = np.empty(len(residuals)), np.ones(residuals.shape)
@@ -254,10 +224,6 @@ class NoiseEstimate:
         raised : ndarray, shape (K,), optional
             See :meth:`raised`. These subcarriers are learned only if it lasts. None where none is
             raised.
-
-        Returns
-        -------
-        Verdict
         """
         if raised is None:
             self._raised_groups = _NO_GROUPS
@@ -292,25 +258,12 @@ class NoiseEstimate:
 def raised_subcarriers(ratios: Array, freedom: int) -> Array:
     """Ratios of a group's noise to the usual one, 1 where they are not significantly more.
 
+    Returns ndarray, shape (K,): all 1 where the lower quartile of the ratios is raised as well.
+
     Parameters
     ----------
     ratios : ndarray, shape (K,)
         Mean square residual over the usual noise, each of ``freedom`` complex degrees of freedom.
-    freedom : int
-
-    Returns
-    -------
-    ndarray, shape (K,)
-        All 1 where the lower quartile of the ratios is raised as well.
-
-    Examples
-    --------
-    >>> ratios = np.ones(62)
-    >>> ratios[10:18] = 100.0
-    >>> raised_subcarriers(ratios, 14)[8:12].tolist()
-    [1.0, 1.0, 100.0, 100.0]
-    >>> bool(np.all(raised_subcarriers(np.full(62, 100.0), 14) == 1))
-    True
     """
     limit = _raised_limit(freedom)
     if ratios.max() > limit:
@@ -335,19 +288,10 @@ def chi_squared_limit(freedom: float, stds: float) -> float:
     stds : float
         Standard deviations of the normal variable.
 
-    Returns
-    -------
-    float
-
     Notes
     -----
     Approximation of a chi-squared variable of 2 ``freedom`` degrees of freedom by E. B. Wilson and
     M. M. Hilferty (1931).
-
-    Examples
-    --------
-    >>> round(chi_squared_limit(124, 5.6), 2)
-    1.59
     """
     return (1 - 1 / (9 * freedom) + stds / (3 * freedom**0.5)) ** 3
 
@@ -355,23 +299,14 @@ def chi_squared_limit(freedom: float, stds: float) -> float:
 def robust_noise(residuals: Array, freedom: int) -> Array:
     """Mean of the residuals of some groups without subcarriers that are raised in some of them.
 
+    Returns ndarray, shape (K,).
+
     Parameters
     ----------
     residuals : ndarray, shape (G, K)
         Mean square residual of each group and subcarrier.
     freedom : int
         Complex degrees of freedom of each.
-
-    Returns
-    -------
-    ndarray, shape (K,)
-
-    Examples
-    --------
-    >>> residuals = np.ones((12, 62))
-    >>> residuals[:4, 10:18] = 100.0
-    >>> bool(np.all(robust_noise(residuals, 14) == 1))
-    True
     """
     quartile = np.sort(residuals, axis=0)[len(residuals) // 4]
     if not np.all(quartile > 0):

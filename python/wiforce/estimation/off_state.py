@@ -47,12 +47,6 @@ def corrected_phase_deg(
     -----
     G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 + arg(G_i / G_i0); see docs/theory.md,
     section The off state.
-
-    Examples
-    --------
-    >>> phases, _ = corrected_phase_deg(np.exp(1j * np.radians([[10.0, 20.0]])), (170.0, -90.0))
-    >>> phases.round(6).tolist()
-    [[180.0, -70.0]]
     """
     off = np.asarray(off_reflection)
     switched = ratios * (np.exp(1j * np.radians(untouched_deg)) - off)
@@ -94,14 +88,6 @@ def estimate_off_reflection(
     The forces need not be known: with the correct off state |G| = |G_off + R (G_0 - G_off)| is the
     same in every press. The loss is robust (soft L1), because R of a group in which the press
     changes is a mixture.
-
-    Examples
-    --------
-    >>> off, untouched = 0.2 + 0.1j, np.exp(1j * np.radians(30.0))
-    >>> reflections = np.exp(1j * np.radians(30.0 + np.linspace(0, 120, 50)))
-    >>> value, std = estimate_off_reflection((reflections - off) / (untouched - off), 30.0, 0.1)
-    >>> np.round(value, 6), std < 0.01
-    ((0.2+0.1j), True)
     """
     from scipy.optimize import least_squares
 
@@ -133,11 +119,6 @@ class OffCircle(NamedTuple):
         G_off / rho.
     std : float
         Standard deviation of its real and imaginary parts, by the scatter about the circle.
-
-    Examples
-    --------
-    >>> OffCircle(0.1j, 0.01).std
-    0.01
     """
 
     off: complex
@@ -147,6 +128,8 @@ class OffCircle(NamedTuple):
 def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
     """Estimate G_off / rho of one end from touched groups alone.
 
+    Returns OffCircle or None: None where the presses change the phase by less than 40 deg.
+
     Parameters
     ----------
     ratios : ndarray of complex, shape (n,)
@@ -154,24 +137,11 @@ def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
     untouched_deg : float
         psi_i0 of that end, in degrees.
 
-    Returns
-    -------
-    OffCircle or None
-        None where the presses change the phase by less than 40 deg.
-
     Notes
     -----
     The radius of the circle is free: a contact that loses a part of the signal, equally in all
     presses, does not look like an off state. Compared with :func:`estimate_off_reflection` this is
     less exact.
-
-    Examples
-    --------
-    >>> off, untouched = 0.1j, np.exp(1j * np.radians(30.0))
-    >>> reflections = 0.9 * np.exp(1j * np.radians(np.linspace(40, 140, 50)))
-    >>> found = off_circle((reflections - off) / (untouched - off), 30.0)
-    >>> np.round(found.off, 6), found.std < 1e-6
-    (0.1j, True)
     """
     middle = np.mean(ratios)
     arc = np.ptp(np.degrees(np.angle(ratios / middle))) if middle else 0.0

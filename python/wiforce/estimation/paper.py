@@ -57,14 +57,6 @@ class LineSeparator:
     per second and end 2 by four times that. The paper compares each group with the previous one;
     the changes accumulate over a run. In the product the clock's phase cancels. Half the angle of
     the resulting ratio is the change of the end's phase, modulo 180 deg.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo", estimator="paper")
-    >>> separator = LineSeparator(plan.table, plan.clocks, plan.waveform)
-    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
-    (1, 2, 62)
     """
 
     acquisition_groups = 0

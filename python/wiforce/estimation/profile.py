@@ -37,27 +37,18 @@ _MEAN_GROUPS = 8
 def image_of(channel: Array, waveform: Waveform) -> Array:
     """Profile of a channel's mirror image by an unbalanced (IQ) receiver.
 
+    Returns ndarray of complex, shape (..., K).
+
     Parameters
     ----------
     channel : ndarray of complex, shape (..., K)
     waveform : Waveform
         The image is 0 on a subcarrier k where -k is not occupied.
 
-    Returns
-    -------
-    ndarray of complex, shape (..., K)
-
     Notes
     -----
     Of y = mu x + nu conj(x) the second part is received on subcarrier k as
     nu conj(H[-k]) conj(X[-k]) / X[k].
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> image = image_of(np.ones(62), sounding_waveform())
-    >>> np.abs(image).round(6).tolist() == [1.0] * 62, round(abs(image.sum()) / 62, 2)
-    (True, 0.16)
     """
     reference, mirrored = waveform.reference, waveform.mirrored
     factors = np.where(mirrored >= 0, reference[mirrored].conj() / reference, 0)
@@ -69,27 +60,8 @@ class ProfileCheck:
 
     Parameters
     ----------
-    waveform : Waveform
     ends : int
         Ends of all tags, 2S.
-
-    Examples
-    --------
-    A sensor whose ends turn by 30 deg, received with an image of -20 dB:
-
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> def received(channel):
-    ...     return channel + 0.1 * image_of(channel, waveform)
-    >>> untouched = np.ones((2, 62), complex)
-    >>> pressed = received(np.exp(1j * np.radians(30)) * untouched)[None]
-    >>> check = ProfileCheck(waveform, 2)
-    >>> ends, factor = check.process(
-    ...     pressed, received(untouched), np.full((1, 62), 1 / 62), np.full((1, 2), 0.01),
-    ...     np.full((1, 62), 1e-6))
-    >>> ratio = np.mean(ends * received(untouched).conj(), axis=2)
-    >>> bool(np.all(np.abs(np.degrees(np.angle(ratio)) - 30) < 0.01))
-    True
     """
 
     def __init__(self, waveform: Waveform, ends: int) -> None:

@@ -53,6 +53,8 @@ class _Sums:
 def fit_pulses(model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array) -> bool:
     """Fit the duty cycles and the delay of clock 2 of a tag whose clock is tracked.
 
+    Returns bool: whether other values than the present ones are clearly better.
+
     Parameters
     ----------
     model : ToneModel
@@ -64,35 +66,10 @@ def fit_pulses(model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_no
     inverse_noise : ndarray, shape (K,)
         1 / sigma_k^2.
 
-    Returns
-    -------
-    bool
-        Whether other values than the present ones are clearly better.
-
     Notes
     -----
     Variable projection (G. Golub and V. Pereyra, 1973): the ends of every group are eliminated, and
     so is the phase of the clock in every group, which jitter moves.
-
-    Examples
-    --------
-    A clock 1 of 24.5 % duty, without noise:
-
-    >>> from gnuradio.wiforce.estimation.clock_search import ClockSearch
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> from gnuradio.wiforce.estimation.noise import NoiseEstimate
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
-    >>> from gnuradio.wiforce.signal.switching import switch_averages
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
-    >>> phases = 2 * np.pi * 1000 * table.times_s
-    >>> waveforms = switch_averages(phases, np.pi * 1000 * 20.48e-6, 0.0, (0.245, 0.25))
-    >>> tones = table.weights @ waveforms @ np.outer([1, 1j], np.ones(62))
-    >>> groups, usable = model.prepare(Groups(np.arange(12), np.tile(tones, (12, 1, 1))))
-    >>> ClockSearch(model, NoiseEstimate(0.036), 20.48e-6).run(groups)
-    >>> np.round(model.tags[0].duty, 5).tolist()
-    [0.245, 0.25]
     """
     tracker = tag.tracker
     if tracker is None:

@@ -48,38 +48,21 @@ _RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
     """Find a place of a recording at which the expected frames are received.
 
+    Returns int or None: sample at or after which frames were found: ``start``, unless it is silent
+    there. None where there are none.
+
     Parameters
     ----------
-    recording : Capture
     waveform : Waveform
         As it is expected.
     start : int
         Sample from which on they are searched.
-
-    Returns
-    -------
-    int or None
-        Sample at or after which frames were found: ``start``, unless it is silent there. None
-        where there are none.
 
     Raises
     ------
     InputError
         When the preambles are those of another waveform or sample rate, or when frames repeat
         after another number of samples. The message names file, key, and what was found.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> waveform = sounding_waveform(frame_length=1440)
-    >>> np.tile(waveform.frame(), 100).astype(np.complex64).tofile("frames.cf32")
-    >>> recording = open_capture("frames.cf32", "cf32_le")
-    >>> find_frames(recording, waveform)
-    0
-    >>> find_frames(recording, sounding_waveform(frame_length=720))
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: frames.cf32: frames repeat every 1440 samples, but \
-sounding.frame_length is 720
     """
     needed = samples_needed(waveform.frame_length)
     for place in _places(start, recording.span, needed):
@@ -97,30 +80,17 @@ sounding.frame_length is 720
 def require_frames(recording: Capture, waveform: Waveform) -> int:
     """Find a place at which the expected frames are received, or refuse the recording.
 
+    Returns int: sample at or after which frames were found.
+
     Parameters
     ----------
     recording, waveform
         As for :func:`find_frames`.
 
-    Returns
-    -------
-    int
-        Sample at or after which frames were found.
-
     Raises
     ------
     InputError
         As :func:`find_frames`, and when there are no frames.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> np.zeros(100_000, np.complex64).tofile("silence.cf32")
-    >>> require_frames(open_capture("silence.cf32", "cf32_le"), sounding_waveform())
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: silence.cf32: no sounding frames found (waveform \
-'repeated', 720 samples per frame at 12.5 Msps); check the datatype (cf32_le), \
-radio.sample_rate_hz and sounding.frame_length
     """
     place = find_frames(recording, waveform)
     if place is None:
@@ -139,18 +109,6 @@ def no_frames(recording: Capture, waveform: Waveform) -> InputError:
     ----------
     recording, waveform
         As for :func:`find_frames`.
-
-    Returns
-    -------
-    InputError
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> recording = Capture(Path("run.sigmf-data"), "ci16_le", 1e6, 9e8, ())
-    >>> print(no_frames(recording, sounding_waveform("wifi", 320, 1e6)))
-    run.sigmf-data: no sounding frames found (waveform 'wifi', 320 samples per frame at 1 Msps); \
-check the datatype (ci16_le), radio.sample_rate_hz and sounding.frame_length
     """
     check = f"check the datatype ({recording.datatype}), radio.sample_rate_hz and "
     rule = f"no sounding frames found ({describe_frames(waveform)}); {check}sounding.frame_length"
@@ -160,25 +118,12 @@ check the datatype (ci16_le), radio.sample_rate_hz and sounding.frame_length
 def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
     """Samples of a recording before its first frame.
 
+    Returns int: 0 where frames taken from sample 0 hold their preambles, and where none stands out.
+
     Parameters
     ----------
-    recording : Capture
-    waveform : Waveform
     place : int
         Sample from which on there are frames (:func:`find_frames`).
-
-    Returns
-    -------
-    int
-        0 where frames taken from sample 0 hold their preambles, and where none stands out.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> waveform = sounding_waveform()
-    >>> np.roll(np.tile(waveform.frame(), 100), 400).astype(np.complex64).tofile("late.cf32")
-    >>> first_frame(open_capture("late.cf32", "cf32_le"), waveform)
-    392
     """
     length = waveform.frame_length
     # On the grid that begins with the first sample, frames are where they are at the start.

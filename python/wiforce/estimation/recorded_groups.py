@@ -24,50 +24,21 @@ _BATCH, _BATCH_SYMBOL = 256, 64
 
 
 def groups_at_once(waveform: Waveform) -> int:
-    """Groups that are read at a time; it changes no reading.
-
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> groups_at_once(sounding_waveform())
-    256
-    """
+    """Groups that are read at a time; it changes no reading."""
     return max(1, _BATCH * _BATCH_SYMBOL // max(_BATCH_SYMBOL, waveform.symbol_length))
 
 
 def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) -> dict[str, Any]:
     """The parameters by which kernels and ``recording_source`` find the frames of a file.
 
+    Returns dict: by name.
+
     Parameters
     ----------
-    recording : Capture
     waveform : Waveform
         As it was sent.
     frame_offset : int
         Samples before the first frame.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> np.tile(waveform.frame(), 3).astype(np.complex64).tofile("frames.cf32")
-    >>> settings = frame_settings(open_capture("frames.cf32", "cf32_le"), waveform, 0)
-    >>> folded_reader(**settings).read(10)["folded"].shape
-    (3, 64)
     """
     return {
         "path": os.fsencode(recording.path),
@@ -99,15 +70,6 @@ def first_frames(
     snapshots : ndarray of int, shape (n,)
         Their indices; fewer than wanted where a recording ends.
     folded : ndarray of complex, shape (n, symbol_length)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> np.tile(waveform.frame(), 3).astype(np.complex64).tofile("frames.cf32")
-    >>> first_frames([open_capture("frames.cf32", "cf32_le")], waveform, 0, 2)[0].tolist()
-    [0, 1]
     """
     kernels = [folded_reader(**frame_settings(each, waveform, frame_offset)) for each in recordings]
     if len(kernels) == 2:
@@ -136,7 +98,6 @@ class RecordedGroups:
 
     Parameters
     ----------
-    recording : Capture
     table : ToneTable
         Weights of the run.
     waveform : Waveform
@@ -149,16 +110,6 @@ class RecordedGroups:
     captures : tuple of Capture
     kernels : dict
         Readers of the files, by path.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> plan = wiforce.plan("demo")
-    >>> np.tile(plan.waveform.frame(), 1250).astype(np.complex64).tofile("frames.cf32")
-    >>> recording = open_capture("frames.cf32", "cf32_le")
-    >>> RecordedGroups(recording, plan.table, plan.waveform, frame_offset=0).read().tones.shape
-    (2, 24, 62)
     """
 
     def __init__(
@@ -214,17 +165,6 @@ class RecordedRatio:
     ----------
     captures, kernels
         As for :class:`RecordedGroups`.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> plan = wiforce.plan("demo")
-    >>> for name in ("first.cf32", "second.cf32"):
-    ...     np.tile(plan.waveform.frame(), 625).astype(np.complex64).tofile(name)
-    >>> both = open_capture("first.cf32", "cf32_le"), open_capture("second.cf32", "cf32_le")
-    >>> RecordedRatio(both, plan.table, plan.waveform, frame_offset=0).read().tones.shape
-    (1, 24, 62)
     """
 
     def __init__(

@@ -23,19 +23,12 @@ _LEAST_POWER = 0.05
 def subcarrier_weights(noise: Array) -> Array:
     """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1.
 
+    Returns ndarray, shape (..., K).
+
     Parameters
     ----------
     noise : ndarray, shape (..., K)
         sigma_k^2.
-
-    Returns
-    -------
-    ndarray, shape (..., K)
-
-    Examples
-    --------
-    >>> subcarrier_weights(np.array([1.0, 3.0])).tolist()
-    [0.75, 0.25]
     """
     weights = 1 / np.asarray(noise, float)
     return weights / weights.sum(axis=-1, keepdims=True)
@@ -68,20 +61,6 @@ class ConjugateDifference:
     -----
     R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas). The
     paper (section 3.3) uses the previous group for V_ref.
-
-    Examples
-    --------
-    Two reference groups, then a press that turns both ends by 40 deg:
-
-    >>> phases = np.radians([0.0, 0.0, 40.0])
-    >>> groups = Groups(
-    ...     np.arange(3), ends=np.tile(np.exp(1j * phases)[:, None, None], (1, 2, 62)),
-    ...     gain=np.full((3, 2), 0.01), noise=np.full((3, 62), 1e-6))
-    >>> difference = ConjugateDifference(ends=2, reference_groups=2).process(groups)
-    >>> np.degrees(np.angle(difference.changes[:, 0, 0])).round(6).tolist()
-    [0.0, 0.0, 40.0]
-    >>> difference.in_reference[:, 0].tolist()
-    [True, True, False]
     """
 
     def __init__(
@@ -155,15 +134,12 @@ class ConjugateDifference:
         At the start groups are held back until the reference is complete, at most twice its
         length, so that every group is compared with the complete reference.
 
+        Returns Groups: with ``changes`` and the arrays of the reference; without ``ends``.
+
         Parameters
         ----------
         groups : Groups
             With ``ends``, ``gain`` and ``noise``.
-
-        Returns
-        -------
-        Groups
-            With ``changes`` and the arrays of the reference; without ``ends``.
         """
         ready: list[Groups] = []
         for row in range(len(groups)):

@@ -24,14 +24,6 @@ class ReferenceSum:
         Sum of 1 over the variance; 0 for an end that was not received.
     precisions : ndarray, shape (2S, K)
         The same on each subcarrier, less where a narrow-band transmitter interfered.
-
-    Examples
-    --------
-    >>> sums = ReferenceSum(ends=2)
-    >>> group = Groups([40], ends=np.full((1, 2, 62), 3.0), gain=np.full((1, 2), 0.01))
-    >>> sums.add(group, np.array([True, False]))
-    >>> sums.precision.tolist(), sums.mean()[:, 0].real.tolist()
-    ([100.0, 0.0], [3.0, 0.0])
     """
 
     def __init__(self, ends: int) -> None:
@@ -63,14 +55,7 @@ class ReferenceSum:
     def replace(self, other: ReferenceSum) -> Array:
         """Take over all ends that another sum holds.
 
-        Parameters
-        ----------
-        other : ReferenceSum
-
-        Returns
-        -------
-        ndarray of bool, shape (2S,)
-            These ends.
+        Returns ndarray of bool, shape (2S,): these ends.
         """
         held = other.precision > 0
         if other.sum is not None:
@@ -127,13 +112,6 @@ class NewReference:
     ----------
     sums : ReferenceSum
         Of the groups so far.
-
-    Examples
-    --------
-    >>> new = NewReference(ends=2, groups=3)
-    >>> new.add(Groups([40], ends=np.ones((1, 2, 62)), gain=np.full((1, 2), 0.01)))
-    >>> new.sums.precision.tolist(), new.ends_before(42), new.ends_before(43)
-    ([100.0, 100.0], False, True)
     """
 
     def __init__(self, ends: int, groups: int) -> None:

@@ -61,17 +61,6 @@ class EndSeparator:
     -----
     V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks
     (docs/theory.md, Ends).
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo")
-    >>> separator = EndSeparator(plan.table, plan.clocks, plan.waveform)
-    >>> rng = np.random.default_rng(1)  # noise, no tag
-    >>> tones = rng.standard_normal((12, 24, 62)) + 1j * rng.standard_normal((12, 24, 62))
-    >>> groups = separator.process(Groups(np.arange(12), tones))
-    >>> groups.ends.shape, bool(groups.locked.any())
-    ((12, 2, 62), False)
     """
 
     def __init__(
@@ -113,16 +102,13 @@ class EndSeparator:
     def process(self, groups: Groups) -> Groups:
         """Take a batch; give the groups that are ready.
 
+        Returns Groups: with ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without
+        ``tones``; empty while groups are held back for acquisition.
+
         Parameters
         ----------
         groups : Groups
             With ``tones``.
-
-        Returns
-        -------
-        Groups
-            With ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without ``tones``; empty
-            while groups are held back for acquisition.
         """
         if self._started:
             return self._separate(groups)

@@ -53,11 +53,6 @@ class RoomLine:
         Magnitude of the frequency, within half the snapshot rate.
     power : float
         Per sign of the frequency, subcarrier and snapshot, in units of the white noise.
-
-    Examples
-    --------
-    >>> RoomLine(1300.0, 0.2).power
-    0.2
     """
 
     frequency_hz: float
@@ -78,11 +73,6 @@ class Source:
         Those found.
     masked : tuple of RoomLine
         Those that must lie under lines of the scene's own tags, with their expected power.
-
-    Examples
-    --------
-    >>> Source("line", 1300.0, (RoomLine(1300.0, 0.2),), ()).power
-    0.2
     """
 
     kind: str
@@ -103,21 +93,12 @@ class Source:
     def meets(self, clocks_hz: Sequence[float], group_period_s: float) -> Array:
         """Whether lines 1, 2 or 4 of clocks coincide with multiples of its fundamental.
 
+        Returns ndarray of bool, shape (S,).
+
         Parameters
         ----------
-        clocks_hz : sequence of float, length S
         group_period_s : float
             Of the groups that the lines are read in.
-
-        Returns
-        -------
-        ndarray of bool, shape (S,)
-
-        Examples
-        --------
-        >>> lamps = Source("lamps", 100.0, (RoomLine(100.0, 1.0),), ())
-        >>> lamps.meets([1000.0, 1040.0, 1050.0], 0.036).tolist()
-        [True, False, True]
         """
         mains_hz = (self.fundamental_hz / 2,)
         nearest_hz = [lamp_distances_hz(clock_hz, mains_hz).min() for clock_hz in clocks_hz]
@@ -155,31 +136,17 @@ def identify(
 ) -> list[Source]:
     """Attribute lines to their sources.
 
+    Returns list of Source: the strongest first.
+
     Parameters
     ----------
-    lines : sequence of RoomLine
     step_hz : float
         Of the survey's spectrum.
     least_power : ndarray, shape (F,)
         Power from which on a line stands out, at frequencies from 0 in steps: that of noise or,
         where they are stronger, of the lines of the scene's own tags.
-    waveform : Waveform
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz; empty where there are no lamps.
-
-    Returns
-    -------
-    list of Source
-        The strongest first.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> least = np.where(np.abs(np.arange(0.0, 8681.0) - 7000) < 8, 1.0, 0.01)
-    >>> lines = [RoomLine(1400.0 * m, 1.0 / m**2) for m in (1, 2, 3, 4, 6)]
-    >>> (tag,) = identify(lines, 1.0, least, sounding_waveform())
-    >>> tag.kind, round(tag.fundamental_hz), round(tag.masked[0].frequency_hz)
-    ('tag', 1400, 7000)
     """
     spectrum = _Spectrum(step_hz, least_power, waveform)
     rest = sorted(lines, key=lambda line: -line.power)
@@ -318,19 +285,7 @@ def _total_power(found: dict[int, RoomLine]) -> float:
 def clock_of(found: dict[int, RoomLine]) -> float:
     """Clock of a tag by its unaliased harmonics, the higher ones counting for more.
 
-    Parameters
-    ----------
-    found : dict of int to RoomLine
-
-    Returns
-    -------
-    float
-        In Hz.
-
-    Examples
-    --------
-    >>> clock_of({1: RoomLine(1400.1, 1.0), 2: RoomLine(2800.0, 0.5)})
-    1400.02
+    Returns float: in Hz.
     """
     orders = np.array(list(found))
     hertz = np.array([line.frequency_hz for line in found.values()])

@@ -41,15 +41,6 @@ class SpreadLines:
     whose transform is X V_i. The model of the tones on subcarriers has the mean of M_i over the
     symbol. The rest is the transform of (M_i[n] - mean) y_i[n], over X. It is computed from the
     ends, subtracted from the tones, and the ends are solved from what remains.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> spread = SpreadLines(sounding_waveform("chirp", 512, repetitions=3, averaged_repetitions=2))
-    >>> closed_late = (np.arange(128) >= 64) - 0.5
-    >>> lines = spread.of_ends(closed_late[:, None, None], np.ones((1, 126)))
-    >>> float(np.mean(np.abs(lines) ** 2).round(2))  # of the end's power
-    0.25
     """
 
     def __init__(self, waveform: Waveform) -> None:
@@ -76,17 +67,12 @@ class SpreadLines:
 
         Parameters
         ----------
-        groups : GroupTones
         fit : GroupFit
             Of these groups at ``clocks``.
         tags : sequence of TrackedTag
             Those of the fit.
         clocks : ClockPath
             Of these tags in these groups.
-
-        Returns
-        -------
-        GroupTones
         """
         white, tones = np.empty_like(groups.white), np.empty_like(groups.tones)
         for row, weights in enumerate(groups.weights):
@@ -103,16 +89,14 @@ class SpreadLines:
     def of_ends(self, mixing: Array, ends: Array) -> Array:
         """What ends spread over the subcarriers.
 
+        Returns ndarray of complex, shape (M, K).
+
         Parameters
         ----------
         mixing : ndarray of complex, shape (N, E, M)
             M_i[n] less its mean over the symbol, for ends i.
         ends : ndarray of complex, shape (E, K)
             V.
-
-        Returns
-        -------
-        ndarray of complex, shape (M, K)
         """
         channel = np.empty((len(ends), self._length), complex)
         channel[:, self._bins] = ends

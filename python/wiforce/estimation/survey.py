@@ -74,19 +74,6 @@ class Survey:
         Power over the floor that noise does not reach.
     subcarriers : int
         Number of subcarriers, K.
-
-    Examples
-    --------
-    A room with a line at 1300 Hz, 20 dB above the noise of a snapshot:
-
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> rng, waveform = np.random.default_rng(1), sounding_waveform()
-    >>> noise = rng.standard_normal((4000, 62, 2)) @ [0.7071, 0.7071j]
-    >>> line = 10 * np.exp(2j * np.pi * 1300 * 57.6e-6 * np.arange(4000))
-    >>> found = survey_channel(noise + line[:, None], waveform, [TagClock(1000.0)])
-    >>> [(source.kind, round(source.fundamental_hz), round(source.power))
-    ...  for source in found.sources]
-    [('line', 1300, 50)]
     """
 
     frequency_hz: Array = field(repr=False)
@@ -142,10 +129,6 @@ class Survey:
             Sources that are solved for.
         averaged : bool
             As it weighs in the average over the subcarriers (:meth:`weight`) instead of in one.
-
-        Returns
-        -------
-        RoomNoise
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
@@ -179,16 +162,12 @@ class Survey:
         of the tag's lines than it gains. So would lamps on the lines of a tag: both fall alike, so
         that the weak lines, which the noise hides, disturb as much as the others.
 
+        Returns int: K for lamps beside the lines of the tags, 1 otherwise.
+
         Parameters
         ----------
-        source : Source
         group_length : int
             Snapshots per group, N.
-
-        Returns
-        -------
-        int
-            K for lamps beside the lines of the tags, 1 otherwise.
         """
         if source.kind != "lamps":
             return 1
@@ -224,32 +203,23 @@ def survey_channel(
 ) -> Survey | None:
     """Survey the room from consecutive snapshots in which nothing is touched.
 
+    Returns Survey or None: None for fewer snapshots than 0.1 s, values that are not finite, or a
+    channel without noise.
+
     Parameters
     ----------
     channel : ndarray of complex, shape (n, K)
         H of consecutive snapshots.
-    waveform : Waveform
     clocks : sequence of TagClock, length S
         Of the scene's tags.
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz; empty where there are no lamps.
-
-    Returns
-    -------
-    Survey or None
-        None for fewer snapshots than 0.1 s, values that are not finite, or a channel without noise.
 
     Notes
     -----
     Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
     analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
     the frequencies without lines.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> survey_channel(np.ones((100, 62)), sounding_waveform(), [TagClock(1000.0)]) is None
-    True
     """
     period_s = waveform.snapshot_period_s
     count = len(channel)
@@ -303,6 +273,8 @@ def survey_samples(
 ) -> Survey | None:
     """Survey the room from samples that begin with a frame.
 
+    Returns Survey or None: see :func:`survey_channel`.
+
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
@@ -313,18 +285,6 @@ def survey_samples(
         Of the scene's tags.
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz.
-
-    Returns
-    -------
-    Survey or None
-        See :func:`survey_channel`.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> survey_samples(np.tile(waveform.frame(), 20), waveform, [TagClock(1000.0)]) is None
-    True
     """
     length, first = waveform.frame_length, waveform.first_averaged
     count, width = waveform.repetitions, waveform.symbol_length
@@ -342,23 +302,14 @@ def survey_folded(
 ) -> Survey | None:
     """Survey the room from the folded frames of consecutive snapshots.
 
+    Returns Survey or None: see :func:`survey_channel`.
+
     Parameters
     ----------
     folded : ndarray of complex, shape (n, symbol_length)
         While nothing is touched.
     waveform, clocks, mains_hz
         As for :func:`survey_channel`.
-
-    Returns
-    -------
-    Survey or None
-        See :func:`survey_channel`.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> survey_folded(np.ones((20, 64)), sounding_waveform(), [TagClock(1000.0)]) is None
-    True
     """
     bins = waveform.bins
     channel = np.fft.fft(folded.astype(complex), axis=1)[:, bins] * waveform.equalizer()[bins]

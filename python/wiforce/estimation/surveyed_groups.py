@@ -37,15 +37,6 @@ class SurveyedGroups:
     Attributes
     ----------
     groups : list of SnapshotGroup
-
-    Examples
-    --------
-    >>> kept = SurveyedGroups(snapshots=6, group_length=4)
-    >>> for index in (7, 8):
-    ...     kept.add(SnapshotGroup(index, np.ones((4, 64)), np.ones((4, 2)), np.ones(4, bool)))
-    ...     print(kept.complete, len(kept.snapshots))
-    False 4
-    True 8
     """
 
     def __init__(

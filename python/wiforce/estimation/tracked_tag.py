@@ -34,11 +34,6 @@ class TagClock:
         Largest offset of the clock from that.
     nominal_hz : float or None
         What offsets are reported against; None for ``clock_hz``.
-
-    Examples
-    --------
-    >>> TagClock(1000.0).tolerance_ppm
-    100.0
     """
 
     clock_hz: float
@@ -96,14 +91,6 @@ class TrackedTag:
         As given.
     waiting : list of GroupTones
         The latest groups, one each, over which a lost tag is acquired again.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0, 1400.0], 625, 57.6e-6)
-    >>> tag = TrackedTag(table, 1, TagClock(1400.0), 20.48e-6)
-    >>> tag.rows, tag.tracker
-    (range(2, 4), None)
     """
 
     def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
@@ -122,7 +109,6 @@ class TrackedTag:
 
         Parameters
         ----------
-        fit : ClockFit
         times_s : ndarray, shape (L,)
             Centres of the groups of the fit, in s.
         subcarriers : int
@@ -152,17 +138,15 @@ class TrackedTag:
     def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
         """s_1 and s_2 averaged over every snapshot of some groups, and their derivatives.
 
+        Returns averages, slopes (ndarray of float, shape (G, n, 2)): the second by the clock's
+        phase.
+
         Parameters
         ----------
         clock : ClockPath
             Of this tag, at the centres of G groups; arrays of shape (G,).
         times_s : ndarray, shape (n,)
             Times of the snapshots from the centre, in s.
-
-        Returns
-        -------
-        averages, slopes : ndarray of float, shape (G, n, 2)
-            The second by the clock's phase.
         """
         phases = np.multiply.outer(self.rate + clock.rate, times_s)
         phases += clock.phase[:, None]

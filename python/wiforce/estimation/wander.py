@@ -32,9 +32,10 @@ def without_wander(
 ) -> Array:
     """Remove from a residual what slow changes of the clocks' phases inside a group explain.
 
+    Returns ndarray of complex, shape (M, K).
+
     Parameters
     ----------
-    weights : GroupWeights
     slopes : sequence of ndarray, shape (n, 2)
         Derivatives of the waveforms of each tag that wanders, by its clock's phase.
     ends : ndarray of complex, shape (2 tags, K)
@@ -45,28 +46,6 @@ def without_wander(
         Its pseudo-inverse.
     residual : ndarray of complex, shape (M, K)
         Whitened.
-
-    Returns
-    -------
-    ndarray of complex, shape (M, K)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.group_tones import GroupWeights
-    >>> from gnuradio.wiforce.signal.switching import switch_averages_and_slopes
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> phases = 2 * np.pi * 1000 * table.times_s
-    >>> waveforms, slopes = switch_averages_and_slopes(phases, 0.064)
-    >>> wander = 0.01 * np.sin(2 * np.pi * table.times_s / 0.036)
-    >>> ends = np.array([[1, 1j], [1j, 1]])
-    >>> moved, white = weights.mix(slopes * wander[:, None]), weights.mix(waveforms)
-    >>> solver = np.linalg.pinv(white)
-    >>> residual = (moved - white @ (solver @ moved)) @ ends
-    >>> smaller = without_wander(weights, [slopes], ends, white, solver, residual)
-    >>> bool(np.linalg.norm(smaller) < 0.03 * np.linalg.norm(residual))
-    True
     """
     times = weights.times_s
     reach = max(float(np.abs(times).max()), 1e-12)

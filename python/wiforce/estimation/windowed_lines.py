@@ -22,19 +22,12 @@ _BROAD = 1.6
 def blackman_harris(count: int) -> Array:
     """The window.
 
+    Returns ndarray of float, shape (n,).
+
     Parameters
     ----------
     count : int
         Number of samples, n.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-
-    Examples
-    --------
-    >>> blackman_harris(4).round(3).tolist()
-    [0.022, 0.696, 0.696, 0.022]
     """
     phase = 2 * np.pi * (np.arange(count) + 0.5) / count
     window: Array = sum(a * np.cos(i * phase) for i, a in enumerate(_TERMS))
@@ -44,6 +37,8 @@ def blackman_harris(count: int) -> Array:
 def take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
     """Take narrow lines out of a spectrum; what is broader than the window stays.
 
+    Returns list of RoomLine: the strongest first.
+
     Parameters
     ----------
     frequency_hz, spectrum : ndarray, shape (F,)
@@ -52,21 +47,6 @@ def take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) 
         Likewise; what belongs to lines is set to 0.
     count : int
         Number of samples of the spectrum.
-
-    Returns
-    -------
-    list of RoomLine
-        The strongest first.
-
-    Examples
-    --------
-    >>> window, turns = blackman_harris(64), 2j * np.pi * np.arange(64) / 64
-    >>> waves = window * np.exp(10 * turns)
-    >>> spectrum = 1 + np.abs(np.fft.fft(waves)[:32]) ** 2 / np.sum(window**2)
-    >>> excess = np.where(spectrum > 1.01, spectrum - 1, 0) / 64
-    >>> (line,) = take_lines(np.arange(32.0), spectrum, excess, 64)
-    >>> round(line.frequency_hz, 2), round(line.power, 2), float(excess.sum())
-    (10.0, 1.0, 0.0)
     """
     lines = []
     reach = int(LOBE_BINS)

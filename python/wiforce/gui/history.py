@@ -57,13 +57,7 @@ class History(QWidget):
         return QSize(0, 0)
 
     def draw(self, tracks: dict[str, Track], colors: dict[str, str]) -> None:
-        """Draw the history of all tracks.
-
-        Parameters
-        ----------
-        tracks : dict of str to Track
-        colors : dict of str to str
-        """
+        """Draw the history of all tracks."""
         for name in set(self._curves) - set(tracks):
             for plot, items in zip(self._plots(), self._curves.pop(name), strict=True):
                 for item in items:

@@ -19,7 +19,6 @@ class SensorView(QWidget):
 
     Parameters
     ----------
-    name, color : str
     length_mm : float
         Length of the line.
     force_span_n : float

@@ -24,8 +24,6 @@ class Spectrum(QWidget):
         Snapshots per second.
     lines_hz : mapping of str to float
         Frequency of each line that is marked, by its label.
-    title : str
-    parent : QWidget, optional
 
     Raises
     ------
@@ -33,15 +31,6 @@ class Spectrum(QWidget):
         When the rate is not positive.
     RuntimeError
         When there is no QApplication.
-
-    Examples
-    --------
-    >>> from PyQt5.QtWidgets import QApplication
-    >>> application = QApplication.instance() or QApplication([])
-    >>> spectrum = Spectrum(1000.0, {"end 1": 250.0})
-    >>> spectrum.show_power([1.0, 0.01, 0.1, 0.01])
-    >>> spectrum.series()
-    (array([  0., 250., 500.]), array([  0., -20., -10.]))
     """
 
     def __init__(

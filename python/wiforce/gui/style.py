@@ -20,10 +20,6 @@ def time_plot(label: str) -> pg.PlotWidget:
     ----------
     label : str
         Of the left axis, with its unit.
-
-    Returns
-    -------
-    PlotWidget
     """
     plot = pg.PlotWidget(background=PAPER)
     plot.setLabel("left", label, **{"font-size": "8pt"})

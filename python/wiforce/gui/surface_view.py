@@ -24,7 +24,6 @@ class SurfaceView(SensorView):
 
     Parameters
     ----------
-    name, color : str
     length_mm : float
         Of the plane along x, which begins at 0.
     force_span_n : float
@@ -112,10 +111,6 @@ class SurfaceView(SensorView):
 
 def ellipse(reading: SurfaceReading) -> tuple[tuple[float, float] | None, float]:
     """Half axes in mm of two standard deviations of x and y, and the angle of the first in deg.
-
-    Parameters
-    ----------
-    reading : SurfaceReading
 
     Returns
     -------

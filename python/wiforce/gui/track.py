@@ -15,10 +15,6 @@ _MOST = 20_000
 class Track:
     """One sensor's readings over the last ``history_s`` seconds of signal.
 
-    Parameters
-    ----------
-    history_s : float
-
     Attributes
     ----------
     latest : Reading or None
@@ -41,18 +37,16 @@ class Track:
     def series(self, name: str, flagged: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """One column over time, of the readings that are reliable or of those that are not.
 
+        Returns times and values, shape (n,) each: times in s of all readings. Values are
+        NaN for the other readings and where they are unknown. The force of an untouched sensor is 0
+        N.
+
         Parameters
         ----------
         name : str
             A column with numbers.
         flagged : bool
             True gives the readings with a flag other than ``reference``, False all others.
-
-        Returns
-        -------
-        times, values : ndarray of float, shape (n,)
-            Times in s of all readings. Values are NaN for the other readings and where they are
-            unknown. The force of an untouched sensor is 0 N.
         """
         times = [reading.time_s for reading in self._past]
         values = [

@@ -29,10 +29,8 @@ class Trend(QWidget):
         Values per second and line.
     history_s : float
         Length of the time axis, in s.
-    title : str
     y_range : tuple of float, length 2, optional
         Limits of the vertical axis; by default those of the values.
-    parent : QWidget, optional
 
     Raises
     ------
@@ -40,15 +38,6 @@ class Trend(QWidget):
         For a parameter out of range; the message names it.
     RuntimeError
         When there is no QApplication.
-
-    Examples
-    --------
-    >>> from PyQt5.QtWidgets import QApplication
-    >>> application = QApplication.instance() or QApplication([])
-    >>> trend = Trend(["arm"], "clock offset (ppm)", rate=10.0)
-    >>> trend.add(0, [40.0, 40.1])
-    >>> trend.series(0)
-    (array([0. , 0.1]), array([40. , 40.1]))
     """
 
     def __init__(

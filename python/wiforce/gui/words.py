@@ -12,13 +12,8 @@ def values(reading: Reading, bounds: bool = True) -> str:
 
     Parameters
     ----------
-    reading : Reading
     bounds : bool
         False leaves out the standard deviations.
-
-    Returns
-    -------
-    str
     """
     if reading.touch is None:
         return "no reading"
@@ -52,15 +47,6 @@ def end_labels(sensors: Sequence[str]) -> list[str]:
     ----------
     sensors : sequence of str
         Names.
-
-    Returns
-    -------
-    list of str, length 2S
-
-    Examples
-    --------
-    >>> end_labels(["arm"]), end_labels(["left", "right"])[2]
-    (['end 1', 'end 2'], 'right end 1')
     """
     prefixes = [f"{name} " if len(sensors) > 1 else "" for name in sensors]
     return [f"{prefix}end {end}" for prefix in prefixes for end in (1, 2)]
@@ -79,10 +65,6 @@ def tare_outcome(state: dict[str, Any]) -> str:
     ----------
     state : dict
         As from the port ``tare_state``.
-
-    Returns
-    -------
-    str
     """
     outcome, reason = state.get("state", "none"), state.get("reason", "")
     if outcome in ("none", "measuring"):

@@ -30,11 +30,6 @@ def host_and_port(text: str, option: str) -> tuple[str, int]:
     ------
     InputError
         For anything else.
-
-    Examples
-    --------
-    >>> host_and_port("8765", "--foxglove"), host_and_port("[::1]:8765", "--foxglove")
-    (('127.0.0.1', 8765), ('::1', 8765))
     """
     host, _, port = text.rpartition(":")
     host = _NAMES.get(host, host)

@@ -13,6 +13,8 @@ _LONGEST_ROW = 65_536
 def prepare_append(path: str | Path, header: str) -> int:
     """Check that a file can be appended to, and cut off a last row that is incomplete.
 
+    Returns int: size of the file in bytes, 0 when it does not exist or is empty.
+
     Parameters
     ----------
     path : str or Path
@@ -20,22 +22,10 @@ def prepare_append(path: str | Path, header: str) -> int:
     header : str
         First line that the file must have, with its newline; empty when there is none.
 
-    Returns
-    -------
-    int
-        Size of the file in bytes, 0 when it does not exist or is empty.
-
     Raises
     ------
     InputError
         When the file begins with another line.
-
-    Examples
-    --------
-    >>> Path("forces.txt").write_text("force_n\\n4.1\\n4.")
-    14
-    >>> prepare_append("forces.txt", "force_n\\n"), Path("forces.txt").read_text()
-    (12, 'force_n\\n4.1\\n')
     """
     if not Path(path).exists():
         return 0

@@ -36,17 +36,10 @@ class Array(ValueType):
     ----------
     shape : tuple
         Per axis an int, a :class:`Size`, or None for any length above 0.
-    unit : str
     low, high : float
         Least and largest number.
     as_tuple : bool
         Whether the value, which has one axis, is read as a tuple of floats instead of an array.
-
-    Examples
-    --------
-    >>> ports = Array(shape=(2,), unit="deg", as_tuple=True)
-    >>> ports.read([10, "2e1"], KeyPath("sensor.yaml"), Scope())
-    (10.0, 20.0)
     """
 
     shape: tuple[int | Size | None, ...]

@@ -21,20 +21,12 @@ def require_columns(
         The table, for the message.
     header : sequence of str
         Names of its columns.
-    needed : sequence of str
     hint : str
         What to do about it; the missing columns are listed where it is empty.
 
     Raises
     ------
     InputError
-
-    Examples
-    --------
-    >>> require_columns("taps.csv", ["force_n"], ["force_n", "x_mm"])
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: taps.csv: must have the columns force_n, x_mm (missing: \
-x_mm), got 'force_n'
     """
     missing = [name for name in needed if name not in header]
     if missing:
@@ -56,7 +48,6 @@ def cell_number(
     ----------
     row : mapping
         Cells by column (``textfile.read_csv``).
-    column : str
     where : str
         File and row, for the message.
     empty : float, optional
@@ -64,18 +55,9 @@ def cell_number(
     largest : float
         Largest magnitude; a million by default.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     InputError
-
-    Examples
-    --------
-    >>> cell_number({"x_mm": " 12.5"}, "x_mm", "taps.csv: row 2")
-    12.5
     """
     text = (row.get(column) or "").strip()
     if not text and empty is not None:

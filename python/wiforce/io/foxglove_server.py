@@ -32,11 +32,6 @@ class FoxgloveServer:
     ------
     InputError
         When a package is missing, or the address cannot be bound.
-
-    Examples
-    --------
-    >>> server = FoxgloveServer("8765", ["arm"])  # doctest: +SKIP
-    >>> server.publish(Reading(0.018, "arm"), {"run": "r"})  # doctest: +SKIP
     """
 
     def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
@@ -67,7 +62,6 @@ class FoxgloveServer:
 
         Parameters
         ----------
-        reading : Reading
         more : mapping of str to plain values
             ``run``, ``time_utc`` and ``device_time_s``.
         """
@@ -75,12 +69,7 @@ class FoxgloveServer:
             self._send(message)
 
     def publish_health(self, report: Mapping[str, Any]) -> None:
-        """Send a heartbeat or the end of a run.
-
-        Parameters
-        ----------
-        report : mapping
-        """
+        """Send a heartbeat or the end of a run."""
         self._send(health_message(report))
 
     def close(self) -> None:

@@ -53,7 +53,6 @@ class LslOutlets:
 
     Parameters
     ----------
-    sensors : iterable of str
     period_s : float
         Time between readings.
     network : bool
@@ -69,11 +68,6 @@ class LslOutlets:
     ------
     InputError
         When pylsl is missing.
-
-    Examples
-    --------
-    >>> outlets = LslOutlets(["arm"], 0.036)  # doctest: +SKIP
-    >>> outlets.push(Reading(0.018, "arm"), "2026-01-31T23:59:59Z")  # doctest: +SKIP
     """
 
     def __init__(
@@ -104,7 +98,6 @@ class LslOutlets:
 
         Parameters
         ----------
-        reading : Reading
         time_utc : str
             At its centre; empty when unknown, and then the time of this call counts.
         """
@@ -157,15 +150,6 @@ def lsl_offset_s(local_clock: Callable[[], float], utc: Callable[[], float] = ti
     ----------
     local_clock, utc : callable
         Return seconds.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> lsl_offset_s(lambda: 20.0, utc=lambda: 120.0)
-    -100.0
     """
     best = (math.inf, 0.0)
     for _ in range(_COMPARISONS):

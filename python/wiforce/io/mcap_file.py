@@ -34,7 +34,6 @@ class McapWriter(ReadingsOutput):
 
     Parameters
     ----------
-    path : str or Path
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     metadata : mapping of str to str, optional
@@ -52,14 +51,6 @@ class McapWriter(ReadingsOutput):
     InputError
         When a package is missing, the path cannot be written to, or is an input; and when two
         sensors would have the same topics.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.readings import Reading
-    >>> with McapWriter("press.mcap") as writer:
-    ...     writer.write(Reading(0.018, "arm", 1, 4.0, 0.1, 45.0, 0.2))
-    >>> Path("press.mcap").read_bytes()[:5]
-    b'\\x89MCAP'
     """
 
     def __init__(
@@ -87,10 +78,7 @@ class McapWriter(ReadingsOutput):
     def begin(self) -> "McapWriter":
         """Replace the content of the file, unless that has been done.
 
-        Returns
-        -------
-        McapWriter
-            Itself.
+        Returns McapWriter: itself.
 
         Raises
         ------
@@ -113,10 +101,6 @@ class McapWriter(ReadingsOutput):
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row of a file.
 
-        Parameters
-        ----------
-        row : mapping
-
         Raises
         ------
         InputError
@@ -136,10 +120,6 @@ class McapWriter(ReadingsOutput):
         """Write a heartbeat or the end of a run; nothing before the file is begun.
 
         A failure is reported by the next reading, or when the file is closed.
-
-        Parameters
-        ----------
-        report : mapping
         """
         if self._writer is not None and self._failure is None:
             try:

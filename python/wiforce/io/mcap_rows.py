@@ -30,30 +30,13 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     The index of the file is not needed, so all complete chunks of a file are read that a killed
     process has left.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Yields
-    ------
-    dict
-        Columns of a reading, ``run`` and ``time_utc``; where known, ``device_time_s`` and the y of
-        a press on a surface.
+    Yields dict: columns of a reading, ``run`` and ``time_utc``; where known, ``device_time_s`` and
+    the y of a press on a surface.
 
     Raises
     ------
     InputError
         When mcap-ros2-support is missing, or the file is not MCAP or cannot be read.
-
-    Examples
-    --------
-    >>> from .mcap_file import McapWriter
-    >>> from .readings import Reading
-    >>> with McapWriter("grip.mcap") as writer:
-    ...     writer.write(Reading(0.018, "arm", 0, flags=("weak",)))
-    >>> row = next(mcap_rows("grip.mcap"))
-    >>> row["time_s"], row["touch"], row["force_n"], row["flags"]
-    (0.018, 0, None, 'weak')
     """
     stream, errors, records, decoder = optional_modules(path, _MODULES)
     decoders = decoder.DecoderFactory()

@@ -38,19 +38,10 @@ def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
     names : iterable of str
         Modules of the packages that this file lists.
 
-    Returns
-    -------
-    list of module
-
     Raises
     ------
     InputError
         When one is missing; it names the packages of all that are.
-
-    Examples
-    --------
-    >>> optional_modules("--zmq", ["zmq"])[0].__name__
-    'zmq'
     """
     found: list[Any] = []
     missing: dict[str, Exception] = {}
@@ -78,10 +69,6 @@ def check_installed(where: object, names: Iterable[str]) -> None:
     ------
     InputError
         As :func:`optional_modules`.
-
-    Examples
-    --------
-    >>> check_installed("--zmq", ["zmq"])
     """
     missing = [name for name in names if importlib.util.find_spec(name) is None]
     if missing:
@@ -103,23 +90,9 @@ def _missing(where: object, names: Iterable[str]) -> InputError:
 def optional_module(name: str, where: object) -> Any:
     """Import one module, as :func:`optional_modules` does.
 
-    Parameters
-    ----------
-    name : str
-    where : str or path
-
-    Returns
-    -------
-    module
-
     Raises
     ------
     InputError
         When it is missing.
-
-    Examples
-    --------
-    >>> optional_module("zmq.auth", "--zmq-keys").__name__
-    'zmq.auth'
     """
     return optional_modules(where, [name])[0]

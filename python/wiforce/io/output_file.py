@@ -19,7 +19,6 @@ class OutputFile:
 
     Parameters
     ----------
-    path : str or Path
     append : bool
         Keep the content.
     kept : str
@@ -40,12 +39,6 @@ class OutputFile:
     ------
     InputError
         When the file cannot be opened, or another process is writing to it.
-
-    Examples
-    --------
-    >>> with OutputFile("note.txt") as file:
-    ...     file.write(b"hello"), file.tell()
-    (5, 5)
     """
 
     def __init__(
@@ -97,14 +90,7 @@ class OutputFile:
     def write(self, data: Any) -> int:
         """Write all of the data.
 
-        Parameters
-        ----------
-        data : bytes-like
-
-        Returns
-        -------
-        int
-            Its length.
+        Returns int: its length.
 
         Raises
         ------

@@ -27,7 +27,6 @@ class ParquetWriter(ReadingsOutput):
 
     Parameters
     ----------
-    path : str or Path
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
@@ -45,15 +44,6 @@ class ParquetWriter(ReadingsOutput):
     ------
     InputError
         When pyarrow is missing, the path cannot be written to, or is an input.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.readings import Reading
-    >>> with ParquetWriter("press.parquet") as writer:
-    ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
-    >>> import pandas
-    >>> pandas.read_parquet("press.parquet")["force_n"].tolist()
-    [4.1235]
     """
 
     def __init__(
@@ -82,10 +72,7 @@ class ParquetWriter(ReadingsOutput):
     def begin(self) -> "ParquetWriter":
         """Replace the content of the file, unless that has been done.
 
-        Returns
-        -------
-        ParquetWriter
-            Itself.
+        Returns ParquetWriter: itself.
 
         Raises
         ------
@@ -107,10 +94,6 @@ class ParquetWriter(ReadingsOutput):
 
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row of a file.
-
-        Parameters
-        ----------
-        row : mapping
 
         Raises
         ------

@@ -13,23 +13,13 @@ _FLAGS = frozenset(flag.word for flag in Flag)
 def as_reading(reading: Any) -> Reading | None:
     """A Reading from a message of the port ``readings``, or from part of one.
 
+    Returns Reading or None: None when sensor or time are not given.
+
     Parameters
     ----------
     reading : Reading or dict
         Keys as the columns of a readings file; flags as one text or a sequence. A value that is
         absent, not finite, or not a number is unknown.
-
-    Returns
-    -------
-    Reading or None
-        None when sensor or time are not given.
-
-    Examples
-    --------
-    >>> as_reading({"time_s": 0.5, "sensor": "arm", "touch": 0, "flags": "weak"}).flags
-    ('weak',)
-    >>> as_reading({"sensor": "arm"}) is None
-    True
     """
     if isinstance(reading, Reading):
         reading = dataclasses.asdict(reading)

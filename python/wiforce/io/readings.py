@@ -41,13 +41,6 @@ class Flag(enum.Flag):
         changed.
     SATURATED
         Samples of the group reached the converter's full scale.
-
-    Examples
-    --------
-    >>> Flag.FORCE_UNOBSERVABLE.word
-    'force-unobservable'
-    >>> (Flag.WEAK | Flag.GAP).words
-    ('gap', 'weak')
     """
 
     REFERENCE = enum.auto()
@@ -81,40 +74,14 @@ def _words(flags: Flag) -> tuple[str, ...]:
 def flag_words(bits: int) -> tuple[str, ...]:
     """The words of flags that are given as the sum of their values.
 
-    Parameters
-    ----------
-    bits : int
-
-    Returns
-    -------
-    tuple of str
-        In the order of the members.
-
-    Examples
-    --------
-    >>> flag_words(Flag.GAP.value + Flag.WEAK.value)
-    ('gap', 'weak')
+    Returns tuple of str: in the order of the members.
     """
     return Flag(bits).words
 
 
 @cache
 def flag_bits(words: tuple[str, ...]) -> int:
-    """The sum of the values of flags that are given by their words.
-
-    Parameters
-    ----------
-    words : tuple of str
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> flag_words(flag_bits(("weak", "gap")))
-    ('gap', 'weak')
-    """
+    """The sum of the values of flags that are given by their words."""
     return sum(flag.value for flag in Flag if flag.word in words)
 
 
@@ -221,12 +188,6 @@ class SurfaceReading(Reading):
         Covariance of force and position, in N mm.
     cov_x_y : float or None
         Covariance of x and y, in mm^2.
-
-    Examples
-    --------
-    >>> reading = SurfaceReading(0.018, "skin", 1, 4.0, 0.1, 45.0, 0.1, y_mm=12.0, y_std_mm=0.4)
-    >>> reading.row()["y_mm"]
-    12.0
     """
 
     y_mm: float | None = None
@@ -253,21 +214,12 @@ _DECIMALS = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_
 def rounded(key: str, value: float) -> float | None:
     """A number as files of readings and files of truth hold it, so that both can be joined.
 
+    Returns float or None: None when it is not finite.
+
     Parameters
     ----------
     key : str
         Name of the column.
-    value : float
-
-    Returns
-    -------
-    float or None
-        None when it is not finite.
-
-    Examples
-    --------
-    >>> rounded("time_s", 0.0018144), rounded("force_n", 4.12345678)
-    (0.0018144, 4.1235)
     """
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
@@ -287,14 +239,6 @@ class GroupCounts:
         Flagged groups by word of the flag.
     interfered : int
         Groups that lack snapshots because of interference.
-
-    Examples
-    --------
-    >>> counts = GroupCounts()
-    >>> counts.note([Reading(0.018, "arm", flags=("gap",))])
-    >>> counts.note([Reading(0.054, "arm")])
-    >>> print(counts)
-    2 groups: 1 clear, 1 flagged (1 gap), 0 dropped
     """
 
     def __init__(self) -> None:
@@ -320,12 +264,7 @@ class GroupCounts:
             self.clear += 1
 
     def add(self, other: "GroupCounts") -> None:
-        """Add the counts of another run.
-
-        Parameters
-        ----------
-        other : GroupCounts
-        """
+        """Add the counts of another run."""
         self.clear += other.clear
         self.flagged += other.flagged
         self.dropped += other.dropped

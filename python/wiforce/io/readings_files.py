@@ -41,13 +41,6 @@ class ReadingsFile:
     ------
     InputError
         When the file cannot be read, or is none of readings.
-
-    Examples
-    --------
-    >>> size = Path("press.csv").write_text("time_s,sensor,touch,force_n\\n0.018,arm,1,4.0\\n")
-    >>> rows = list(ReadingsFile("press.csv").rows())
-    >>> rows[0]["touch"], rows[0]["force_n"], rows[0]["location_mm"]
-    (1, 4.0, None)
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -99,10 +92,7 @@ class ReadingsFile:
     def rows(self) -> Iterator[dict[str, Any]]:
         """All rows, with the columns of a reading followed by those of `also`.
 
-        Yields
-        ------
-        dict
-            Unknown values are None, flags one text.
+        Yields dict: unknown values are None, flags one text.
 
         Raises
         ------

@@ -20,11 +20,6 @@ class ReadingsOutput:
     ----------
     rows : int
         Readings written so far.
-
-    Examples
-    --------
-    >>> ReadingsOutput().size_bytes
-    0
     """
 
     _file: OutputFile | None = None
@@ -54,7 +49,6 @@ class ReadingsOutput:
 
         Parameters
         ----------
-        reading : Reading
         more : mapping of str to plain values, optional
             Of the columns that follow those of a reading.
 

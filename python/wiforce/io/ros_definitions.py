@@ -98,41 +98,19 @@ _SEPARATOR = "=" * 80 + "\n"
 def fields_of(type_name: str) -> dict[str, tuple[str, bool]]:
     """Fields of a message.
 
+    Returns dict: type of each field by its name, and whether it is an array.
+
     Parameters
     ----------
     type_name : str
         ``PACKAGE/NAME`` or ``PACKAGE/msg/NAME``.
-
-    Returns
-    -------
-    dict
-        Type of each field by its name, and whether it is an array.
-
-    Examples
-    --------
-    >>> fields_of("std_msgs/msg/Header")
-    {'stamp': ('builtin_interfaces/Time', False), 'frame_id': ('string', False)}
     """
     text = _DEFINITIONS[type_name.replace("/msg/", "/")]
     return {name: (kind, bool(array)) for kind, array, name in _FIELD.findall(text)}
 
 
 def complete_definition(type_name: str) -> str:
-    """The definition of a message followed by those of all that it contains (``ros2msg``).
-
-    Parameters
-    ----------
-    type_name : str
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> print(complete_definition("std_msgs/msg/Header").splitlines()[-2])
-    int32 sec
-    """
+    """The definition of a message followed by those of all that it contains (``ros2msg``)."""
     root = type_name.replace("/msg/", "/")
     contained, pending = [root], [root]
     while pending:

@@ -34,11 +34,6 @@ class RosMessage:
         Values by name of the field; nested messages are dicts.
     stamp_ns : int or None
         UTC of the header in ns since 1970, None when it is not known.
-
-    Examples
-    --------
-    >>> RosMessage("/note", "std_msgs/msg/Header", {"frame_id": "arm"}).stamp_ns is None
-    True
     """
 
     topic: str
@@ -48,21 +43,7 @@ class RosMessage:
 
 
 def topic_of(sensor: str, name: str) -> str:
-    """Topic of a sensor: characters that ROS does not permit in names become underscores.
-
-    Parameters
-    ----------
-    sensor, name : str
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> topic_of("left arm", "wrench"), topic_of("2", "reading")
-    ('/wiforce/left_arm/wrench', '/wiforce/_2/reading')
-    """
+    """Topic of a sensor: characters that ROS does not permit in names become underscores."""
     token = re.sub("[^A-Za-z0-9_]", "_", sensor)
     # ROS permits neither digits at the start of a part of a name nor repeated underscores.
     token = re.sub("__+", "_", f"_{token}" if token[:1].isdigit() else token)
@@ -77,19 +58,10 @@ def topics_of(sensors: Iterable[str]) -> dict[str, str]:
     sensors : iterable of str
         Their names, which differ.
 
-    Returns
-    -------
-    dict of str to str
-
     Raises
     ------
     InputError
         When two sensors would have the same topics.
-
-    Examples
-    --------
-    >>> list(topics_of(["arm"]))[:3]
-    ['/diagnostics', '/wiforce/arm/reading', '/wiforce/arm/wrench']
     """
     topics = {_HEALTH_TOPIC: DIAGNOSTICS}
     named: dict[str, str] = {}
@@ -110,18 +82,6 @@ def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
     ----------
     message : mapping
         The JSON object, whose key ``message`` is its kind.
-
-    Yields
-    ------
-    RosMessage
-
-    Examples
-    --------
-    >>> row = {"time_s": 0.018, "sensor": "arm", "touch": 1, "force_n": 2.0, "location_mm": 45.0}
-    >>> for message in ros_messages({"message": "reading", **row}):
-    ...     print(message.topic, message.type)
-    /wiforce/arm/reading wiforce_msgs/msg/PressReading
-    /wiforce/arm/wrench geometry_msgs/msg/WrenchStamped
     """
     if message["message"] == "reading":
         yield from reading_messages(message)
@@ -142,19 +102,6 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     ----------
     row : mapping
         A row of a file of readings; columns may be missing.
-
-    Yields
-    ------
-    RosMessage
-
-    Examples
-    --------
-    >>> row = {"time_s": 0.018, "sensor": "arm", "touch": 1, "force_n": 2.0, "location_mm": 45.0}
-    >>> reading, wrench = reading_messages(row)
-    >>> reading.fields["force_n"], reading.fields["force_std_n"]
-    (2.0, nan)
-    >>> wrench.fields["wrench"]["force"]["z"], wrench.fields["wrench"]["torque"]["y"]
-    (-2.0, 0.09)
     """
     sensor, words = str(row["sensor"]), tuple((row.get("flags") or "").split())
     stamp_ns = _nanoseconds(row.get("time_utc"))
@@ -194,17 +141,6 @@ def health_message(report: Mapping[str, Any]) -> RosMessage:
     ----------
     report : mapping
         A heartbeat, or the end of a run.
-
-    Returns
-    -------
-    RosMessage
-
-    Examples
-    --------
-    >>> sensors = {"arm": {"age_s": 0.04, "received": True, "reference_problem": ""}}
-    >>> health = health_message({"run": "r", "state": "reading", "reason": "", "sensors": sensors})
-    >>> [(each["name"], each["level"]) for each in health.fields["status"]]
-    [('gr-wiforce: reader', 0), ('gr-wiforce: arm', 0)]
     """
     stamp_ns = _nanoseconds(report.get("time_utc"))
     run, state, reason = (str(report.get(key, "")) for key in ("run", "state", "reason"))
@@ -233,24 +169,12 @@ def built(
 
     Parameters
     ----------
-    type_name : str
     fields : mapping
         As in :class:`RosMessage`.
     class_of : callable
         From ``PACKAGE/NAME`` to its class, which takes the fields as keywords.
     byte : callable
         From a number to a ``byte`` of that library.
-
-    Returns
-    -------
-    object
-
-    Examples
-    --------
-    >>> from types import SimpleNamespace
-    >>> fields = {"stamp": {"sec": 1, "nanosec": 5}, "frame_id": "arm"}
-    >>> built("std_msgs/msg/Header", fields, lambda name: SimpleNamespace).stamp.nanosec
-    5
     """
     values = {}
     for name, (kind, array) in fields_of(type_name).items():

@@ -35,11 +35,6 @@ class Rotation:
         Once the file has reached this size.
     keep : int or None
         Number of renamed files that are kept; None keeps all.
-
-    Examples
-    --------
-    >>> Rotation.of(["6h", "100MB"])
-    Rotation(every_s=21600, size_bytes=100000000, keep=None)
     """
 
     every_s: int | None = None
@@ -56,13 +51,8 @@ class Rotation:
         ----------
         limits : iterable of str
             At most one of time and one of size.
-        keep : int, optional
         option : str
             Name of the option, for messages.
-
-        Returns
-        -------
-        Rotation
 
         Raises
         ------
@@ -100,8 +90,6 @@ class RotatingWriter:
 
     Parameters
     ----------
-    path : str or Path
-    rotation : Rotation
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
@@ -113,14 +101,6 @@ class RotatingWriter:
     ------
     InputError
         When the path, or its folder, cannot be written to, or the path is an input.
-
-    Examples
-    --------
-    >>> with RotatingWriter("grip.csv", Rotation(size_bytes=100)) as writer:
-    ...     for group in range(3):
-    ...         writer.write(Reading(0.018 + 0.036 * group, "arm", 0))
-    >>> len(list(Path().glob("grip-*Z*.csv")))
-    2
     """
 
     def __init__(
@@ -158,10 +138,7 @@ class RotatingWriter:
     def begin(self) -> RotatingWriter:
         """Continue the file, or begin another when its time is over.
 
-        Returns
-        -------
-        RotatingWriter
-            Itself.
+        Returns RotatingWriter: itself.
 
         Raises
         ------
@@ -182,7 +159,6 @@ class RotatingWriter:
 
         Parameters
         ----------
-        reading : Reading
         more : mapping of str to plain values, optional
             Of the columns that follow those of a reading.
 
@@ -258,25 +234,15 @@ def open_rotating(
     ----------
     path : str or Path, optional
         As for :func:`open_writer`.
-    rotation : Rotation
     inputs, also, metadata
         As for :func:`open_writer`.
     append : bool
         Continue an existing file; a file that is renamed is always continued.
 
-    Returns
-    -------
-    ReadingsWriter, ParquetWriter or RotatingWriter
-
     Raises
     ------
     InputError
         As :func:`open_writer`, and where standard output is to be renamed or appended to.
-
-    Examples
-    --------
-    >>> type(open_rotating("grip.csv", Rotation())).__name__
-    'ReadingsWriter'
     """
     if append and path is None:
         raise InputError("--append", "needs a file as output: -o OUT.csv or OUT.jsonl")

@@ -22,11 +22,6 @@ class ItemType(NamedTuple):
         Size of a complex sample, in bytes.
     item : numpy type, or tuple of it and a count
         In the signature of a Python block.
-
-    Examples
-    --------
-    >>> DATATYPES["ci16_le"].name, DATATYPES["ci16_le"].sample_bytes
-    ('sc16', 4)
     """
 
     name: str
@@ -51,19 +46,10 @@ def item_type_named(name: str) -> ItemType:
     name : str
         ``fc32`` or ``sc16``.
 
-    Returns
-    -------
-    ItemType
-
     Raises
     ------
     InputError
         For another name.
-
-    Examples
-    --------
-    >>> item_type_named("fc32").sample_bytes
-    8
     """
     if name not in ITEM_TYPES:
         raise InputError("item_type", f"must be one of {', '.join(ITEM_TYPES)}", name)
@@ -76,19 +62,11 @@ FULL_SCALE = 32768
 def samples_of(codes: ArrayLike) -> np.ndarray:
     """Complex samples of a converter's 16-bit integers.
 
+    Returns ndarray of complex64, shape (n,): full scale is 1 per component.
+
     Parameters
     ----------
     codes : array_like of int16, shape (n, 2) or (2 n,)
         I and Q of each sample.
-
-    Returns
-    -------
-    ndarray of complex64, shape (n,)
-        Full scale is 1 per component.
-
-    Examples
-    --------
-    >>> samples_of(np.array([16384, -32768], np.int16))
-    array([0.5-1.j], dtype=complex64)
     """
     return (np.asarray(codes).astype(np.float32) / FULL_SCALE).view(np.complex64).ravel()

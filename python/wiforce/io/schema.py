@@ -89,7 +89,6 @@ def key(
 
     Parameters
     ----------
-    type : ValueType
     doc : str
         What the value means, as a sentence.
     default : object, optional
@@ -100,14 +99,6 @@ def key(
     check : callable, optional
         A further rule, which may involve other values: value and scope to the text of the rule
         that is broken, or None.
-
-    Returns
-    -------
-    dataclasses.Field
-
-    Examples
-    --------
-    See :func:`declared`.
     """
     metadata = {"key": Key(type, doc, default, derived, check)}
     return dataclasses.field(default=default, metadata=metadata)
@@ -118,20 +109,6 @@ def declared(cls: type[T]) -> type[T]:
     """Make a class a frozen dataclass that declares a mapping.
 
     Its documentation lists its keys, which are also its attributes and keyword arguments.
-
-    Examples
-    --------
-    >>> from .values import Number, KeyPath
-    >>> @declared
-    ... class Radio:
-    ...     '''The radio.'''
-    ...     rate_hz: float = key(Number(unit="Hz", low=1, high=1e9), default=1e6, doc="Rate.")
-    >>> read(Radio, {"rate_hz": "2e6"}, KeyPath("scene.yaml"))
-    Radio(rate_hz=2000000.0)
-    >>> read(Radio, {"rate": 1}, KeyPath("scene.yaml"))
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: scene.yaml: rate: is not a known key, did you mean \
-'rate_hz'? (known: rate_hz)
     """
     cls = dataclass(frozen=True, kw_only=True)(cls)
     attributes = [
@@ -163,10 +140,6 @@ def read(cls: type[T], values: Any, where: KeyPath, scope: Scope | None = None, 
         Values of the enclosing mappings that were read before.
     **more
         Further fields of the class, which are not keys of the file.
-
-    Returns
-    -------
-    cls
 
     Raises
     ------
@@ -207,10 +180,6 @@ def plain(cls: type, source: Any) -> dict[str, Any]:
         A class decorated with :func:`declared`.
     source : object
         An instance of it, or any object with attributes of the same names.
-
-    Returns
-    -------
-    dict
     """
     return {name: each.type.plain(getattr(source, name)) for name, each in keys(cls).items()}
 
@@ -222,10 +191,6 @@ def json_schema(cls: type) -> dict[str, Any]:
     ----------
     cls : type
         A class decorated with :func:`declared`.
-
-    Returns
-    -------
-    dict
     """
     properties = {}
     for name, each in keys(cls).items():

@@ -88,10 +88,6 @@ def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, 
 
     Keys of extensions are not checked.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     fields : mapping
@@ -103,13 +99,6 @@ def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, 
     ------
     InputError
         When the file cannot be read or is not valid SigMF; it names the key.
-
-    Examples
-    --------
-    >>> whole = {"global": {"core:datatype": "ci16_le"}, "captures": [], "annotations": []}
-    >>> size = Path("a.sigmf-meta").write_text(json.dumps(whole))
-    >>> read_metadata(Path("a.sigmf-meta"))
-    ({'core:datatype': 'ci16_le'}, [])
     """
     try:
         parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
@@ -208,15 +197,6 @@ def write_metadata(
     ------
     OSError
         When a file cannot be read or written.
-
-    Examples
-    --------
-    >>> size = Path("b.sigmf-data").write_bytes(bytes(4000))
-    >>> fields = {"core:datatype": "ci16_le", "core:sample_rate": 1e6}
-    >>> captures = [{"core:sample_start": 0, "core:frequency": 9e8}]
-    >>> write_metadata(Path("b.sigmf-meta"), Path("b.sigmf-data"), fields, captures)
-    >>> read_metadata(Path("b.sigmf-meta"))[1]
-    [{'core:frequency': 900000000.0, 'core:sample_start': 0}]
     """
     checksum = hashlib.sha512()
     with open(data, "rb") as samples:

@@ -19,24 +19,13 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 
     Parameters
     ----------
-    path : str or Path
     limit : int
         In bytes.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
     InputError
         When it cannot be read or is larger.
-
-    Examples
-    --------
-    >>> size = Path("note.txt").write_bytes(b"hello")
-    >>> read_bytes("note.txt", 1000)
-    b'hello'
     """
     try:
         with open(path, "rb") as stream:
@@ -53,10 +42,6 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
     """Read a CSV file in UTF-8.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Returns
     -------
     header : tuple of str
@@ -69,12 +54,6 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     InputError
         When it cannot be read, is larger than 32 MB, is not CSV or has no rows; when two columns
         have one name, or a row has more fields than there are columns.
-
-    Examples
-    --------
-    >>> write_whole("taps.csv", "port,phase_deg\\n1,90\\n")
-    >>> read_csv("taps.csv")
-    (('port', 'phase_deg'), [(2, {'port': '1', 'phase_deg': '90'})])
     """
     data = read_bytes(path, MAX_CSV_BYTES)
     try:
@@ -106,7 +85,6 @@ def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 
     Parameters
     ----------
-    path : str or Path
     inputs : iterable of str or Path, optional
         Files that the work reads. The output must be none of them, by any of its names or links.
 
@@ -114,13 +92,6 @@ def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     ------
     InputError
         For a folder that does not exist, a file that cannot be written, or an input.
-
-    Examples
-    --------
-    >>> check_output("missing/out.csv")
-    Traceback (most recent call last):
-    ...
-    gnuradio.wiforce.errors.InputError: missing/out.csv: cannot be written (folder does not exist)
     """
     path = Path(path)
     folder = path.absolute().parent
@@ -143,21 +114,10 @@ def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 def write_whole(path: str | Path, text: str) -> None:
     """Write a file in UTF-8, or replace it; the previous content is kept when that fails.
 
-    Parameters
-    ----------
-    path : str or Path
-    text : str
-
     Raises
     ------
     OSError
         When the system refuses to write.
-
-    Examples
-    --------
-    >>> write_whole("note.txt", "hello")
-    >>> Path("note.txt").read_text()
-    'hello'
     """
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
@@ -167,28 +127,18 @@ def write_whole(path: str | Path, text: str) -> None:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give the path of a file beside another, which it replaces if the block ends without error.
 
+    Yields Path: with the same suffix; a file there is removed after an error. A device or a pipe
+    cannot be replaced, and is given itself.
+
     Parameters
     ----------
     path : str or Path
         The target of a symbolic link is replaced, and not the link.
 
-    Yields
-    ------
-    Path
-        With the same suffix; a file there is removed after an error. A device or a pipe cannot be
-        replaced, and is given itself.
-
     Raises
     ------
     OSError
         When the system refuses to replace the file.
-
-    Examples
-    --------
-    >>> with replacing("note.txt") as part:
-    ...     size = part.write_text("hello")
-    >>> Path("note.txt").read_text()
-    'hello'
     """
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():

@@ -8,20 +8,12 @@ from datetime import datetime, timezone
 def written_utc(utc_s: float | None) -> str:
     """Write a time.
 
+    Returns str: empty for an unknown time.
+
     Parameters
     ----------
     utc_s : float or None
         Seconds since 1970.
-
-    Returns
-    -------
-    str
-        Empty for an unknown time.
-
-    Examples
-    --------
-    >>> written_utc(1769903999.25), written_utc(None)
-    ('2026-01-31T23:59:59.250000Z', '')
     """
     if utc_s is None:
         return ""
@@ -36,19 +28,10 @@ def parsed_utc(text: str) -> datetime:
     text : str
         With any number of decimals of the second.
 
-    Returns
-    -------
-    datetime.datetime
-
     Raises
     ------
     ValueError
         When it is no time.
-
-    Examples
-    --------
-    >>> parsed_utc("2026-01-31T23:59:59.5Z").isoformat()
-    '2026-01-31T23:59:59.500000+00:00'
     """
     # Python 3.10 accepts neither Z nor other decimals than three or six.
     decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)

@@ -24,20 +24,12 @@ _NUMBER_AS_TEXT = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
 def as_number(value: Any) -> float | None:
     """Convert a value from a YAML file to a finite float.
 
+    Returns float or None: None when the value is not a finite number.
+
     Parameters
     ----------
     value : object
         Text such as ``900e6`` counts as a number, because PyYAML reads it as text.
-
-    Returns
-    -------
-    float or None
-        None when the value is not a finite number.
-
-    Examples
-    --------
-    >>> as_number("900e6"), as_number(True), as_number(float("nan"))
-    (900000000.0, None, None)
     """
     if isinstance(value, str) and re.match(_NUMBER_AS_TEXT, value):
         value = float(value)
@@ -60,11 +52,6 @@ class KeyPath:
         Name of the file, or of whatever supplied the mapping.
     dotted : str
         Dotted key within the source; empty for its top.
-
-    Examples
-    --------
-    >>> str(KeyPath("scene.yaml").key("sensors").item(0).key("clock_hz"))
-    'scene.yaml: sensors[0].clock_hz'
     """
 
     source: str
@@ -116,18 +103,14 @@ class ValueType(ABC):
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         """Check and convert a value from a file.
 
+        Returns object: the converted value; None for null where the type is optional.
+
         Parameters
         ----------
         value : object
             As the YAML loader returns it; None where it is missing.
-        where : KeyPath
         scope : Scope
             Values read before this one.
-
-        Returns
-        -------
-        object
-            The converted value; None for null where the type is optional.
 
         Raises
         ------
@@ -180,11 +163,6 @@ class Number(ValueType):
         Least and largest value.
     above : bool
         Whether ``low`` itself is excluded.
-
-    Examples
-    --------
-    >>> Number(unit="N", low=0, above=True, high=1000).rule
-    'must be a number above 0 and at most 1000 N'
     """
 
     unit: str = ""
@@ -236,13 +214,7 @@ class Integer(Number):
 
 
 class AutomaticNumber(Number):
-    """A number, or the word ``auto``, which is read as None: the program finds the number itself.
-
-    Examples
-    --------
-    >>> AutomaticNumber(unit="Hz", low=0, high=100).rule
-    "must be 'auto' or a number from 0 to 100 Hz"
-    """
+    """A number, or the word ``auto``, which is read as None: the program finds it itself."""
 
     @property
     def allowed(self) -> str:

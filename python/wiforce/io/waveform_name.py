@@ -19,11 +19,6 @@ class WaveformName(ValueType):
     ----------
     optional : bool
         Whether ``null`` is allowed.
-
-    Examples
-    --------
-    >>> WaveformName(optional=True).rule.endswith("or a path that ends in .npy or null")
-    True
     """
 
     @property

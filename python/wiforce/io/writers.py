@@ -47,14 +47,6 @@ class ReadingsWriter(ReadingsOutput):
     ------
     InputError
         When the path cannot be written to, or is an input.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.readings import Reading
-    >>> with ReadingsWriter("forces.txt", lambda row: f"{row['force_n']}\\n") as writer:
-    ...     writer.write(Reading(0.018, "arm", 1, 4.0))
-    >>> Path("forces.txt").read_text()
-    '4.0\\n'
     """
 
     def __init__(
@@ -106,10 +98,7 @@ class ReadingsWriter(ReadingsOutput):
     def begin(self) -> "ReadingsWriter":
         """Empty the file except for its header, or prepare to append, unless that has been done.
 
-        Returns
-        -------
-        ReadingsWriter
-            Itself.
+        Returns ReadingsWriter: itself.
 
         Raises
         ------

@@ -51,28 +51,12 @@ def _check_structure(data: bytes) -> None:
 def read_yaml(path: str | Path) -> dict[Any, Any]:
     """Read the mapping at the top of a YAML file.
 
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError
         When the file cannot be read, is larger than 2 MB, is nested deeper than 16 levels, is not
         YAML, contains aliases or repeated keys, or has no mapping at the top. The message is one
         line with the file and, where known, line and column.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "scene.yaml"
-    >>> _ = path.write_text("radio: {sample_rate_hz: 1.0e+6}")
-    >>> read_yaml(path)
-    {'radio': {'sample_rate_hz': 1000000.0}}
     """
     data = read_bytes(path, MAX_BYTES)
     try:
@@ -98,7 +82,6 @@ def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> 
 
     Parameters
     ----------
-    path : str or Path
     content : dict
         Plain values.
     heading : str
@@ -110,12 +93,6 @@ def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> 
         When the file cannot be written.
     OutputError
         When the disk is full.
-
-    Examples
-    --------
-    >>> write_yaml("note.yaml", {"width_mm": 10.0})
-    >>> read_yaml("note.yaml")
-    {'width_mm': 10.0}
     """
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     try:

@@ -34,13 +34,6 @@ class ServerKeys:
     clients : Path
         Folder of the public keys of authorised clients, ``*.key``. It is read whenever a client
         connects, so keys may be added and removed at any time.
-
-    Examples
-    --------
-    >>> _ = create_keys("server_keys")
-    >>> keys = ServerKeys.load("server_keys")
-    >>> len(keys.secret), keys.clients.name
-    (40, 'clients')
     """
 
     public: bytes
@@ -50,14 +43,6 @@ class ServerKeys:
     @classmethod
     def load(cls, folder: str | Path) -> ServerKeys:
         """The keys in a folder that :func:`create_keys` has made.
-
-        Parameters
-        ----------
-        folder : str or Path
-
-        Returns
-        -------
-        ServerKeys
 
         Raises
         ------
@@ -75,10 +60,6 @@ class ServerKeys:
         """Let a socket, before it is bound, accept authorised clients only.
 
         Its context needs an authenticator (:meth:`authenticate`). Without one, nobody is accepted.
-
-        Parameters
-        ----------
-        socket : zmq.Socket
         """
         import zmq
 
@@ -91,14 +72,7 @@ class ServerKeys:
     def authenticate(self, context: Any) -> Any:
         """Start to decide, in a thread, which clients of a context's sockets are accepted.
 
-        Parameters
-        ----------
-        context : zmq.Context
-
-        Returns
-        -------
-        zmq.auth.thread.ThreadAuthenticator
-            To be stopped before the context is closed.
+        Returns zmq.auth.thread.ThreadAuthenticator: to be stopped before the context is closed.
         """
         from zmq.auth.thread import ThreadAuthenticator
 
@@ -117,10 +91,6 @@ class ServerKeys:
             Of the socket.
         key : bytes
             In Z85.
-
-        Returns
-        -------
-        bool
         """
         return key in _public_keys(self.clients)
 
@@ -134,16 +104,6 @@ class ClientKeys:
     public, secret : bytes
     server : bytes
         Public key of the server.
-
-    Examples
-    --------
-    >>> _ = create_keys("client_keys")
-    >>> keys = ClientKeys.load("client_keys")
-    >>> keys == ClientKeys.load("client_keys/client.key_secret")
-    True
-    >>> import zmq
-    >>> with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
-    ...     keys.apply(subscriber)  # and then: subscriber.connect("tcp://192.168.1.20:5555")
     """
 
     public: bytes
@@ -159,10 +119,6 @@ class ClientKeys:
         path : str or Path
             ``NAME.key_secret``, with ``server.key`` beside it; or their folder, if it holds one
             client's secret key.
-
-        Returns
-        -------
-        ClientKeys
 
         Raises
         ------
@@ -183,12 +139,7 @@ class ClientKeys:
         return cls(public, secret, server)
 
     def apply(self, socket: Any) -> None:
-        """Let a socket, before it is connected, prove who it is and check the server's key.
-
-        Parameters
-        ----------
-        socket : zmq.Socket
-        """
+        """Let a socket, before it is connected, prove who it is and check the server's key."""
         import zmq
 
         socket.setsockopt(zmq.CURVE_PUBLICKEY, self.public)
@@ -201,6 +152,8 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
 
     Files are certificates as pyzmq makes and reads them. Only their owner can read them.
 
+    Returns list of Path: the files that were made.
+
     Parameters
     ----------
     folder : str or Path
@@ -209,23 +162,11 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
     client : str
         NAME of the client: letters, digits, ``-`` and ``_``.
 
-    Returns
-    -------
-    list of Path
-        The files that were made.
-
     Raises
     ------
     InputError
         For another name or one that is taken, when pyzmq is missing or knows no CURVE, and when
         the folder cannot be written to. Nothing is overwritten.
-
-    Examples
-    --------
-    >>> [path.as_posix() for path in create_keys("keys", "robot")][:2]
-    ['keys/server.key', 'keys/server.key_secret']
-    >>> [path.as_posix() for path in create_keys("keys", "logger")]
-    ['keys/clients/logger.key', 'keys/logger.key_secret']
     """
     folder = Path(folder)
     if not _NAME.fullmatch(client) or client == SERVER:

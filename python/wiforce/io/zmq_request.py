@@ -87,11 +87,12 @@ def request(
 ) -> str | None:
     """Ask a :class:`zmq_sockets.Replies` for something.
 
+    Returns str or None: the answer; None when there is none in time.
+
     Parameters
     ----------
     endpoint : str
         As for :func:`zmq_sockets.endpoint_of`.
-    word : str
     timeout_s : float
         Time to wait for the answer.
     option : str
@@ -99,20 +100,10 @@ def request(
     keys : ClientKeys, optional
         Where the server has keys.
 
-    Returns
-    -------
-    str or None
-        The answer; None when there is none in time.
-
     Raises
     ------
     InputError
         When pyzmq is missing, the endpoint is none, or the server does not accept the keys.
-
-    Examples
-    --------
-    >>> request("5556", "status", timeout_s=0.01) is None
-    True
     """
     address = endpoint_of(endpoint, option)
     zmq = optional_module("zmq", option)

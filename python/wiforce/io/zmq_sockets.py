@@ -23,23 +23,13 @@ def endpoint_of(text: str, option: str) -> str:
 
     Parameters
     ----------
-    text : str
     option : str
         Name of the option, for the message.
-
-    Returns
-    -------
-    str
 
     Raises
     ------
     InputError
         For anything else.
-
-    Examples
-    --------
-    >>> endpoint_of("5555", "--zmq")
-    'tcp://127.0.0.1:5555'
     """
     if text.startswith("ipc:///"):
         return text
@@ -58,15 +48,6 @@ def is_loopback(endpoint: str) -> bool:
     ----------
     endpoint : str
         As :func:`endpoint_of` gives it.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_loopback("tcp://127.0.0.1:5555"), is_loopback("tcp://*:5555")
-    (True, False)
     """
     if endpoint.startswith("ipc://"):
         return True
@@ -158,11 +139,6 @@ class ReadingsPublisher(_Endpoint):
     ------
     InputError
         When pyzmq is missing or the endpoint cannot be bound.
-
-    Examples
-    --------
-    >>> publisher = ReadingsPublisher("5555")  # doctest: +SKIP
-    >>> publisher.publish(Reading(0.018, "arm"), {"device_time_s": 1.5})  # doctest: +SKIP
     """
 
     kind = "XPUB"
@@ -176,23 +152,11 @@ class ReadingsPublisher(_Endpoint):
         super().__init__(endpoint, option, keys)
 
     def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
-        """Send one reading: the keys of a JSON line, and more.
-
-        Parameters
-        ----------
-        reading : Reading
-        more : mapping of str to plain values
-        """
+        """Send one reading: the keys of a JSON line, and more."""
         self.send("reading", {**reading.row(), **more})
 
     def send(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Send a JSON object whose first key, ``message``, is its kind.
-
-        Parameters
-        ----------
-        kind : str
-        values : mapping of str to plain values
-        """
+        """Send a JSON object whose first key, ``message``, is its kind."""
         text = json.dumps({"message": kind, **values}, allow_nan=False)
         with self._lock:
             if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
@@ -237,13 +201,6 @@ class Later:
     ----------
     text : str or None
         None until it is known.
-
-    Examples
-    --------
-    >>> later = Later()
-    >>> later.answer("done")
-    >>> later.text
-    'done'
     """
 
     def __init__(self) -> None:
@@ -275,11 +232,6 @@ class Replies(_Endpoint):
     ------
     InputError
         When pyzmq is missing or the endpoint cannot be bound.
-
-    Examples
-    --------
-    >>> replies = Replies("5556", str.upper)  # doctest: +SKIP
-    >>> replies.serve(most=10)  # doctest: +SKIP
     """
 
     kind = "ROUTER"
@@ -302,10 +254,7 @@ class Replies(_Endpoint):
     def serve(self, most: int) -> bool:
         """Answer what has come in, so many requests at most, and what was due; never waits.
 
-        Returns
-        -------
-        bool
-            Whether more may be there. The descriptor does not tell of these.
+        Returns bool: whether more may be there. The descriptor does not tell of these.
         """
         waiting, self._later = self._later, []
         for address, later in waiting:
@@ -343,20 +292,12 @@ def answer_words(
 ) -> Callable[[str], str | Later]:
     """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
 
+    Returns callable: from the text of a request to that of its answer.
+
     Parameters
     ----------
     handlers : mapping of str to callable
         Handler of each word.
-
-    Returns
-    -------
-    callable
-        From the text of a request to that of its answer.
-
-    Examples
-    --------
-    >>> answer_words({"tare": dict})("tare")
-    '{"ok": true}'
     """
 
     def answer(word: str) -> str | Later:

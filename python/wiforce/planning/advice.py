@@ -10,14 +10,14 @@ from ..errors import InputError
 from ..scene import Scene
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .bands import outside_band
-from .clocks import ClockReport, assess_clocks
-from .expected import expect
+from .clocks.assessment import ClockReport, assess_clocks
+from .clocks.mains import lamp_multiples, lines_lie, lines_near_lamps
+from .clocks.proposals import clocks_for
+from .expected import phase_std_deg
 from .levels import receive_levels, why_not_readable
-from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
-from .packet_advice import packet_changes, packet_warnings
+from .packets.advice import packet_warnings
 from .plan import Plan
 from .plan import plan as plan_of
-from .proposed_clocks import propose_clocks
 
 # A press that rises within so many groups is blurred by them.
 _GROUPS_PER_RISE = 2
@@ -28,9 +28,9 @@ _LEVELS_APART_DB = 20
 # Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
 # Clocks are assessed in groups of at most this length: longer ones only resolve more.
-_LONGEST_ASSESSED, _LONGEST_SEARCHED = 1250, 625
-# Tags for which another clock is sought, those that lose most; each takes as long as a plan.
-_TAGS_CHANGED = 4
+_LONGEST_ASSESSED = 1250
+# Another clock is worth a warning when it lies half as far again from the lamps' lines.
+_FARTHER = 1.5
 # A reference of so many groups adds 1/12 to the variance of a reading.
 _REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
 # A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
@@ -48,11 +48,6 @@ class Proposal:
     reason : str
     phase_std_deg, time_resolution_s : tuple of float, length 2
         Noise of the worst end and length of a phase group, now and after the change.
-
-    Examples
-    --------
-    >>> Proposal("reference_s: 0.44", "longer", (0.1, 0.09), (0.036, 0.036)).change
-    'reference_s: 0.44'
     """
 
     change: str
@@ -64,22 +59,12 @@ class Proposal:
 def warnings(plan: Plan) -> list[str]:
     """What may go wrong in a scene.
 
+    Returns list of str: a sentence each.
+
     Parameters
     ----------
     plan : Plan
         Of the scene.
-
-    Returns
-    -------
-    list of str
-        A sentence each.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> warnings(plan(load_scene("two_sensors")))[0][:59]
-    "clock collision: line 7 of 'left' falls on line 5 of 'right"
     """
     scene = plan.require_scene()
     if scene.packets is not None:
@@ -92,7 +77,7 @@ def warnings(plan: Plan) -> list[str]:
     return [
         *outside_band(scene),
         *_clock_warnings(scene, plan),
-        *lamp_warnings(plan),
+        *_lamp_warnings(scene, plan),
         *_motion_warnings(scene, plan),
         *_receiver_warnings(scene),
         *_sensor_warnings(scene),
@@ -139,6 +124,40 @@ def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
         )
 
 
+def _lamp_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
+    """Tags whose lines lamps disturb, where another clock would help."""
+    near = list(lines_near_lamps(plan))
+    if not near:
+        return
+    try:
+        clocks_hz = clocks_for(scene, len(scene.sensors)).clocks_hz
+    except InputError:
+        return
+    mains_hz = scene.environment.possible_mains_hz
+    for found in near:
+        hz = clocks_hz[found.tag]
+        distance_hz = float(lamp_distances_hz(hz, mains_hz).min())
+        if distance_hz < _FARTHER * found.distance_hz or distance_hz == 0:
+            continue
+        if not _is_planned(scene.with_clocks({found.tag: hz})):
+            continue
+        yield (
+            f"lamps: {lines_lie(found.lines, scene.sensor_names[found.tag])} within one bin "
+            f"({1 / plan.group_period_s:.3g} Hz) of {lamp_multiples(mains_hz)}; with a clock of "
+            f"{hz:g} Hz they keep {distance_hz:g} Hz away (environment.mains_hz: null where there "
+            "are no lamps)"
+        )
+
+
+def _is_planned(scene: Scene) -> bool:
+    """Whether a scene is accepted."""
+    try:
+        plan_of(scene)
+    except InputError:
+        return False
+    return True
+
+
 def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
     period_s = plan.group_period_s
     fast = [p.rise_s for p in scene.simulation.presses if p.rise_s < _GROUPS_PER_RISE * period_s]
@@ -179,20 +198,7 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
 def accepted_suspicions(scene: Scene) -> list[str]:
     """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    list of str
-        A sentence each.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> accepted_suspicions(load_scene("demo"))
-    []
+    Returns list of str: a sentence each.
     """
     return [
         f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
@@ -230,50 +236,39 @@ def improve(plan: Plan) -> list[Proposal]:
     ----------
     plan : Plan
         Of the scene.
-
-    Returns
-    -------
-    list of Proposal
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> improve(plan(load_scene("demo")))[0].change
-    'sounding.frame_length: 320, phase_group.snapshots: 1406'
     """
-    now = _worst_std(plan)
+    now = float(phase_std_deg(plan).max())
     found = []
-    scene = plan.require_scene()
-    against_lamps = []
-    if scene.packets is None:
-        against_lamps = [*_lamp_changes(scene, plan), *_all_clocks_changes(scene, plan)]
-    for change, reason, better in [*_changes(scene, plan), *against_lamps]:
+    for change, reason, better in _changes(plan.require_scene(), plan):
         try:
             changed = plan_of(better)
-            std = _worst_std(changed)
+            std = float(phase_std_deg(changed).max())
         except InputError:
             continue
         faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
-        useful = faster or (change, reason, better) in against_lamps
+        useful = faster or _farther_from_lamps(plan, changed)
         if std < _WORTHWHILE_NOISE * now or (useful and std < now / _WORTHWHILE_NOISE):
             times = (plan.group_period_s, changed.group_period_s)
             found.append(Proposal(change, reason, (now, std), times))
     return found
 
 
-def _worst_std(plan: Plan) -> float:
-    return max(max(sensor.phase_std_deg) for sensor in expect(plan))
+def _farther_from_lamps(plan: Plan, changed: Plan) -> bool:
+    """Whether a change moves lines of tags away from those of lamps, and no others near them."""
+    near, still = (
+        {found.tag: found.distance_hz for found in lines_near_lamps(chosen)}
+        for chosen in (plan, changed)
+    )
+    farther = [still.get(tag, np.inf) >= _FARTHER * hz for tag, hz in near.items()]
+    return any(farther) and all(hz >= near.get(tag, np.inf) for tag, hz in still.items())
 
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
     """Text of the change, why, and the changed scene."""
-    if scene.packets is not None:
-        yield from packet_changes(scene, plan)
-    else:
+    if scene.packets is None:
         yield from _guard_changes(scene)
         yield from _length_changes(scene, plan)
-        yield from _clock_changes(scene, plan)
+    yield from _clock_changes(scene)
     if plan.reference_groups < _REFERENCE_GROUPS:
         reference_s = round(_REFERENCE_GROUPS * plan.group_period_s + 0.005, 2)
         yield (
@@ -317,82 +312,38 @@ def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]
             )
 
 
-def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
-    """Another clock for each tag but the first, or for those that lose most."""
-    clocks_hz = [sensor.clock_hz for sensor in scene.sensors]
-    tags = list(range(1, len(clocks_hz)))
-    if len(tags) > _TAGS_CHANGED:
-        loss_db = np.max(np.reshape([end.loss_db for end in _assess(plan).ends], (-1, 2)), axis=1)
-        tags = sorted(sorted(tags, key=lambda i: -loss_db[i])[:_TAGS_CHANGED])
-    for i in tags:
-        others = clocks_hz[:i] + clocks_hz[i + 1 :]
-        try:
-            (clock_hz,) = propose_clocks(
-                1,
-                plan.waveform,
-                min(plan.group_length, _LONGEST_SEARCHED),
-                others,
-                tolerance_ppm=plan.clocks[i].planned_ppm,
-                clutter_hz=plan.clutter_hz,
-                mains_hz=scene.environment.possible_mains_hz,
-            )
-        except InputError:
-            continue
-        reason = f"lines of '{scene.sensors[i].name}' further from those of the other tags"
-        yield _with_clock(scene, i, clock_hz, reason)
-
-
-def _with_clock(scene: Scene, i: int, clock_hz: float, reason: str) -> tuple[str, str, Scene]:
-    sensors = list(scene.sensors)
-    sensors[i] = replace(sensors[i], clock_hz=clock_hz)
-    changed = replace(scene, sensors=tuple(sensors))
-    return f"sensors[{i}].clock_hz: {clock_hz:g}", reason, changed
-
-
-def _lamp_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
-    """Clocks whose lines keep away from those of lamps, at no more noise."""
-    mains_hz = scene.environment.possible_mains_hz
-    for found in lines_near_lamps(plan):
-        if found.better_hz is not None:
-            reason = (
-                f"strong lines of '{scene.sensor_names[found.tag]}' "
-                f"{found.better_distance_hz:g} Hz instead of {found.distance_hz:g} Hz from "
-                f"{lamp_multiples(mains_hz)}, where lamps have theirs"
-            )
-            yield _with_clock(scene, found.tag, found.better_hz, reason)
-
-
-def _all_clocks_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
-    """Other clocks for all tags at once, where this keeps more than one tag away from lamps."""
-    mains_hz = scene.environment.possible_mains_hz
-
-    def near_lamps(clocks_hz: Sequence[float]) -> int:
-        return sum(
-            lamp_distances_hz(hz, mains_hz).min() * plan.group_period_s < 1 for hz in clocks_hz
-        )
-
-    now = near_lamps(plan.clocks_hz)
-    if now < 2:
-        return
+def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
+    """The clocks of `clocks_for`, for each tag by itself and for all tags at once."""
     try:
-        clocks_hz = propose_clocks(
-            len(plan.clocks),
-            plan.waveform,
-            min(plan.group_length, _LONGEST_ASSESSED),
-            tolerance_ppm=max(clock.planned_ppm for clock in plan.clocks),
-            clutter_hz=plan.clutter_hz,
-            mains_hz=mains_hz,
-        )
+        clocks_hz = clocks_for(scene, len(scene.sensors)).clocks_hz
     except InputError:
         return
-    after = near_lamps(clocks_hz)
-    if after <= now - 2:
-        sensors = zip(scene.sensors, clocks_hz, strict=True)
-        changed = tuple(replace(sensor, clock_hz=hz) for sensor, hz in sensors)
+    others = [i for i, hz in enumerate(clocks_hz) if hz != scene.sensors[i].clock_hz]
+    for i in others:
+        yield (
+            f"sensors[{i}].clock_hz: {clocks_hz[i]:g}",
+            f"lines of '{scene.sensors[i].name}' are {_clock_reason(scene, [i], clocks_hz)}",
+            scene.with_clocks({i: clocks_hz[i]}),
+        )
+    if len(others) > 1:
         shown = ", ".join(f"{hz:g}" for hz in clocks_hz)
         yield (
             f"sensors[0..{len(clocks_hz) - 1}].clock_hz: {shown}",
-            f"strong lines of {after} instead of {now} tags lie within one bin of "
-            f"{lamp_multiples(mains_hz)}, where lamps have theirs",
-            replace(scene, sensors=changed),
+            f"lines of all tags are {_clock_reason(scene, others, clocks_hz)}",
+            scene.with_clocks(dict(enumerate(clocks_hz))),
         )
+
+
+def _clock_reason(scene: Scene, tags: Sequence[int], clocks_hz: Sequence[float]) -> str:
+    """Why some tags should have other clocks."""
+    mains_hz = scene.environment.possible_mains_hz
+    now, then = (
+        min(float(lamp_distances_hz(hz, mains_hz).min()) for hz in clocks)
+        for clocks in ([scene.sensors[i].clock_hz for i in tags], [clocks_hz[i] for i in tags])
+    )
+    if then > now:
+        return (
+            f"{then:g} Hz instead of {now:g} Hz from {lamp_multiples(mains_hz)}, where lamps have "
+            "theirs"
+        )
+    return "further from those of other tags"

@@ -10,23 +10,7 @@ from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 def outside_band(scene: Scene) -> Iterator[str]:
     """A warning when the signal leaves the band that the scene states.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Yields
-    ------
-    str
-        A sentence; nothing when the signal lies inside, or no band is stated.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene({"environment": {"band": "us-902-928"},
-    ...                     "sensors": [{"name": "arm", "model": "line-900mhz"}]})
-    >>> print(*outside_band(scene))
-    band: the signal occupies 893.945 to 906.055 MHz, which leaves environment.band us-902-928 \
-(902 to 928 MHz): change radio.center_frequency_hz or radio.sample_rate_hz
+    Yields str: a sentence; nothing when the signal lies inside, or no band is stated.
     """
     name = scene.environment.band
     if name is None:
@@ -43,23 +27,7 @@ def outside_band(scene: Scene) -> Iterator[str]:
 
 
 def licence_note(scene: Scene) -> str | None:
-    """A remark when no band is stated and the signal lies in none that is free of licences.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    str or None
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = {"sensors": [{"name": "arm", "model": "line-900mhz"}]}
-    >>> licence_note(load_scene(scene))[:47]
-    'the signal occupies 893.945 to 906.055 MHz, whi'
-    """
+    """A remark when no band is stated and the signal lies in none that is free of licences."""
     low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
     if scene.packets is not None:  # who sends the packets is licensed, or needs no licence
         return None

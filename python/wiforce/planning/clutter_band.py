@@ -29,25 +29,15 @@ def automatic_band_hz(
     Rejecting a wide band from the start makes a room in which something begins to move as good as
     one in which it moved all the time, and costs nothing per sample.
 
+    Returns float: in Hz, at most 250; 0 for groups that are too short to reject anything but the
+    mean.
+
     Parameters
     ----------
-    clocks : sequence of TagClock, length S
     group_length : int
         Snapshots per phase group, N.
     snapshot_period_s, averaging_s : float
         T and Ta, in s.
-
-    Returns
-    -------
-    float
-        In Hz, at most 250; 0 for groups that are too short to reject anything but the mean.
-
-    Examples
-    --------
-    >>> automatic_band_hz([TagClock(1000.0)], 625, 57.6e-6, 20.48e-6)
-    250.0
-    >>> automatic_band_hz([TagClock(1000.0)], 125, 57.6e-6, 20.48e-6)
-    0.0
     """
     group_length = min(group_length, _LONGEST)
     resolution_hz = 1 / (group_length * snapshot_period_s)
@@ -67,21 +57,7 @@ def automatic_band_hz(
 def clutter_band_hz(scene: Scene, clocks: Sequence[TagClock]) -> float:
     """The scene's clutter band, or one that costs hardly anything where it states none.
 
-    Parameters
-    ----------
-    scene : Scene
-    clocks : sequence of TagClock, length S
-
-    Returns
-    -------
-    float
-        In Hz.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> clutter_band_hz(load_scene("cheap_tag"), [TagClock(1000.0)])
-    250.0
+    Returns float: in Hz.
     """
     stated_hz = scene.environment.moving_clutter_hz
     if stated_hz is not None:

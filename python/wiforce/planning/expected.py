@@ -19,7 +19,7 @@ from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
 from ..signal.timed_weights import clutter_at
-from ..simulation.skin import pressed_sensor
+from ..simulation.presses.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 
 if TYPE_CHECKING:
@@ -54,11 +54,6 @@ class Expected:
         sensor that is not readable.
     force_error_n, location_error_mm : float or None
         Median error while touched, from noise and from the reader's sensor model.
-
-    Examples
-    --------
-    >>> print(Expected("arm", (0.1, 0.1), (0.07, 0.07), 0.02, 0.05))
-    arm: phases 0.07/0.07 deg (noise 0.1/0.1 rms), force 0.02 N, location 0.05 mm
     """
 
     sensor: str
@@ -81,24 +76,14 @@ class Expected:
 def expect(plan: Plan) -> tuple[Expected, ...]:
     """Expected errors of every sensor of a plan.
 
+    Returns tuple of Expected: one per sensor.
+
     Parameters
     ----------
     plan : Plan
         The ``simulation`` of its scene gives noise, clutter, presses, moves and the sensor that is
         pressed. Where nothing is pressed, the calibrated span of force and location counts, with
         the errors that the calibration itself states.
-
-    Returns
-    -------
-    tuple of Expected
-        One per sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> bool(expect(plan(load_scene("demo")))[0].force_error_n < 0.2)
-    True
     """
     scene = plan.require_scene()
     levels = receive_levels(scene)
@@ -121,22 +106,12 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
 def phase_std_deg(plan: Plan) -> np.ndarray:
     """Noise of the phases alone, without the errors of force and location.
 
+    Returns ndarray of float, shape (S, 2): as ``Expected.phase_std_deg`` of every sensor.
+
     Parameters
     ----------
     plan : Plan
         Of a scene.
-
-    Returns
-    -------
-    ndarray of float, shape (S, 2)
-        As ``Expected.phase_std_deg`` of every sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> phase_std_deg(plan(load_scene("demo"))).shape
-    (1, 2)
     """
     scene = plan.require_scene()
     return _phase_std(plan, _pressed_points(scene), receive_levels(scene))
@@ -175,11 +150,9 @@ def _pressed_points(scene: Scene) -> list[np.ndarray | None]:
 def _presses(scene: Scene, index: int) -> np.ndarray | None:
     """Groups in which a sensor is steadily touched; None where there are none.
 
-    Returns
-    -------
-    ndarray, shape (n, 6) or None
-        Force, location, changes of both phases against the untouched sensor, and how much of
-        these changes is motion of the tag (twice, one for each phase).
+    Returns ndarray, shape (n, 6) or None: force, location, changes of both phases against the
+    untouched sensor, and how much of these changes is motion of the tag (twice, one for each
+    phase).
     """
     carrier_hz = scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s

@@ -28,11 +28,6 @@ class ReceivedLevels:
         Amplitude of the first tag's line +1, in ADC steps.
     noise_steps : float
         Standard deviation of a component of a sample's noise, in ADC steps.
-
-    Examples
-    --------
-    >>> ReceivedLevels(0.005, 1e-4, tag_steps=2.0, noise_steps=0.1).out_of_range
-    True
     """
 
     noise: float
@@ -47,42 +42,12 @@ class ReceivedLevels:
 
 
 def line_amplitude(scene: Scene) -> float:
-    """Amplitude c1[1] of the first tag's line +1, in units of rho.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> round(line_amplitude(load_scene("demo")), 4)
-    0.2249
-    """
+    """Amplitude c1[1] of the first tag's line +1, in units of rho."""
     return float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
 
 
 def receive_levels(scene: Scene) -> ReceivedLevels:
-    """Levels at the receiver when the signal's peak is as far below full scale as simulated.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    ReceivedLevels
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> receive_levels(load_scene("demo")).out_of_range
-    False
-    """
+    """Levels at the receiver when the signal's peak is as far below full scale as simulated."""
     simulation, waveform = scene.simulation, scene.waveform()
     line = line_amplitude(scene)
     noise = line**2 / 10 ** (simulation.snr_db / 10)
@@ -102,24 +67,14 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
 def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
     """Why a sensor of a simulated scene cannot be read.
 
+    Returns str or None: None when it can be read.
+
     Parameters
     ----------
-    scene : Scene
     index : int
         Of the sensor.
     levels : ReceivedLevels, optional
         Those of the scene, when they are known already.
-
-    Returns
-    -------
-    str or None
-        None when it can be read.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> why_not_readable(load_scene("demo"), 0) is None
-    True
     """
     tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
     if levels.out_of_range:

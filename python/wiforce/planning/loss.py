@@ -30,6 +30,8 @@ def losses_db(
 ) -> dict[int, np.ndarray]:
     """Loss of each end for several numbers of harmonics, of which a group resolves the lines.
 
+    Returns dict of int to ndarray: by the number of harmonics.
+
     Parameters
     ----------
     choices : sequence of int
@@ -38,16 +40,6 @@ def losses_db(
         As for :func:`line_loss_db`.
     times_s : ndarray, shape (N,), optional
         Times of the snapshots from the group's centre, in s; None on a grid.
-
-    Returns
-    -------
-    dict of int to ndarray
-        By the number of harmonics.
-
-    Examples
-    --------
-    >>> losses_db((8, 24), [TagClock(1000.0)], 40, 57.6e-6, 20.48e-6, 0.0).keys()
-    dict_keys([8])
     """
     clocks_hz, period_s = [clock.clock_hz for clock in clocks], group_length * snapshot_period_s
     losses: dict[int, np.ndarray] = {}
@@ -70,25 +62,12 @@ def losses_db(
 def timed_loss_db(clocks: Sequence[TagClock], table: TimedTable, averaging_s: float) -> np.ndarray:
     """Loss of each end from using only the lines of a table for irregular times.
 
+    Returns ndarray of float, shape (2S,): as :func:`line_loss_db`.
+
     Parameters
     ----------
-    clocks : sequence of TagClock, length S
-    table : TimedTable
     averaging_s : float
         Ta, in s.
-
-    Returns
-    -------
-    ndarray of float, shape (2S,)
-        As :func:`line_loss_db`.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.timed_weights import timed_table
-    >>> times_s = np.sort(np.random.default_rng(1).uniform(-0.25, 0.25, 450))
-    >>> table = timed_table([120.0], times_s, 0.5)
-    >>> timed_loss_db([TagClock(120.0)], table, 6.4e-6).round(1)
-    array([0.4, 0.8])
     """
     times_s = table.times_s
     clutter = np.linalg.qr(clutter_at(times_s, table.group_period_s, table.clutter_hz))[0]
@@ -106,29 +85,18 @@ def line_loss_db(
 ) -> np.ndarray:
     """Loss of each end from using only lines +-1..+-``harmonics``, clocks off by their tolerance.
 
+    Returns ndarray of float, shape (2S,): in dB: ratio of an end's variance to that of least
+    squares over all snapshots of the same group, [s1, s2, clutter]; the mean over some clock phases
+    and both signs of the clocks' errors.
+
     Parameters
     ----------
-    clocks : sequence of TagClock, length S
     group_length : int
         Snapshots per phase group, N.
     snapshot_period_s, averaging_s : float
         T and Ta, in s.
     clutter_hz : float
         Highest Doppler frequency of anything that moves.
-    harmonics : int
-
-    Returns
-    -------
-    ndarray of float, shape (2S,)
-        In dB: ratio of an end's variance to that of least squares over all snapshots of the same
-        group, [s1, s2, clutter]; the mean over some clock phases and both signs of the clocks'
-        errors.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
-    >>> line_loss_db([TagClock(1000.0)], 625, 57.6e-6, 20.48e-6, 0.0, 8).round(2)
-    array([0.27, 0.44])
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
     group_length = min(group_length, _LONGEST)
@@ -165,27 +133,17 @@ def end_variances(
 ) -> np.ndarray:
     """Variances of the ends by least squares over all snapshots of a group, clutter projected out.
 
+    Returns ndarray of float, shape (2S,): in units of the noise in H; the sum over some clock
+    phases.
+
     Parameters
     ----------
-    clocks : sequence of TagClock, length S
     times_s : ndarray, shape (N,)
         Of the snapshots, from the group's centre.
     averaging_s : float
         Ta, in s.
     clutter : ndarray of float, shape (N, order)
         Orthonormal.
-
-    Returns
-    -------
-    ndarray of float, shape (2S,)
-        In units of the noise in H; the sum over some clock phases.
-
-    Examples
-    --------
-    >>> times_s = np.arange(-312, 313) * 57.6e-6
-    >>> still = np.full((625, 1), 625**-0.5)
-    >>> end_variances([TagClock(1000.0)], times_s, 20.48e-6, still).round(4)
-    array([0.0303, 0.0315])
     """
     total = np.zeros(2 * len(clocks))
     for phase in _PHASES:

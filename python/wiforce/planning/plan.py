@@ -23,7 +23,7 @@ from ..signal.weights import ToneTable, design_weights
 from ..surface.skin import Skin
 from .clutter_band import clutter_band_hz
 from .loss import losses_db
-from .packet_times import typical_times_s
+from .packets.times import typical_times_s
 
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be. More
 # lines cost processor time in proportion; 0.1 dB is 1 % of a standard deviation.
@@ -46,12 +46,6 @@ class PlannedSensor:
         Stated random walk of the untouched phases; None where it is learned.
     turns_per_s : float or None
         Stated rate of turns of the tag or an antenna; None where it is learned.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> plan(load_scene("demo")).sensors[0].name
-    'arm'
     """
 
     name: str
@@ -294,20 +288,10 @@ def as_plan(plan_or_scene: PlanOrScene) -> Plan:
     plan_or_scene : Plan, or str, Path, dict or Scene
         A scene is planned with its own settings.
 
-    Returns
-    -------
-    Plan
-
     Raises
     ------
     InputError
         As for :func:`plan`.
-
-    Examples
-    --------
-    >>> settings = plan("demo")
-    >>> as_plan(settings) is settings, as_plan("demo").group_length
-    (True, 625)
     """
     return plan_or_scene if isinstance(plan_or_scene, Plan) else plan(plan_or_scene)
 

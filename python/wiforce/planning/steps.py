@@ -30,11 +30,6 @@ class Step:
     reason : str
     operations : float
         Real additions and multiplications per second of signal, spent or saved.
-
-    Examples
-    --------
-    >>> Step("inversion while untouched", False, "not defined", 2222.0).needed
-    False
     """
 
     name: str
@@ -50,17 +45,6 @@ def steps(plan: Plan) -> tuple[Step, ...]:
     ----------
     plan : Plan
         Of a scene.
-
-    Returns
-    -------
-    tuple of Step
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> [step.name for step in steps(plan(load_scene("demo"))) if step.needed][:3]
-    ['fold', 'tones', 'channel']
     """
     if plan.times_s is not None:
         return (*_packet_steps(plan), *list(_group_steps(plan))[1:])
@@ -142,24 +126,7 @@ def _tones_reason(plan: Plan) -> str:
 
 
 def with_more_lines(plan: Plan) -> Plan | None:
-    """The plan with the most lines that its weights can separate; None where it has them.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    Plan or None
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> demo = plan(load_scene("demo"))
-    >>> demo.harmonics, with_more_lines(demo).harmonics
-    (12, 24)
-    """
+    """The plan with the most lines that its weights can separate; None where it has them."""
     for harmonics in reversed(HARMONICS):
         if harmonics <= plan.harmonics:
             return None

@@ -31,11 +31,6 @@ class SurfaceExpected:
     force_error_n_by_noise, x_error_mm_by_noise, y_error_mm_by_noise : float or None
         The Cramer-Rao bound of the noise of the phases alone, as a median; None where a single
         strip is touched, which does not determine y.
-
-    Examples
-    --------
-    >>> SurfaceExpected(40.0, 6.0, 5.0, "", 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).y_error_mm
-    0.3
     """
 
     x_mm: float
@@ -53,23 +48,13 @@ class SurfaceExpected:
 def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
     """Expected errors on the strips of a surface and halfway between them.
 
+    Returns tuple of SurfaceExpected: in the order of y, for a press in the middle along x with half
+    of the force that the strips' calibrations reach. Empty without a surface.
+
     Parameters
     ----------
     plan : Plan
         Of a scene with a surface; its ``simulation`` gives the noise.
-
-    Returns
-    -------
-    tuple of SurfaceExpected
-        In the order of y, for a press in the middle along x with half of the force that the strips'
-        calibrations reach. Empty without a surface.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> points = expect_surface(plan("surface_four_strips"))
-    >>> [point.strip for point in points][:3], points[1].y_mm
-    (['strip1', '', 'strip2'], 6.0)
     """
     skin = plan.skin
     if skin is None:
@@ -134,20 +119,6 @@ def surface_warnings(plan: Plan) -> list[str]:
     ----------
     plan : Plan
         Of a scene.
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("surface_four_strips")
-    >>> bare = replace(scene, surface=replace(scene.surface, spreading=None))
-    >>> print(surface_warnings(plan(bare))[0])
-    surface: without a spreading law it is not read; `calibrate --surface` makes one
     """
     surface = plan.require_scene().surface
     if surface is None:

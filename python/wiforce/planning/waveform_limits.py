@@ -45,13 +45,6 @@ class WaveformLimits:
         fs at which averaging halves the power of the line at 4 fs.
     averaging_loss_db : tuple of tuple of float
         Loss of the lines at fs and 4 fs by averaging, for each sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> limits = waveform_limits(plan("demo"))
-    >>> round(limits.peak_to_average_db, 1), round(limits.clock_below_hz)
-    (3.4, 2170)
     """
 
     name: str
@@ -68,22 +61,7 @@ class WaveformLimits:
 
 
 def waveform_limits(plan: Plan) -> WaveformLimits:
-    """The figures of a plan's waveform.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    WaveformLimits
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> [[round(db, 2) for db in tag] for tag in waveform_limits(plan("demo")).averaging_loss_db]
-    [[0.01, 0.1]]
-    """
+    """The figures of a plan's waveform."""
     waveform = plan.waveform
     low, high = waveform.outermost_hz
     return WaveformLimits(
@@ -108,22 +86,7 @@ def waveform_limits(plan: Plan) -> WaveformLimits:
 
 
 def waveform_warnings(plan: Plan) -> Iterator[str]:
-    """What a plan's waveform costs or cannot do.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Yields
-    ------
-    str
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> list(waveform_warnings(plan("demo")))
-    []
-    """
+    """What a plan's waveform costs or cannot do."""
     limits = waveform_limits(plan)
     losses = [tag[1] for tag in limits.averaging_loss_db]
     if losses and max(losses) >= _WORTHWHILE_DB:

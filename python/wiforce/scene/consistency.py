@@ -29,7 +29,6 @@ def check_scene(scene: Scene, source: str) -> None:
 
     Parameters
     ----------
-    scene : Scene
     source : str
         Name of the file, for messages.
 
@@ -37,17 +36,6 @@ def check_scene(scene: Scene, source: str) -> None:
     ------
     InputError
         Naming file, dotted key, rule and value of the first contradiction.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> check_scene(scene, "scene.yaml")
-    >>> check_scene(replace(scene, sensors=2 * scene.sensors), "scene.yaml")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: scene.yaml: sensors[1].name: must differ from every other \
-sensor's, got 'arm'
     """
     for check in (
         _packets,
@@ -200,20 +188,7 @@ def simulation_warnings(scene: Scene) -> list[str]:
     Such readings have no calibration error, and are better than those of any real sensor. Presses
     within the first millimetre, which are probably meant in metres, are named as well.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    list of str
-        A sentence each.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> simulation_warnings(load_scene("demo"))
-    []
+    Returns list of str: a sentence each.
     """
     models = {sensor.name: sensor.model for sensor in scene.sensors}
     found = [

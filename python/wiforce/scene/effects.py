@@ -21,13 +21,7 @@ def _not_below_shortest(longest_s: float, scope: Scope) -> str | None:
 
 @declared
 class Bursts:
-    """Bursts of other transmitters, such as Wi-Fi frames, over the whole band.
-
-    Examples
-    --------
-    >>> Bursts(share=0.4).longest_s
-    0.002
-    """
+    """Bursts of other transmitters, such as Wi-Fi frames, over the whole band."""
 
     share: float = key(_SHARE, default=0.2, doc="Share of the time in which a burst is on the air.")
     shortest_s: float = key(_BURST, default=0.3e-3, doc="Shortest burst.")
@@ -44,13 +38,7 @@ class Bursts:
 
 @declared
 class Hopper:
-    """A narrow-band transmitter that hops, such as Bluetooth.
-
-    Examples
-    --------
-    >>> Hopper().subcarriers
-    8
-    """
+    """A narrow-band transmitter that hops, such as Bluetooth."""
 
     subcarriers: int = key(
         Integer(low=1, high=64),
@@ -75,13 +63,7 @@ class Hopper:
 
 @declared
 class FrontEnd:
-    """What the analogue parts of transmitter and receiver do to the signal.
-
-    Examples
-    --------
-    >>> FrontEnd(receiver_gain_db=0.5, receiver_phase_deg=3.0).dc_offset
-    0.0
-    """
+    """What the analogue parts of transmitter and receiver do to the signal."""
 
     receiver_gain_db: float = key(
         _IMBALANCE_DB, default=0.0, doc="Gain of the receiver's Q relative to its I."
@@ -113,13 +95,7 @@ class FrontEnd:
 
 @declared
 class Ripple:
-    """Amplitude modulation of all that is received, for example by a power supply.
-
-    Examples
-    --------
-    >>> Ripple().hz
-    50.0
-    """
+    """Amplitude modulation of all that is received, for example by a power supply."""
 
     percent: float = key(
         Number(unit="%", low=0, high=100), default=10.0, doc="Amplitude of the modulation."
@@ -131,13 +107,7 @@ class Ripple:
 
 @declared
 class Lamps:
-    """Lamps whose reflections are modulated at twice the mains frequency and its harmonics.
-
-    Examples
-    --------
-    >>> Lamps().mains_hz
-    50.0
-    """
+    """Lamps whose reflections are modulated at twice the mains frequency and its harmonics."""
 
     mains_hz: float = key(
         Number(unit="Hz", low=10, high=1000), default=50.0, doc="Mains frequency."
@@ -158,13 +128,7 @@ class Lamps:
 
 @declared
 class Fan:
-    """A fan whose blades reflect.
-
-    Examples
-    --------
-    >>> Fan().blade_hz
-    40.0
-    """
+    """A fan whose blades reflect."""
 
     blade_hz: float = key(
         Number(unit="Hz", low=0.1, high=1000),
@@ -183,13 +147,7 @@ class Fan:
 
 @declared
 class Walker:
-    """A person who walks, stops, and walks again.
-
-    Examples
-    --------
-    >>> Walker().highest_hz
-    30.0
-    """
+    """A person who walks, stops, and walks again."""
 
     level_db: float = key(
         _LEVEL, default=20.0, doc="Power of all that the person reflects relative to |c1[1] G1|^2."
@@ -211,13 +169,7 @@ class Walker:
 
 @declared
 class OtherTag:
-    """A tag that the scene does not list among its sensors.
-
-    Examples
-    --------
-    >>> OtherTag(clock_hz=1000.0, clock_offset_ppm=60.0).level_db
-    -10.0
-    """
+    """A tag that the scene does not list among its sensors."""
 
     clock_hz: float = key(
         Number(unit="Hz", low=0, above=True, high=1e6), doc="Frequency of its clock 1."
@@ -237,13 +189,7 @@ class OtherTag:
 
 @declared
 class Beam:
-    """How the soft beam of a sensor deviates from an elastic one.
-
-    Examples
-    --------
-    >>> Beam(hysteresis=0.1).creep_s
-    2.0
-    """
+    """How the soft beam of a sensor deviates from an elastic one."""
 
     hysteresis: float = key(
         Number(low=0, high=1),
@@ -263,13 +209,7 @@ class Beam:
 
 @declared
 class Hand:
-    """The hand that presses, as a second path between tag and reader.
-
-    Examples
-    --------
-    >>> Hand().level_db
-    -20.0
-    """
+    """The hand that presses, as a second path between tag and reader."""
 
     level_db: float = key(
         _LEVEL,

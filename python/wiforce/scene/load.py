@@ -68,30 +68,10 @@ def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
 
     Sensor files are searched relative to the capture.
 
-    Parameters
-    ----------
-    capture : Capture or ChannelSnapshots
-
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     InputError
         When there is none, or for a mistake in it (see :func:`load_scene`).
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> from gnuradio.wiforce.simulation.simulator import simulate
-    >>> short = {"sensors": [{"name": "arm", "model": "line-900mhz"}],
-    ...          "simulation": {"duration_s": 0.04}}
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = simulate(load_scene(short), f"{folder}/press")
-    ...     load_capture_scene(open_capture(f"{folder}/press")).sensor_names
-    ('arm',)
     """
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
@@ -132,24 +112,12 @@ def _with_symbol(sounding: Sounding, where: KeyPath, path: Path | None) -> Sound
 
 
 def shipped_scenes() -> list[str]:
-    """Names of the scenes that are shipped, sorted.
-
-    Examples
-    --------
-    >>> "demo" in shipped_scenes()
-    True
-    """
+    """Names of the scenes that are shipped, sorted."""
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
 def sampled_scenes() -> list[str]:
-    """Names of the scenes that are shipped and describe samples, not packets; sorted.
-
-    Examples
-    --------
-    >>> "demo" in sampled_scenes(), "wifi_packets" in sampled_scenes()
-    (True, False)
-    """
+    """Names of the scenes that are shipped and describe samples, not packets; sorted."""
     return [name for name in shipped_scenes() if load_scene(name).packets is None]
 
 
@@ -160,15 +128,6 @@ def about_scene(name: str) -> str:
     ----------
     name : str
         Name of a shipped scene, or a file.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> "press" in about_scene("demo")
-    True
     """
     lines = _scene_path(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line.lstrip("# ") for line in takewhile(lambda x: x.startswith("#"), lines))

@@ -19,11 +19,6 @@ class MainsFrequency(ValueType):
     ----------
     optional : bool
         Whether null, a room without lamps, is allowed.
-
-    Examples
-    --------
-    >>> MainsFrequency().read("60", KeyPath("scene.yaml"), Scope())
-    60.0
     """
 
     @property

@@ -17,11 +17,6 @@ class OffReflection(ValueType):
     ----------
     optional : bool
         Whether null is allowed.
-
-    Examples
-    --------
-    >>> OffReflection().read([0.1, 0.2], KeyPath("scene.yaml"), Scope())
-    ((0.1+0.2j), (0.1+0.2j))
     """
 
     @property

@@ -13,13 +13,7 @@ _MOST_LOST = 0.9
 
 @declared
 class Packets:
-    """Packets, each of which gives one snapshot of the channel at a time of its own.
-
-    Examples
-    --------
-    >>> Packets().interval_s
-    0.001
-    """
+    """Packets, each of which gives one snapshot of the channel at a time of its own."""
 
     interval_s: float = key(
         Number(unit="s", low=1e-5, high=10),
@@ -53,13 +47,7 @@ class Packets:
 
 @declared
 class PacketFaults:
-    """What commodity receivers do to channel snapshots, for `simulate`.
-
-    Examples
-    --------
-    >>> PacketFaults(lost=0.1).gain_step_db
-    0.0
-    """
+    """What commodity receivers do to channel snapshots, for `simulate`."""
 
     lost: float = key(
         Number(low=0, high=_MOST_LOST), default=0.0, doc="Share of the packets that is lost."

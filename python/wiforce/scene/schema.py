@@ -36,13 +36,7 @@ _SYMBOL_TEXT = (8 * LONGEST_SYMBOL + 2) // 3 * 4
 
 @declared
 class Radio:
-    """Carrier and sample rate.
-
-    Examples
-    --------
-    >>> Radio(sample_rate_hz=1.25e6).center_frequency_hz
-    900000000.0
-    """
+    """Carrier and sample rate."""
 
     center_frequency_hz: float = key(
         Number(unit="Hz", low=CARRIERS_HZ[0], high=CARRIERS_HZ[1]),
@@ -58,13 +52,7 @@ class Radio:
 
 @declared
 class Sounding:
-    """The frame that the reader sends; each frame gives one snapshot of the channel.
-
-    Examples
-    --------
-    >>> Sounding().frame_length
-    720
-    """
+    """The frame that the reader sends; each frame gives one snapshot of the channel."""
 
     waveform: str = key(
         WaveformName(),
@@ -116,13 +104,7 @@ class Sounding:
 
 @declared
 class PhaseGroup:
-    """Snapshots per reading, and how phases are estimated from them.
-
-    Examples
-    --------
-    >>> PhaseGroup(snapshots=125).estimator
-    'harmonic'
-    """
+    """Snapshots per reading, and how phases are estimated from them."""
 
     snapshots: int = key(
         Integer(low=32, high=100_000),
@@ -153,13 +135,7 @@ def _default_antennas(scope: Any) -> int:
 
 @declared
 class Environment:
-    """What the reader knows about the room and its own clocks.
-
-    Examples
-    --------
-    >>> Environment(reader_clock="shared", receive_antennas=1).moving_clutter_hz is None
-    True
-    """
+    """What the reader knows about the room and its own clocks."""
 
     moving_clutter_hz: float | None = key(
         AutomaticNumber(unit="Hz", low=0, high=10_000),
@@ -203,13 +179,7 @@ class Environment:
 
 @declared
 class SceneSensor:
-    """A sensor of the scene and its tag, as the reader knows them.
-
-    Examples
-    --------
-    >>> SceneSensor(name="arm", model="line-900mhz").clock_tolerance_ppm
-    100.0
-    """
+    """A sensor of the scene and its tag, as the reader knows them."""
 
     name: str = key(Text(limit=64), doc="Name in the readings; differs from every other.")
     model: str = key(
@@ -260,13 +230,6 @@ class Scene:
     ----------
     path : Path or None
         The scene's file; None for a scene given as a dict.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("two_sensors")
-    >>> scene.sensor_names, round(scene.group_period_s, 6)
-    (('left', 'right'), 0.036)
     """
 
     radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")
@@ -366,6 +329,13 @@ class Scene:
         """Columns of its readings behind those that every scene has."""
         return SURFACE_COLUMNS if self.surface is not None else ()
 
+    def with_clocks(self, clocks_hz: dict[int, float]) -> "Scene":
+        """The scene with other clocks (Hz) of some sensors, by their index."""
+        sensors = list(self.sensors)
+        for i, clock_hz in clocks_hz.items():
+            sensors[i] = dataclasses.replace(sensors[i], clock_hz=clock_hz)
+        return dataclasses.replace(self, sensors=tuple(sensors))
+
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.
 
@@ -382,15 +352,5 @@ class Scene:
 
 
 def scene_json_schema() -> dict[str, Any]:
-    """JSON Schema of scene files, draft 7, for completion and checks in editors.
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> scene_json_schema()["required"]
-    ['sensors']
-    """
+    """JSON Schema of scene files, draft 7, for completion and checks in editors."""
     return {"$schema": DRAFT_7, "title": "gr-wiforce scene"} | json_schema(Scene)

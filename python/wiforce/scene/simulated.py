@@ -43,15 +43,7 @@ def _number_or(value: Any, default: float) -> float:
 
 @declared
 class Press:
-    """A press: force rises from 0, changes linearly while it is held, falls to 0 again.
-
-    Examples
-    --------
-    >>> press = Press(
-    ...     sensor="arm", start_s=0.8, hold_s=0.5, force_n=4.0, end_force_n=6.0, location_mm=45.0)
-    >>> round(press.end_s, 6)
-    1.5
-    """
+    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
 
     sensor: str = sensor_name()
     start_s: float = key(
@@ -93,13 +85,7 @@ class Press:
 
 @declared
 class Move:
-    """A movement of a sensor's tag; its two-way path grows by twice the distance.
-
-    Examples
-    --------
-    >>> Move(sensor="arm", start_s=1.0, distance_mm=5.0).duration_s
-    0.0
-    """
+    """A movement of a sensor's tag; its two-way path grows by twice the distance."""
 
     sensor: str = sensor_name()
     start_s: float = key(_TIME, doc="Start of the movement.")
@@ -120,12 +106,6 @@ class Simulation:
 
     ``truth_model``, ``clock_offset_ppm`` and ``clock_drift_ppm_per_s`` are only the defaults of
     the entries of ``tags``, which has one entry per sensor, in the order of the sensors.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> load_scene("demo").simulation.static_clutter_db
-    60.0
     """
 
     truth_model: str | None = key(

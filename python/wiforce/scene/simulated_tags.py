@@ -24,16 +24,7 @@ _DUTY_ERROR = Number(low=-0.1, high=0.1)
 def sensor_name() -> Any:
     """Declare the key by which an entry names one of the scene's sensors.
 
-    Returns
-    -------
-    object
-        What ``io.schema.key`` returns; by default the name of the only sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> load_scene("demo").simulation.presses[0].sensor  # stated, as it would be by default
-    'arm'
+    Returns object: what ``io.schema.key`` returns; by default the name of the only sensor.
     """
     return key(
         Text(limit=64),
@@ -65,14 +56,7 @@ def _truth_model(scope: Scope) -> str:
 
 @declared
 class Tag:
-    """What a simulation knows about one sensor's tag, and a reader does not.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> load_scene("demo").simulation.tags[0].truth_model
-    'line-915mhz'
-    """
+    """What a simulation knows about one sensor's tag, and a reader does not."""
 
     sensor: str = sensor_name()
     truth_model: str = key(
@@ -175,22 +159,10 @@ def with_all_tags(
     where : KeyPath
         Of the simulation in its file, for messages.
 
-    Returns
-    -------
-    Simulation
-
     Raises
     ------
     InputError
         When two entries name the same sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("two_sensors")
-    >>> complete = with_all_tags(scene.simulation, scene.sensors, KeyPath("scene.yaml"))
-    >>> [tag.sensor for tag in complete.tags]
-    ['left', 'right']
     """
     stated: dict[str, Tag] = {}
     for index, tag in enumerate(simulation.tags):

@@ -28,7 +28,6 @@ def scene_of(
 
     Parameters
     ----------
-    capture : Capture or ChannelSnapshots
     scene : str, Path, dict or Scene, optional
         As for :func:`load_scene`.
 
@@ -43,15 +42,6 @@ def scene_of(
     ------
     InputError
         For a mistake in the scene, or when there is none.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> own = load_scene("demo")
-    >>> capture = Capture(Path("a.sigmf-data"), "ci16_le", 12.5e6, 900e6, (), own.as_dict())
-    >>> scene, differences = scene_of(capture, replace(own, reference_s=0.4))
-    >>> differences
-    ["reference_s is 0.5 in the capture's own scene, 0.4 in the scene given"]
     """
     if scene is None:
         return load_capture_scene(capture), []

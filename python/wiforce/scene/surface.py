@@ -25,13 +25,7 @@ _LEAST_DISTANCE_MM = 0.1
 
 @declared
 class SurfaceStrip:
-    """A strip of a surface.
-
-    Examples
-    --------
-    >>> SurfaceStrip(sensor="left", y_mm=12.0).direction
-    '+x'
-    """
+    """A strip of a surface."""
 
     sensor: str = sensor_name()
     y_mm: float = key(POSITION, doc="Position of the strip across.")
@@ -45,14 +39,7 @@ class SurfaceStrip:
 
 @declared
 class Surface:
-    """Sensors side by side under one skin, read together as a surface.
-
-    Examples
-    --------
-    >>> strips = (SurfaceStrip(sensor="a", y_mm=0.0), SurfaceStrip(sensor="b", y_mm=12.0))
-    >>> Surface(strips=strips, spreading_file="skin.yaml").names
-    ('skin',)
-    """
+    """Sensors side by side under one skin, read together as a surface."""
 
     name: str = key(
         Text(limit=64), default="skin", doc="Name in the readings; differs from every sensor's."
@@ -97,10 +84,6 @@ class Surface:
         folder : Path
             Of the scene file.
 
-        Returns
-        -------
-        SpreadingKeys
-
         Raises
         ------
         InputError
@@ -114,20 +97,7 @@ class Surface:
 def skin_of(scene: "Scene") -> Skin | None:
     """The surface of a scene, with its models and its spreading law.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    Skin or None
-        None for a scene without a surface, or without its spreading law.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> skin_of(load_scene("demo")) is None
-    True
+    Returns Skin or None: None for a scene without a surface, or without its spreading law.
     """
     bare = bare_skin(scene)
     if bare is None or scene.surface is None or not scene.surface.known:
@@ -139,20 +109,7 @@ def skin_of(scene: "Scene") -> Skin | None:
 def bare_skin(scene: "Scene") -> Skin | None:
     """The surface of a scene with a spreading law that means nothing.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    Skin or None
-        None for a scene without a surface.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> bare_skin(load_scene("surface_four_strips")).y_mm.tolist()
-    [0.0, 12.0, 24.0, 36.0]
+    Returns Skin or None: None for a scene without a surface.
     """
     surface = scene.surface
     if surface is None:
@@ -176,20 +133,7 @@ def bare_skin(scene: "Scene") -> Skin | None:
 def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:
     """What contradicts itself in the surface of a scene and in the presses on it.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Yields
-    ------
-    tuple
-        Dotted key, rule and value, where the rule does not state the value itself.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> list(surface_violations(load_scene("demo")))
-    []
+    Yields tuple: dotted key, rule and value, where the rule does not state the value itself.
     """
     surface = scene.surface
     presses = scene.simulation.surface_presses

@@ -17,13 +17,7 @@ def _force(scope: Any) -> float:
 
 @declared
 class Plate:
-    """A skin that acts as a thin plate on an elastic foundation.
-
-    Examples
-    --------
-    >>> Plate().reach_mm
-    10.0
-    """
+    """A skin that acts as a thin plate on an elastic foundation."""
 
     reach_mm: float = key(
         Number(unit="mm", low=0.5, high=1000),
@@ -41,15 +35,7 @@ class Plate:
 
 @declared
 class SurfacePress:
-    """A press on the surface; its force over time is that of ``simulation.presses``.
-
-    Examples
-    --------
-    >>> press = SurfacePress(
-    ...     start_s=0.8, hold_s=0.5, force_n=4.0, end_force_n=6.0, x_mm=45.0, y_mm=6.0)
-    >>> round(press.end_s, 6)
-    1.5
-    """
+    """A press on the surface; its force over time is that of ``simulation.presses``."""
 
     start_s: float = key(_TIME, doc="Start of the press, not before `reference_s`.")
     rise_s: float = key(

@@ -1,64 +1,63 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensor models, their calibration and inversion."""
+"""Sensor models: phases from force and location, the inverse, and their files.
 
-from .calibration import calibrate
-from .calibration_session import CalibrationSession
-from .calibration_warnings import calibration_warnings
+`model` is what every sensor can do, `line` the physics of a pressed line, `curves` calibrated
+curves and `location` what lies between their locations. `inversion` gives force and location of
+phases by a model tabulated in `forward`; `tracker` and `smoother` follow a press over time.
+"""
+
+from importlib import import_module
+from typing import Any
+
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
-from .force_gauge import ForceGauge, parse_force
 from .inversion import Inversion
-from .line_estimate import estimate_line
 from .model import LineModel, SensorModel
-from .phase_plausibility import phase_suspicions
-from .plausibility import suspicions
-from .press_measurement import PressMeasurement, measure_press, measure_untouched
-from .refine import refine
-from .session_plan import SessionPlan
-from .simulated_vna import measure_vna
 from .smoother import smooth_press
-from .tables import (
-    CalibrationTable,
-    read_tap_csv,
-    read_touchstone_index,
-    read_vna_csv,
-    table_kind,
-    write_vna_csv,
-)
 from .touch_test import touch_of
 from .tracker import PressTracker
-from .verdict import verdict
+
+# Where `calibration` and `gauges` have the names that programs import from here.
+_ELSEWHERE = {
+    "CalibrationSession": "calibration.guided.session",
+    "CalibrationTable": "calibration.tables",
+    "ForceGauge": "gauges.units",
+    "PressMeasurement": "calibration.guided.press_measurement",
+    "SessionPlan": "calibration.guided.session_plan",
+    "calibrate": "calibration.calibrate",
+    "calibration_warnings": "calibration.verdict",
+    "estimate_line": "calibration.line_estimate",
+    "measure_press": "calibration.guided.press_measurement",
+    "measure_untouched": "calibration.guided.press_measurement",
+    "measure_vna": "calibration.simulated_vna",
+    "parse_force": "gauges.units",
+    "phase_suspicions": "calibration.mistakes",
+    "read_tap_csv": "calibration.tables",
+    "read_touchstone_index": "calibration.tables",
+    "read_vna_csv": "calibration.tables",
+    "refine": "calibration.refine",
+    "suspicions": "calibration.mistakes",
+    "table_kind": "calibration.tables",
+    "verdict": "calibration.verdict",
+    "write_vna_csv": "calibration.tables",
+}
 
 __all__ = [
-    "CalibrationSession",
-    "CalibrationTable",
-    "ForceGauge",
     "Inversion",
     "LineModel",
-    "PressMeasurement",
     "PressTracker",
     "SensorModel",
-    "SessionPlan",
-    "calibrate",
-    "calibration_warnings",
-    "estimate_line",
     "load_sensor",
-    "measure_press",
-    "measure_untouched",
-    "measure_vna",
-    "parse_force",
-    "phase_suspicions",
-    "read_tap_csv",
-    "read_touchstone_index",
-    "read_vna_csv",
-    "refine",
     "sensor_from_dict",
     "sensor_to_dict",
     "shipped_sensors",
     "smooth_press",
-    "suspicions",
-    "table_kind",
     "touch_of",
-    "verdict",
     "write_sensor",
-    "write_vna_csv",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the calibration on first use: models do not need it."""
+    if name not in _ELSEWHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__.rpartition('.')[0]}.{_ELSEWHERE[name]}"), name)

@@ -29,22 +29,14 @@ _SLOPE_STEP = 0.01
 def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndarray) -> np.ndarray:
     """Slope of a phase over force, by central differences.
 
+    Returns ndarray: in deg/N, in the shape of the phases.
+
     Parameters
     ----------
     curve : callable
         Forces in N, shape (...), to phases in degrees, shape (...) or (..., P).
     force_n : ndarray, shape (...)
         Above 0.
-
-    Returns
-    -------
-    ndarray
-        In deg/N, in the shape of the phases.
-
-    Examples
-    --------
-    >>> slope_over_force(lambda force_n: force_n**2, np.array([1.0, 4.0])).round(6).tolist()
-    [2.0, 8.0]
     """
     step = _SLOPE_STEP * force_n
     change = curve(force_n + step) - curve(force_n - step)

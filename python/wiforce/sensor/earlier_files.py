@@ -24,6 +24,8 @@ def with_present_keys(content: dict[str, Any], top: KeyPath) -> dict[str, Any]:
     Rows of numbers under ``interpolation`` become transitions without a spread of their own, which
     is what each row stood for: the readings are those of the earlier version.
 
+    Returns dict: `content` itself if its keys are those of the present version.
+
     Parameters
     ----------
     content : dict
@@ -31,23 +33,10 @@ def with_present_keys(content: dict[str, Any], top: KeyPath) -> dict[str, Any]:
     top : KeyPath
         The file, for messages.
 
-    Returns
-    -------
-    dict
-        `content` itself if its keys are those of the present version.
-
     Raises
     ------
     InputError
         For a row that no version wrote.
-
-    Examples
-    --------
-    >>> row = [0.0, 8.0, 1.5, 10.0, 1.0, 4e-4]
-    >>> old = {"kind": "curves", "carriers": [{"interpolation": [row]}]}
-    >>> (transition,) = with_present_keys(old, KeyPath("arm"))["carriers"][0]["interpolation"]
-    >>> transition["shape"], transition["fade_mm"], transition["shift_mm"]
-    ('tanh', 8.0, 1.5)
     """
     carriers = content.get("carriers")
     if not isinstance(carriers, list) or not any(map(_has_rows, carriers)):

@@ -11,23 +11,16 @@ from ..errors import InputError, name_rule
 from ..io.schema import keys, plain, read
 from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml, write_yaml
-from .checks import check_onset
 from .curves import Carrier, CurveModel
 from .earlier_files import with_present_keys
 from .file_schema import FILES, CarrierCurves, Provenance, SensorFile
 from .line import ContactLaw
 from .location import Transition
-from .model import LineModel, SensorModel
+from .model import LineModel, SensorModel, check_onset
 
 
 def shipped_sensors() -> list[str]:
-    """Names of the sensors that are shipped, sorted.
-
-    Examples
-    --------
-    >>> "line-900mhz" in shipped_sensors()
-    True
-    """
+    """Names of the sensors that are shipped, sorted."""
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
@@ -107,21 +100,10 @@ def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> S
     where : str or path
         Name of the file, for messages.
 
-    Returns
-    -------
-    SensorModel
-
     Raises
     ------
     InputError
         Naming file, dotted key, rule and value.
-
-    Examples
-    --------
-    >>> sensor_from_dict({"kind": "line", "name": "arm", "length_mm": -80})
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: sensor: length_mm: must be a number above 0 and at most \
-10000 mm, got -80
     """
     top = KeyPath(str(where))
     if not isinstance(content, dict):
@@ -198,19 +180,7 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
 def sensor_to_dict(model: SensorModel) -> dict[str, Any]:
     """The content of a model's file, as plain values that YAML and JSON can hold.
 
-    Parameters
-    ----------
-    model : SensorModel
-
-    Returns
-    -------
-    dict
-        Numbers have nine significant digits, enough for any phase.
-
-    Examples
-    --------
-    >>> sensor_to_dict(load_sensor("line-900mhz"))["force_span_n"]
-    [0.9, 10.0]
+    Returns dict: numbers have nine significant digits, enough for any phase.
     """
     kind = next(kind for kind, (cls, _) in _MODELS.items() if isinstance(model, cls))
     content: dict[str, Any] = {}

@@ -14,13 +14,7 @@ from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema
 from ..io.values import AnyMapping, Choice, Date, Number, Scope, Text, Texts
 from .curves import FORMS, force_basis
 from .location import SHAPES
-from .model import (
-    LEAST,
-    LEAST_FREQUENCY_HZ,
-    MAX_FORCE_N,
-    MAX_LENGTH_MM,
-    MAX_PERMITTIVITY,
-)
+from .model import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 
 _LOCATIONS = Size("locations", lambda scope: len(scope["location_mm"]))
 _COEFFICIENTS = Size(
@@ -78,13 +72,7 @@ def _check_transitions(transitions: tuple["TransitionKeys", ...], scope: Scope) 
 
 @declared
 class Provenance:
-    """Where a sensor model comes from.
-
-    Examples
-    --------
-    >>> Provenance(source="bench", date="2024-05-01", assumed=[], suspicions=[]).source
-    'bench'
-    """
+    """Where a sensor model comes from."""
 
     source: str = key(Text(limit=2000), doc="The data that the model was made from.")
     date: str = key(Date(), doc="When it was made.")
@@ -103,13 +91,7 @@ class Provenance:
 
 @declared
 class Contact:
-    """How a soft beam touches the line (`sensor/line.py`).
-
-    Examples
-    --------
-    >>> Contact(decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0).width_mm
-    0.0
-    """
+    """How a soft beam touches the line (`sensor/line.py`)."""
 
     decay_length_mm: float = key(
         Number(unit="mm", low=LEAST, high=LARGEST),
@@ -133,15 +115,7 @@ class Contact:
 
 @declared
 class TransitionKeys:
-    """One way in which the contact may change along the line (`sensor/location.py`).
-
-    Examples
-    --------
-    >>> spread = {"fade_relative_std": 0.1, "shift_mm": 0.0, "shift_std_mm": 0.1}
-    >>> residual = {"residual_length_mm": 10.0, "residual_variance": 4e-4}
-    >>> TransitionKeys(shape="tanh", probability=1.0, fade_mm=8.0, **spread, **residual).shape
-    'tanh'
-    """
+    """One way in which the contact may change along the line (`sensor/location.py`)."""
 
     shape: str = key(Choice(words=SHAPES), doc="Form of the transition between its two levels.")
     probability: float = key(
@@ -170,14 +144,7 @@ class TransitionKeys:
 
 @declared
 class CarrierCurves:
-    """Calibrated curves at one carrier (`sensor/curves.py`).
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.schema import keys
-    >>> list(keys(CarrierCurves))[:3]
-    ['frequency_hz', 'untouched_deg', 'location_mm']
-    """
+    """Calibrated curves at one carrier (`sensor/curves.py`)."""
 
     frequency_hz: float = key(
         Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST), doc="Carrier frequency."
@@ -227,14 +194,7 @@ class CarrierCurves:
 
 @declared
 class SensorFile:
-    """Keys of every sensor file.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.schema import keys
-    >>> list(keys(SensorFile))[:3]
-    ['name', 'kind', 'length_mm']
-    """
+    """Keys of every sensor file."""
 
     name: str = key(Text(), doc="Name of the sensor.")
     kind: str = key(
@@ -282,14 +242,7 @@ class SensorFile:
 
 @declared
 class LineFile(SensorFile):
-    """A sensor evaluated by physics.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.schema import keys
-    >>> sorted(set(keys(LineFile)) - set(keys(SensorFile)))
-    ['contact', 'frequencies_hz', 'port_offset_deg']
-    """
+    """A sensor evaluated by physics."""
 
     kind: str = key(Choice(words=("line",)), doc="A physical model.")
     frequencies_hz: tuple[float, ...] = key(
@@ -304,14 +257,7 @@ class LineFile(SensorFile):
 
 @declared
 class CurvesFile(SensorFile):
-    """A sensor known by its calibration.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.schema import keys
-    >>> sorted(set(keys(CurvesFile)) - set(keys(SensorFile)))
-    ['carriers', 'cross_validation', 'form', 'knots_n']
-    """
+    """A sensor known by its calibration."""
 
     kind: str = key(Choice(words=("curves",)), doc="Calibrated curves.")
     cross_validation: dict[str, Any] = key(
@@ -335,17 +281,7 @@ FILES: dict[str, type[SensorFile]] = {"line": LineFile, "curves": CurvesFile}
 
 
 def sensor_json_schema() -> dict[str, Any]:
-    """JSON Schema of sensor files, draft 7, for completion and checks in editors.
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> sensor_json_schema()["required"]
-    ['kind']
-    """
+    """JSON Schema of sensor files, draft 7, for completion and checks in editors."""
     return {
         "$schema": DRAFT_7,
         "title": "gr-wiforce sensor",

@@ -40,6 +40,13 @@ class Inversion:
         Of (force, location). It includes the phases' noise and the model's own error.
     codes : ndarray of uint8, shape (n,)
         Sums of the flags' values in ``INVERSION_FLAGS``.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> found = load_sensor("line-900mhz").invert([[106.6, 106.6]], 0.5)
+    >>> found.force_n.round(1).tolist(), found.location_mm.round(1).tolist(), found.flags
+    ([4.0], [40.0], [()])
     """
 
     force_n: np.ndarray
@@ -73,7 +80,6 @@ class Inverter:
 
     Parameters
     ----------
-    model : SensorModel
     carriers : tuple of int
         Indices of the model's carriers whose phases are given, in this order.
 

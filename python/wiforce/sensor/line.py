@@ -24,15 +24,6 @@ def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> flo
         Carrier, in Hz.
     permittivity : float
         Effective relative permittivity; 1 for a line in air.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> round(float(round_trip_deg_per_mm(900e6)), 3)
-    2.161
     """
     return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
 
@@ -100,12 +91,6 @@ class ContactLaw:
         Distance from the middle over which the tilt builds up.
     width_mm : float
         Width of the object that presses, evenly loaded; 0 for a point.
-
-    Examples
-    --------
-    >>> law = ContactLaw(onset_force_n=0.9, decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0)
-    >>> law.extents_mm(4.0, 40.0, 80.0).round(2).tolist()  # in the middle both are equal
-    [13.77, 13.77]
     """
 
     onset_force_n: float
@@ -119,17 +104,14 @@ class ContactLaw:
     ) -> np.ndarray:
         """Extent of the short towards port 1 and port 2.
 
+        Returns ndarray, shape (..., 2): a_1 and a_2 in mm.
+
         Parameters
         ----------
         force_n, location_mm : array_like, shape (...)
             Forces below the onset count as the onset, where the short has no width.
         length_mm : float
             Of the line.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            a_1 and a_2 in mm.
         """
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
@@ -150,24 +132,14 @@ def shorting_points_mm(
 ) -> np.ndarray:
     """Distance of each end from the nearer edge of the short.
 
+    Returns ndarray, shape (..., 2): d_1 and d_2 in mm, not below 0.
+
     Parameters
     ----------
-    contact : ContactLaw
     force_n, location_mm : array_like, shape (...)
         Of the press.
     length_mm : float
         Of the line.
-
-    Returns
-    -------
-    ndarray, shape (..., 2)
-        d_1 and d_2 in mm, not below 0.
-
-    Examples
-    --------
-    >>> law = ContactLaw(onset_force_n=0.9, decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0)
-    >>> shorting_points_mm(law, 0.9, 30.0, 80.0).tolist()
-    [30.0, 50.0]
     """
     location = np.asarray(location_mm, float)
     extents = contact.extents_mm(force_n, location, length_mm)
@@ -180,6 +152,8 @@ def short_phase_deg(
 ) -> np.ndarray:
     """psi of a short, 180 deg - 2 beta d.
 
+    Returns ndarray, shape (...): in degrees, not wrapped.
+
     Parameters
     ----------
     distance_mm : array_like, shape (...)
@@ -188,22 +162,14 @@ def short_phase_deg(
         Carrier, in Hz.
     permittivity : float
         Effective relative permittivity.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        In degrees, not wrapped.
-
-    Examples
-    --------
-    >>> short_phase_deg([0.0, 10.0], 900e6).round(1).tolist()
-    [180.0, 158.4]
     """
     return 180.0 - round_trip_deg_per_mm(frequency_hz, permittivity) * np.asarray(distance_mm)
 
 
 def open_phase_deg(length_mm: float, frequency_hz: float, permittivity: float = 1.0) -> float:
     """psi of the untouched line, -2 beta L.
+
+    Returns float: in degrees, not wrapped.
 
     Parameters
     ----------
@@ -213,15 +179,5 @@ def open_phase_deg(length_mm: float, frequency_hz: float, permittivity: float = 
         Carrier, in Hz.
     permittivity : float
         Effective relative permittivity.
-
-    Returns
-    -------
-    float
-        In degrees, not wrapped.
-
-    Examples
-    --------
-    >>> round(open_phase_deg(80.0, 900e6), 1)
-    -172.9
     """
     return -round_trip_deg_per_mm(frequency_hz, permittivity) * length_mm

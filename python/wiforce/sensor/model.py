@@ -30,6 +30,25 @@ MAX_FORCE_N = 1e6
 MAX_PERMITTIVITY = 1000
 
 
+def check_onset(where: object, onset_n: float, highest_n: float) -> None:
+    """Check that the line is shorted within the calibrated forces.
+
+    Parameters
+    ----------
+    where : object
+        Parameter or key, for the message.
+    onset_n, highest_n : float
+        Force at which the line is first shorted, and highest calibrated force, in N.
+
+    Raises
+    ------
+    InputError
+    """
+    if onset_n >= highest_n:
+        rule = f"must be below the highest calibrated force, {highest_n:g}"
+        raise InputError(where, rule, onset_n)
+
+
 @dataclass(frozen=True)
 class SensorModel:
     """A sensor: force and location to the phases of its two ends.
@@ -56,6 +75,12 @@ class SensorModel:
     ruler_std_mm : float or None
         Standard deviation of the locations that the calibration was made at. It enters that of
         every location read.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> load_sensor("line-900mhz").phases_deg(4.0, 40.0).round(1).tolist()
+    [106.6, 106.6]
     """
 
     name: str

@@ -20,28 +20,17 @@ def touch_of(
 ) -> np.ndarray:
     """Tell touched from untouched phases, where their standard deviation allows it.
 
+    Returns ndarray of int, shape (n,): 0 for phases within three standard deviations of the
+    untouched ones, 1 for others, -1 for phases that lie within three standard deviations of a press
+    as well.
+
     Parameters
     ----------
-    model : SensorModel
     phases_deg : ndarray, shape (n, 2)
     std_deg : float
         Standard deviation of the phases.
     frequency_hz : float, optional
         Carrier; the model's only one by default.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        0 for phases within three standard deviations of the untouched ones, 1 for others, -1 for
-        phases that lie within three standard deviations of a press as well.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> model = load_sensor("line-900mhz")
-    >>> phases = np.array([model.untouched_deg(), model.phases_deg(4.0, 40.0)])
-    >>> touch_of(model, phases, 1.0).tolist(), touch_of(model, phases, 45.0).tolist()
-    ([0, 1], [-1, -1])
     """
     phases = np.asarray(phases_deg, float)
     touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)

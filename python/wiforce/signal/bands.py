@@ -14,11 +14,6 @@ class Band:
     ----------
     low_hz, high_hz : float
         Its edges.
-
-    Examples
-    --------
-    >>> Band(902e6, 928e6).holds(909e6, 921e6)
-    True
     """
 
     low_hz: float
@@ -49,24 +44,15 @@ BANDS = {
 def occupied_band_hz(carrier_hz: float, waveform: Waveform) -> tuple[float, float]:
     """The frequencies that a sounding signal occupies.
 
+    Returns tuple of float: lowest and highest frequency, in Hz: those of the outermost subcarriers,
+    so 62/64 of the sample rate for the default waveform.
+
     Parameters
     ----------
     carrier_hz : float
         In Hz.
     waveform : Waveform
         The sounding frame.
-
-    Returns
-    -------
-    tuple of float
-        Lowest and highest frequency, in Hz: those of the outermost subcarriers, so 62/64 of the
-        sample rate for the default waveform.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> [round(f / 1e6, 2) for f in occupied_band_hz(915e6, sounding_waveform())]
-    [908.95, 921.05]
     """
     edges = waveform.outermost_hz
     return carrier_hz + edges[0], carrier_hz + edges[1]
@@ -75,19 +61,11 @@ def occupied_band_hz(carrier_hz: float, waveform: Waveform) -> tuple[float, floa
 def bands_holding(low_hz: float, high_hz: float) -> tuple[str, ...]:
     """Names of the known bands that hold a signal.
 
+    Returns tuple of str: keys of :data:`BANDS`.
+
     Parameters
     ----------
     low_hz, high_hz : float
         Frequencies that the signal occupies, in Hz.
-
-    Returns
-    -------
-    tuple of str
-        Keys of :data:`BANDS`.
-
-    Examples
-    --------
-    >>> bands_holding(2434e6, 2446e6)
-    ('us-2400-2483.5', 'eu-2400-2483.5')
     """
     return tuple(name for name, band in BANDS.items() if band.holds(low_hz, high_hz))

@@ -15,22 +15,14 @@ _TOLERANCE = 1e-3
 def same_carrier(frequency_hz: ArrayLike, carrier_hz: float) -> np.ndarray:
     """Whether frequencies lie so close to a carrier that its phases apply.
 
+    Returns ndarray of bool, shape of ``frequency_hz``: True within 0.1 % of the carrier.
+
     Parameters
     ----------
     frequency_hz : array_like of float
         In Hz, any shape.
     carrier_hz : float
         In Hz.
-
-    Returns
-    -------
-    ndarray of bool, shape of ``frequency_hz``
-        True within 0.1 % of the carrier.
-
-    Examples
-    --------
-    >>> same_carrier([900e6, 900.5e6, 915e6], 900e6)
-    array([ True,  True, False])
     """
     return np.abs(np.asarray(frequency_hz) - carrier_hz) <= _TOLERANCE * carrier_hz
 
@@ -38,20 +30,12 @@ def same_carrier(frequency_hz: ArrayLike, carrier_hz: float) -> np.ndarray:
 def wrap_deg(angle: ArrayLike) -> np.ndarray:
     """Wrap angles into (-180, 180].
 
+    Returns ndarray of float, shape of ``angle``: in degrees.
+
     Parameters
     ----------
     angle : array_like of float
         In degrees, any shape.
-
-    Returns
-    -------
-    ndarray of float, shape of ``angle``
-        In degrees.
-
-    Examples
-    --------
-    >>> wrap_deg([190.0, -180.0, 720.0])
-    array([-170.,  180.,    0.])
     """
     return 180.0 - np.mod(180.0 - np.asarray(angle, float), 360.0)
 
@@ -63,14 +47,5 @@ def wrapped(angle: float) -> float:
     ----------
     angle : float
         In degrees.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> wrapped(190.0), wrapped(-180.0)
-    (-170.0, 180.0)
     """
     return 180.0 - (180.0 - angle) % 360.0

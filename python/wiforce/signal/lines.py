@@ -36,11 +36,6 @@ class Tone:
         Tag index and harmonic number of every line that falls on it.
     line_hz : float
         Frequency on the air, before aliasing, of its slowest line.
-
-    Examples
-    --------
-    >>> Tone(7000.0, ((0, 7), (1, 5)), 7000.0).owners
-    ((0, 7), (1, 5))
     """
 
     frequency_hz: float
@@ -51,22 +46,14 @@ class Tone:
 def aliased_hz(frequency_hz: float, sample_rate_hz: float) -> float:
     """Where sampling shows a frequency.
 
+    Returns float: in [-sample_rate_hz / 2, sample_rate_hz / 2).
+
     Parameters
     ----------
     frequency_hz : float
         On the air, in Hz.
     sample_rate_hz : float
         In Hz; of snapshots, one over their period.
-
-    Returns
-    -------
-    float
-        In [-sample_rate_hz / 2, sample_rate_hz / 2).
-
-    Examples
-    --------
-    >>> aliased_hz(16_000.0, 17_000.0)
-    -1000.0
     """
     return (frequency_hz + sample_rate_hz / 2) % sample_rate_hz - sample_rate_hz / 2
 
@@ -74,22 +61,14 @@ def aliased_hz(frequency_hz: float, sample_rate_hz: float) -> float:
 def centered_times_s(group_length: int, snapshot_period_s: float) -> np.ndarray:
     """Times of a group's snapshots from the group's centre.
 
+    Returns ndarray of float, shape (N,): (n - (N - 1) / 2) T, in s.
+
     Parameters
     ----------
     group_length : int
         Snapshots per phase group, N.
     snapshot_period_s : float
         T, in s.
-
-    Returns
-    -------
-    ndarray of float, shape (N,)
-        (n - (N - 1) / 2) T, in s.
-
-    Examples
-    --------
-    >>> centered_times_s(4, 2.0)
-    array([-3., -1.,  1.,  3.])
     """
     return (np.arange(group_length) - (group_length - 1) / 2) * snapshot_period_s
 
@@ -103,6 +82,8 @@ def tag_lines(
 ) -> tuple[Tone, ...]:
     """Tones on which the tags are read.
 
+    Returns tuple of Tone: ascending in frequency; symmetric about 0.
+
     Parameters
     ----------
     clocks_hz : sequence of float, length S
@@ -115,17 +96,6 @@ def tag_lines(
         Lines +-1..+-harmonics of each tag.
     clutter_hz : float
         Lines that alias into this band are left out.
-
-    Returns
-    -------
-    tuple of Tone
-        Ascending in frequency; symmetric about 0.
-
-    Examples
-    --------
-    >>> tones = tag_lines([1000.0, 1400.0], 57.6e-6, 625)
-    >>> [tone.owners for tone in tones if len(tone.owners) > 1]  # shared by both tags
-    [((0, -7), (1, -5)), ((0, 7), (1, 5))]
     """
     rate = 1 / snapshot_period_s
     resolution = rate / group_length
@@ -149,20 +119,12 @@ def tag_lines(
 def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
     """Tones of positive frequency, and those at the opposite frequencies before them.
 
+    Returns tuple of Tone: ascending in frequency; symmetric about 0.
+
     Parameters
     ----------
     positive : sequence of Tone
         Ascending in frequency.
-
-    Returns
-    -------
-    tuple of Tone
-        Ascending in frequency; symmetric about 0.
-
-    Examples
-    --------
-    >>> [tone.owners for tone in with_mirrors([Tone(1000.0, ((0, 1),), 1000.0)])]
-    [((0, -1),), ((0, 1),)]
     """
     negative = [
         Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
@@ -174,24 +136,15 @@ def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
 def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
     """Distance of a tag's strong lines to the nearest line of a lamp.
 
+    Returns ndarray of float, shape (3,): for lines 1, 2 and 4, in Hz; infinite without mains
+    frequencies.
+
     Parameters
     ----------
     clock_hz : float
         Clock of the tag, in Hz.
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz.
-
-    Returns
-    -------
-    ndarray of float, shape (3,)
-        For lines 1, 2 and 4, in Hz; infinite without mains frequencies.
-
-    Examples
-    --------
-    >>> lamp_distances_hz(1000.0, (50.0, 60.0)).tolist()
-    [0.0, 0.0, 0.0]
-    >>> lamp_distances_hz(1035.0, (50.0, 60.0)).tolist()
-    [35.0, 30.0, 40.0]
     """
     lines = np.array(STRONG_LINES) * clock_hz
     found = np.full(len(lines), np.inf)

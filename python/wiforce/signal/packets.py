@@ -29,12 +29,6 @@ class PacketWaveform(Waveform):
         Time that a channel estimate averages, Ta, in s.
     frequency_hz : ndarray, shape (K,)
         Of each channel against the carrier; more than one where several antennas are combined.
-
-    Examples
-    --------
-    >>> waveform = packet_waveform(1e-3, 6.4e-6, 52, 312.5e3)
-    >>> waveform.snapshot_period_s, waveform.averaging_s, len(waveform.bins)
-    (0.001, 6.4e-06, 52)
     """
 
     interval_s: float = 1e-3
@@ -129,15 +123,6 @@ def packet_waveform(
         Distance of the subcarriers where only their number is given.
     channels : int
         Channels per subcarrier: one, or one for each combination of antennas.
-
-    Returns
-    -------
-    PacketWaveform
-
-    Examples
-    --------
-    >>> packet_waveform(1e-3, 6.4e-6, 4, 10.0, channels=2).frequency_hz.tolist()
-    [-15.0, -15.0, -5.0, -5.0, 5.0, 5.0, 15.0, 15.0]
     """
     if isinstance(subcarriers, np.ndarray):
         hertz = subcarriers.astype(float)

@@ -37,14 +37,6 @@ class PartialWeights:
         As those of :class:`~.weights.ToneTable`.
     covariance : ndarray or None
         Of the noise of the snapshots present; None where it is white.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> partial = table.for_present(np.arange(625) >= 100)
-    >>> partial.missing, partial.weights.shape
-    (100, (16, 525))
     """
 
     mask: np.ndarray
@@ -64,14 +56,11 @@ class PartialWeights:
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
         """Compute the tones of a group.
 
+        Returns ndarray of complex, shape (M, n): as :func:`tones_of`.
+
         Parameters
         ----------
         snapshots : ndarray of complex, shape (count of present, n)
-
-        Returns
-        -------
-        ndarray of complex, shape (M, n)
-            As :func:`tones_of`.
         """
         return tones_of(self.weights, snapshots)
 
@@ -85,16 +74,6 @@ class PartialSolver:
         Tones in the order of their frequency, symmetric about 0, then clutter, which is real.
     tones : int
         M, an even number.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> mask = np.arange(625) % 5 > 0
-    >>> partial = PartialSolver(table.basis, 16).solve(mask)
-    >>> exact = np.linalg.pinv(table.basis[mask])[:16]
-    >>> bool(np.abs(partial.weights - exact).max() < 1e-14)
-    True
     """
 
     def __init__(self, basis: np.ndarray, tones: int) -> None:
@@ -109,15 +88,12 @@ class PartialSolver:
     def solve(self, mask: np.ndarray) -> PartialWeights | None:
         """Weights over the snapshots that are present.
 
+        Returns PartialWeights or None: None when they do not determine the tones.
+
         Parameters
         ----------
         mask : ndarray of bool, shape (N,)
             True where a snapshot is present.
-
-        Returns
-        -------
-        PartialWeights or None
-            None when they do not determine the tones.
         """
         present = self._basis[mask]
         count, columns = present.shape
@@ -158,21 +134,14 @@ class PartialSolver:
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
     """Apply weights whose rows of opposite frequency are conjugates of each other.
 
+    Returns ndarray of complex, shape (M, n): ``weights @ snapshots``; tones of opposite frequency
+    share two real products.
+
     Parameters
     ----------
     weights : ndarray of complex, shape (M, N)
         As those of :class:`~.weights.ToneTable`.
     snapshots : ndarray of complex, shape (N, n)
-
-    Returns
-    -------
-    ndarray of complex, shape (M, n)
-        ``weights @ snapshots``; tones of opposite frequency share two real products.
-
-    Examples
-    --------
-    >>> tones_of(np.array([[1 - 1j], [1 + 1j]]), np.array([[2j]])).ravel().tolist()
-    [(2+2j), (-2+2j)]
     """
     upper = weights[len(weights) // 2 :]
     samples = np.ascontiguousarray(snapshots, complex).view(float)
@@ -184,22 +153,14 @@ def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
 def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
     """Matrix that makes the noise of tones white.
 
+    Returns ndarray of complex, shape (M, M): the inverse Cholesky factor of W C W^H.
+
     Parameters
     ----------
     weights : ndarray of complex, shape (M, n)
         W, from snapshots to tones.
     covariance : ndarray, shape (n, n), optional
         C, of the noise of the snapshots; the identity when not given.
-
-    Returns
-    -------
-    ndarray of complex, shape (M, M)
-        The inverse Cholesky factor of W C W^H.
-
-    Examples
-    --------
-    >>> whitener_of(np.diag([2.0, 4.0])).tolist()
-    [[0.5, 0.0], [0.0, 0.25]]
     """
     colored = weights if covariance is None else weights @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
@@ -208,24 +169,17 @@ def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
     """Pseudo-inverse; by the slower of LAPACK's algorithms where the usual one does not converge.
 
+    Returns ndarray, shape (n, m).
+
     Parameters
     ----------
     matrix : ndarray, shape (m, n)
         Real or complex.
 
-    Returns
-    -------
-    ndarray, shape (n, m)
-
     Notes
     -----
     The divide-and-conquer SVD (gesdd) of OpenBLAS 0.3.21 fails for some nearly singular bases,
     which NumPy reports as LinAlgError or, when LAPACK complains as well, as SystemError.
-
-    Examples
-    --------
-    >>> pseudo_inverse(np.array([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]])).tolist()
-    [[0.5, 0.0, 0.0], [0.0, 0.25, 0.0]]
     """
     try:
         return np.linalg.pinv(matrix, rcond=_SINGULAR)

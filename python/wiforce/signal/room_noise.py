@@ -17,12 +17,6 @@ class RoomNoise:
     autocovariance : ndarray of float, shape (N,)
         At lags of 0 to N - 1 snapshots, N being the length of a group. White noise alone is
         (1, 0, 0, ...).
-
-    Examples
-    --------
-    >>> noise = RoomNoise(np.array([1.0, 0.0, 0.0]))
-    >>> noise.covariance(np.array([True, False, True])).tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
     """
 
     autocovariance: np.ndarray = field(repr=False)
@@ -30,14 +24,12 @@ class RoomNoise:
     def covariance(self, mask: np.ndarray | None = None) -> np.ndarray:
         """Covariance matrix of a group's snapshots.
 
+        Returns ndarray of float, shape (n, n).
+
         Parameters
         ----------
         mask : ndarray of bool, shape (N,), optional
             The snapshots that are present; all of them when not given.
-
-        Returns
-        -------
-        ndarray of float, shape (n, n)
         """
         snapshots = np.arange(len(self.autocovariance))
         if mask is not None:
@@ -61,19 +53,9 @@ def room_noise(
     snapshot_period_s : float
         T, in s.
 
-    Returns
-    -------
-    RoomNoise
-
     Notes
     -----
     c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T).
-
-    Examples
-    --------
-    >>> lamp = room_noise(np.array([1000.0]), np.array([5.0]), 4, 0.25e-3)
-    >>> lamp.autocovariance.round(6).tolist()
-    [11.0, 0.0, -10.0, -0.0]
     """
     lags_s = np.arange(group_length) * snapshot_period_s
     values = 2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))

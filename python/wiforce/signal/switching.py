@@ -26,6 +26,8 @@ def harmonics(
 ) -> np.ndarray:
     """Fourier coefficients of the two averaged waveforms at harmonics of fs.
 
+    Returns ndarray of float, shape (..., 2): c1[m] and c2[m].
+
     Parameters
     ----------
     m : array_like of int, any shape
@@ -35,22 +37,11 @@ def harmonics(
     duty : (float, float)
         Duty cycles d1 and d2 of clocks 1 and 2.
 
-    Returns
-    -------
-    ndarray of float, shape (..., 2)
-        c1[m] and c2[m].
-
     Notes
     -----
     c1[m] = d1 sinc(m d1) sinc(m fs Ta);
     c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m. With duty cycles of
     1/4 end 1 is alone at m = +-1, end 2 alone at m = +-4.
-
-    Examples
-    --------
-    >>> harmonics([1, 4]).round(4)
-    array([[0.2251, 0.    ],
-           [0.    , 0.1592]])
     """
     m = np.asarray(m)
     smear = np.sinc(m * averaging_phase)
@@ -66,24 +57,14 @@ def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarr
     A harmonic that is faster than a symbol moves energy from a subcarrier to its neighbours: the
     average over the symbol suppresses it, except around multiples of the subcarrier spacing.
 
+    Returns ndarray of float, shape (M,): relative to line 1 of end 1, both ends together.
+
     Parameters
     ----------
     m : array_like of int, shape (M,)
         Harmonic numbers, from 1.
     clock_hz : float
         fs, in Hz.
-    waveform : Waveform
-
-    Returns
-    -------
-    ndarray of float, shape (M,)
-        Relative to line 1 of end 1, both ends together.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> line_envelope([1, 2, 20, 100, 195], 1000.0, sounding_waveform()).round(5)
-    array([1.000e+00, 1.000e+00, 1.208e-02, 2.000e-05, 2.100e-04])
     """
     m = np.asarray(m)
     spacing_hz = waveform.spacing_hz
@@ -102,6 +83,8 @@ def switch_averages(
 ) -> np.ndarray:
     """Both switching waveforms averaged over a window of clock phase.
 
+    Returns ndarray of float, shape (..., n, 2): averages of s1 and s2, each in 0..1.
+
     Parameters
     ----------
     phase : ndarray, shape (..., n)
@@ -112,20 +95,6 @@ def switch_averages(
         Phase of clock 1, in radians, by which clock 2's pulses come late.
     duty : (float, float)
         Duty cycles of clocks 1 and 2, about a quarter.
-
-    Returns
-    -------
-    ndarray of float, shape (..., n, 2)
-        Averages of s1 and s2, each in 0..1.
-
-    Examples
-    --------
-    >>> half_window = np.pi * 1000.0 * 20.48e-6
-    >>> switch_averages(np.array([0.0, np.pi / 4, np.pi / 2, np.pi]), half_window)
-    array([[1. , 0. ],
-           [0.5, 0. ],
-           [0. , 1. ],
-           [0. , 0. ]])
     """
     return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).swapaxes(-1, -2)
 
@@ -148,14 +117,6 @@ def switch_averages_and_slopes(
     averages : ndarray of float, shape (..., n, 2)
     slopes : ndarray of float, shape (..., n, 2)
         Per radian; 0 where the window holds no edge.
-
-    Examples
-    --------
-    >>> half_window = np.pi / 16
-    >>> slopes = switch_averages_and_slopes(np.array([0.0, np.pi / 4]), half_window)[1]
-    >>> (slopes * half_window).round(3) + 0
-    array([[ 0. ,  0. ],
-           [-0.5,  0. ]])
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     averages = _ramps(cycles.copy(), half_window, duty)
@@ -180,12 +141,6 @@ class SwitchEdges:
         In the window, from -1 at its start to 1 at its end.
     step : ndarray of float, shape (E,)
         1 where the switch closes, -1 where it opens.
-
-    Examples
-    --------
-    >>> none = np.zeros(0, int)
-    >>> SwitchEdges(none, none, np.zeros(0), np.zeros(0)).step.shape
-    (0,)
     """
 
     waveform: np.ndarray
@@ -208,18 +163,6 @@ def switch_edges(
         Clock 1's phase in radians at the windows' centres.
     half_window, clock2_delay, duty
         As in :func:`switch_averages`.
-
-    Returns
-    -------
-    SwitchEdges
-
-    Examples
-    --------
-    >>> edges = switch_edges(np.array([0.0, np.pi / 4 - 0.05]), 0.1)
-    >>> edges.waveform.tolist(), edges.snapshot.tolist(), edges.step.tolist()
-    ([0], [1], [-1.0])
-    >>> edges.position.round(3).tolist()
-    [0.5]
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     half_duty, half = np.array(duty)[:, None] / 2, half_window * np.array([[0.5], [1.0]]) / np.pi
@@ -238,23 +181,13 @@ def duty_slopes(slopes: np.ndarray) -> np.ndarray:
 
     A wider pulse moves both of its edges outwards.
 
+    Returns ndarray of float, shape (..., n, 2): of s1 by the duty cycle of clock 1, and of s2 by
+    that of clock 2.
+
     Parameters
     ----------
     slopes : ndarray of float, shape (..., n, 2)
         By the clock's phase, from :func:`switch_averages_and_slopes`.
-
-    Returns
-    -------
-    ndarray of float, shape (..., n, 2)
-        Of s1 by the duty cycle of clock 1, and of s2 by that of clock 2.
-
-    Examples
-    --------
-    >>> phase, wider = np.array([np.pi / 4, -np.pi / 2 + np.pi / 8]), (0.2501, 0.2501)
-    >>> averages, slopes = switch_averages_and_slopes(phase, np.pi / 16)
-    >>> difference = switch_averages(phase, np.pi / 16, duty=wider) - averages
-    >>> bool(np.allclose(difference, 1e-4 * duty_slopes(slopes), atol=1e-9))
-    True
     """
     return np.abs(slopes) * (np.pi, np.pi / 2)
 

@@ -37,19 +37,12 @@ _OVERSAMPLING = 8
 def repeated_symbol(length: int) -> np.ndarray:
     """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2.
 
+    Returns ndarray of complex, shape (N,).
+
     Parameters
     ----------
     length : int
         N, in samples.
-
-    Returns
-    -------
-    ndarray of complex, shape (N,)
-
-    Examples
-    --------
-    >>> round(peak_to_average_db(repeated_symbol(64)), 1)
-    3.4
     """
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
     k = k[k != 0]
@@ -61,24 +54,17 @@ def repeated_symbol(length: int) -> np.ndarray:
 def up_chirp(length: int) -> np.ndarray:
     """Up-chirp over the whole sample rate, as LoRa sends in its preamble.
 
+    Returns ndarray of complex, shape (N,).
+
     Parameters
     ----------
     length : int
         N, in samples; 2^SF for the spreading factor SF.
 
-    Returns
-    -------
-    ndarray of complex, shape (N,)
-
     Notes
     -----
     x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), L. Vangelista, Frequency Shift Chirp Modulation: The
     LoRa Modulation, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
-
-    Examples
-    --------
-    >>> bool(np.allclose(np.abs(np.fft.fft(up_chirp(128))), 128**0.5))
-    True
     """
     n = np.arange(length)
     return np.exp(2j * np.pi * (n**2 / (2 * length) - n / 2))
@@ -87,24 +73,17 @@ def up_chirp(length: int) -> np.ndarray:
 def fmcw_sweep(length: int) -> np.ndarray:
     """Linear sweep over 80 % of the sample rate, continuous from one repetition to the next.
 
+    Returns ndarray of complex, shape (N,).
+
     Parameters
     ----------
     length : int
         N, in samples.
 
-    Returns
-    -------
-    ndarray of complex, shape (N,)
-
     Notes
     -----
     x[n] = exp(j pi B (n^2 / N - n)), B = 0.8: the sawtooth of A. G. Stove, Linear FMCW radar
     techniques, IEE Proceedings F 139(5), 1992.
-
-    Examples
-    --------
-    >>> len(used_subcarriers(fmcw_sweep(1024)))
-    920
     """
     n = np.arange(length)
     return np.exp(1j * np.pi * _SWEPT_BAND * (n**2 / length - n))
@@ -113,25 +92,18 @@ def fmcw_sweep(length: int) -> np.ndarray:
 def zadoff_chu(length: int) -> np.ndarray:
     """Zadoff-Chu sequence: constant envelope at the samples, and a flat spectrum.
 
+    Returns ndarray of complex, shape (N,).
+
     Parameters
     ----------
     length : int
         N, in samples.
-
-    Returns
-    -------
-    ndarray of complex, shape (N,)
 
     Notes
     -----
     x[n] = exp(-j pi u n (n + N mod 2) / N), u coprime to N: D. C. Chu, Polyphase codes with good
     periodic correlation properties, IEEE Transactions on Information Theory 18(4), 1972. u is the
     first such number from 25/63 N on, 25 for the 63 samples of LTE.
-
-    Examples
-    --------
-    >>> bool(np.allclose(np.abs(np.fft.fft(zadoff_chu(63))), 63**0.5))
-    True
     """
     root = round(_ROOT * length)
     while math.gcd(root, length) > 1:
@@ -152,20 +124,13 @@ SYMBOLS: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
 def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
     """Subcarriers on which a symbol has enough energy to estimate the channel.
 
+    Returns ndarray of int, shape (K,): ascending, negative ones included. Never 0, where receivers
+    add an offset and the leakage of their oscillator, nor -N/2, where the edges of the band alias
+    into each other.
+
     Parameters
     ----------
     symbol : ndarray of complex, shape (N,)
-
-    Returns
-    -------
-    ndarray of int, shape (K,)
-        Ascending, negative ones included. Never 0, where receivers add an offset and the leakage
-        of their oscillator, nor -N/2, where the edges of the band alias into each other.
-
-    Examples
-    --------
-    >>> used_subcarriers(up_chirp(16)).tolist()
-    [-7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7]
     """
     length = len(symbol)
     power = np.abs(np.fft.fft(symbol)) ** 2
@@ -176,19 +141,11 @@ def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
 def peak_to_average_db(symbol: np.ndarray) -> float:
     """Peak to average power ratio of the analogue signal, while the symbol repeats.
 
+    Returns float: in dB, of the band-limited signal through the samples.
+
     Parameters
     ----------
     symbol : ndarray of complex, shape (N,)
-
-    Returns
-    -------
-    float
-        In dB, of the band-limited signal through the samples.
-
-    Examples
-    --------
-    >>> round(peak_to_average_db(np.exp(2j * np.pi * np.arange(16) / 16)), 3)
-    0.0
     """
     length = len(symbol)
     spectrum, half = np.fft.fft(symbol), (length + 1) // 2
@@ -201,27 +158,18 @@ def peak_to_average_db(symbol: np.ndarray) -> float:
 def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
     """A symbol as it is used: in single precision, its largest component 1.
 
+    Returns ndarray of complex64, shape (N,).
+
     Parameters
     ----------
-    values : ndarray
     where : object
         Its file or key, for messages.
-
-    Returns
-    -------
-    ndarray of complex64, shape (N,)
 
     Raises
     ------
     InputError
         Unless it is one symbol of 16 to 4096 finite complex samples, with energy on four or more
         subcarriers that can be used.
-
-    Examples
-    --------
-    >>> checked_symbol(np.ones(64), "symbol.npy")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: symbol.npy: must hold complex samples, got 'float64'
     """
     if values.dtype.kind != "c":
         raise InputError(where, "must hold complex samples", str(values.dtype))
@@ -251,27 +199,18 @@ def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
 def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
     """Read the symbol of a ``.npy`` file.
 
+    Returns ndarray of complex64, shape (N,).
+
     Parameters
     ----------
-    path : str or Path
     where : object, optional
         The key that names it, for messages.
-
-    Returns
-    -------
-    ndarray of complex64, shape (N,)
 
     Raises
     ------
     InputError
         When there is no such file, it is no ``.npy`` file, or :func:`checked_symbol` refuses it.
         Objects are never unpickled.
-
-    Examples
-    --------
-    >>> np.save("symbol.npy", up_chirp(32))
-    >>> read_symbol("symbol.npy").shape
-    (32,)
     """
     name = str(path) if where is None else f"{where}: {path}"
     if not Path(path).is_file():
@@ -290,19 +229,11 @@ def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
 def encode_symbol(symbol: np.ndarray) -> str:
     """A symbol as text, as captures store it.
 
+    Returns str: little-endian complex64 samples in base64 (RFC 4648).
+
     Parameters
     ----------
     symbol : ndarray of complex64, shape (N,)
-
-    Returns
-    -------
-    str
-        Little-endian complex64 samples in base64 (RFC 4648).
-
-    Examples
-    --------
-    >>> encode_symbol(np.ones(1, np.complex64))
-    'AACAPwAAAAA='
     """
     return base64.b64encode(symbol.astype("<c8").tobytes()).decode("ascii")
 
@@ -310,25 +241,17 @@ def encode_symbol(symbol: np.ndarray) -> str:
 def decode_symbol(text: str, where: object = "symbol") -> np.ndarray:
     """The inverse of :func:`encode_symbol`.
 
+    Returns ndarray of complex64, shape (N,).
+
     Parameters
     ----------
-    text : str
     where : object
         Its key, for messages.
-
-    Returns
-    -------
-    ndarray of complex64, shape (N,)
 
     Raises
     ------
     InputError
         When it is no symbol (see :func:`checked_symbol`).
-
-    Examples
-    --------
-    >>> decode_symbol(encode_symbol(up_chirp(16))).shape
-    (16,)
     """
     rule = "must be samples of complex64 in base64"
     try:

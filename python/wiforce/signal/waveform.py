@@ -76,12 +76,6 @@ class Waveform:
         Samples of the symbol, and points of its Fourier transform, N.
     used_share : float
         Share of the symbol's energy that lies on ``subcarriers``.
-
-    Examples
-    --------
-    >>> waveform = sounding_waveform("wifi")
-    >>> len(waveform.subcarriers), waveform.first_averaged, waveform.repetitions
-    (52, 192, 2)
     """
 
     name: str
@@ -178,10 +172,7 @@ class Waveform:
     def equalizer(self) -> np.ndarray:
         """Factors that turn the FFT of a folded vector into the channel.
 
-        Returns
-        -------
-        ndarray of complex, shape (symbol_length,)
-            0 on unoccupied subcarriers.
+        Returns ndarray of complex, shape (symbol_length,): 0 on unoccupied subcarriers.
 
         Notes
         -----
@@ -205,10 +196,7 @@ class Waveform:
     def frame(self) -> np.ndarray:
         """Transmit samples of one frame.
 
-        Returns
-        -------
-        ndarray of complex, shape (frame_length,)
-            Unit mean power over the preamble.
+        Returns ndarray of complex, shape (frame_length,): unit mean power over the preamble.
         """
         samples = np.zeros(self.frame_length, complex)
         samples[: self.preamble_length] = self.preamble

@@ -48,15 +48,6 @@ class ToneTable:
         T, in s.
     room : RoomNoise or None
         Noise that the weights suppress; None where it is white.
-
-    Examples
-    --------
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> table.weights.shape, round(table.group_period_s, 6)
-    ((16, 625), 0.036)
-    >>> static_path = np.ones(625)
-    >>> bool(np.abs(table.weights @ static_path).max() < 1e-6)
-    True
     """
 
     tones: tuple[Tone, ...]
@@ -94,16 +85,14 @@ class ToneTable:
         A line at f rotates by 2 pi f / sample_rate from one folded sample to the next and would
         leak into the neighbouring subcarriers.
 
+        Returns ndarray of complex, shape (M, symbol_length).
+
         Parameters
         ----------
         sample_rate_hz : float
             In Hz.
         symbol_length : int
             Samples of the symbol (``Waveform.symbol_length``).
-
-        Returns
-        -------
-        ndarray of complex, shape (M, symbol_length)
         """
         offset_s = centered_times_s(symbol_length, 1 / sample_rate_hz)
         return np.exp(-2j * np.pi * np.outer(self._lines_hz, offset_s))
@@ -111,17 +100,14 @@ class ToneTable:
     def symbol_gain(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
         """Amplitude that the average over a symbol leaves of each line without derotation.
 
+        Returns ndarray of float, shape (M,): sinc(symbol_length f / sample_rate), 1 at best.
+
         Parameters
         ----------
         sample_rate_hz : float
             In Hz.
         symbol_length : int
             Samples of the symbol.
-
-        Returns
-        -------
-        ndarray of float, shape (M,)
-            sinc(symbol_length f / sample_rate), 1 at best.
         """
         return np.sinc(self._lines_hz * symbol_length / sample_rate_hz)
 
@@ -132,15 +118,12 @@ class ToneTable:
     def for_present(self, mask: np.ndarray) -> PartialWeights | None:
         """Weights of a group in which only some snapshots are present.
 
+        Returns PartialWeights or None: None when the snapshots present do not determine the tones.
+
         Parameters
         ----------
         mask : ndarray of bool, shape (N,)
             True where a snapshot is present.
-
-        Returns
-        -------
-        PartialWeights or None
-            None when the snapshots present do not determine the tones.
         """
         if self.basis is None:
             weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
@@ -203,21 +186,11 @@ def design_weights(
         Disturbances between the lines, which the weights then suppress as far as this does not
         cost more than it gains.
 
-    Returns
-    -------
-    ToneTable
-
     Raises
     ------
     InputError
         When a clock is too fast, the clutter band reaches the first line, or the group is too
         short to separate the lines from each other and from clutter.
-
-    Examples
-    --------
-    >>> table = design_weights([1000.0], 625, 57.6e-6, clutter_hz=30.0)
-    >>> [tone.owners[0][1] for tone in table.tones]  # harmonics of the only tag
-    [-8, -7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7, 8]
     """
     _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .front_end import AnalogueFrontEnd, GainRipple
-from .interference import power_over_noise, transmitters
 from .levels import Levels
-from .oscillators import FreeOscillators
-from .paths import static_taps
-from .presses import TouchState
+from .presses.presses import TouchState
+from .radio.front_end import AnalogueFrontEnd, GainRipple
+from .radio.oscillators import FreeOscillators
 from .random_sources import RandomSources
-from .room import modulated_paths, tag_paths
+from .room.interference import power_over_noise, transmitters
+from .room.moving_paths import modulated_paths, tag_paths
+from .room.paths import static_taps
 from .streams import Fir, Ramp
 
 if TYPE_CHECKING:
@@ -57,15 +57,6 @@ class AirChannel:
         Tags by sensor name, to change them while running.
     scale : float
         Received amplitude per unit of the signal model's rho.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> channel = AirChannel(scene)
-    >>> received = channel.process(scene.waveform().frame(), first_sample=0)
-    >>> received.shape, received.dtype.name, bool(np.abs(received).max() < 1.0)
-    ((720,), 'complex64', True)
     """
 
     def __init__(
@@ -144,21 +135,20 @@ class AirChannel:
     def touch_state(self, time_s: ArrayLike) -> dict[str, TouchState]:
         """State of every sensor at given times.
 
+        Returns dict of str to TouchState: by sensor name.
+
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
             In s since sample 0.
-
-        Returns
-        -------
-        dict of str to TouchState
-            By sensor name.
         """
         time_s = np.asarray(time_s, float)
         return {name: tag.pressed.state(time_s) for name, tag in self.sensors.items()}
 
     def process(self, samples: ArrayLike, first_sample: int) -> np.ndarray:
         """Receive while samples are sent.
+
+        Returns ndarray of complex64, shape (n,): full scale is 1 per component; not clipped.
 
         Parameters
         ----------
@@ -167,11 +157,6 @@ class AirChannel:
         first_sample : int
             Index of the first, counted from time 0 of the scene; each call continues where the
             previous one ended (see :meth:`restart`).
-
-        Returns
-        -------
-        ndarray of complex64, shape (n,)
-            Full scale is 1 per component; not clipped.
 
         Raises
         ------

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .paths import mean_power
+from .room.paths import mean_power
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -20,16 +20,8 @@ class Levels:
 
     Parameters
     ----------
-    scene : Scene
     amplitude : float
         Root of the mean preamble power of the transmit samples.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> levels = Levels(load_scene("demo"), amplitude=1.0)
-    >>> round(levels.amplitude(0.0), 4), levels.amplitude(None)
-    (0.2249, 0.0)
     """
 
     def __init__(self, scene: "Scene", amplitude: float) -> None:
@@ -63,10 +55,6 @@ class Levels:
             FIR taps of all paths.
         noise_std : float
             Of a sample, of everything that is like noise.
-
-        Returns
-        -------
-        float
         """
         frame = self._sent * np.tile(self._waveform.frame(), 2)
         longest = max(len(taps) for taps in paths)

@@ -17,10 +17,10 @@ import numpy as np
 from ..errors import InputError, unwritable
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
-from .presses import TouchState
+from .presses.presses import TouchState
 from .random_sources import RandomSources
 from .streams import Ramp
-from .tag import SwitchedTag
+from .tags.tag import SwitchedTag
 from .truth_file import all_or_nothing, write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
@@ -28,7 +28,7 @@ from .truth_file import all_or_nothing, write_truth
 _SPREAD_S = 30e-9
 _ECHOES = 12
 _ECHO_POWER = 1.0
-# Paths by way of moving objects, as in simulation/paths.py.
+# Paths by way of moving objects, as in simulation/room/paths.py.
 _MOVERS = 4
 # c1[1] = d1 sinc(d1) of the pulses of clock 1: the line that a scene's levels refer to.
 _LINE = 0.25 * float(np.sinc(0.25))
@@ -51,12 +51,6 @@ class SimulatedPackets:
         Against the carrier.
     tags : dict of str to SwitchedTag
         By sensor name.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> SimulatedPackets(np.zeros(1), np.ones((1, 2, 2)), np.zeros(2), {}).touch_state(np.zeros(1))
-    {}
     """
 
     time_s: np.ndarray
@@ -77,6 +71,8 @@ def simulate_packets(
 ) -> list[Path]:
     """Write the channel snapshots of a scene with packets, and their truth.
 
+    Returns list of Path: ``NAME.npz`` and ``NAME.truth.csv``.
+
     Parameters
     ----------
     scene : str, Path, dict or Scene
@@ -88,11 +84,6 @@ def simulate_packets(
     overwrite : bool
         Replace existing files; otherwise they are refused.
 
-    Returns
-    -------
-    list of Path
-        ``NAME.npz`` and ``NAME.truth.csv``.
-
     Raises
     ------
     InputError
@@ -100,16 +91,6 @@ def simulate_packets(
         exist already.
     OutputError
         When the disk is full.
-
-    Examples
-    --------
-    >>> scene = {
-    ...     "packets": {}, "phase_group": {"snapshots": 100},
-    ...     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 90}],
-    ...     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.5},
-    ... }
-    >>> [path.name for path in simulate_packets(scene, "short")]
-    ['short.npz', 'short.truth.csv']
     """
     scene = load_scene(scene)
     stem = os.fspath(name).removesuffix(".npz")
@@ -148,22 +129,10 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
     progress : callable, optional
         Called with the number of packets simulated since the last call.
 
-    Returns
-    -------
-    SimulatedPackets
-
     Raises
     ------
     InputError
         For a scene without packets.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> packets_of(load_scene("demo"))
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: packets: must be a mapping in a scene whose channel \
-snapshots are simulated
     """
     if scene.packets is None:
         rule = "must be a mapping in a scene whose channel snapshots are simulated"

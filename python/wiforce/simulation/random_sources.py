@@ -37,12 +37,6 @@ class Seeds:
         Of the scene.
     effect : str
         One of :data:`EFFECTS`.
-
-    Examples
-    --------
-    >>> seeds = Seeds(1, "bursts")
-    >>> bool(seeds.generator(5).random() == seeds.generator(5).random())
-    True
     """
 
     def __init__(self, seed: int, effect: str) -> None:
@@ -55,10 +49,6 @@ class Seeds:
         ----------
         *counters : int
             Not negative.
-
-        Returns
-        -------
-        numpy.random.Generator
         """
         key = (*self._key, *counters)
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
@@ -80,14 +70,6 @@ class RandomSources:
     Attributes
     ----------
     paths, clocks, movers, noise, oscillators : numpy.random.Generator
-
-    Examples
-    --------
-    >>> first, second = (RandomSources(1, antenna) for antenna in (0, 1))
-    >>> bool(first.clocks.random() == second.clocks.random())
-    True
-    >>> bool(first.noise.random() == second.noise.random())
-    False
     """
 
     def __init__(self, seed: int, antenna: int) -> None:

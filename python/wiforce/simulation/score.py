@@ -32,12 +32,6 @@ class Score:
         Number of steady groups that are not read as touched.
     false : int
         Number of untouched groups that are read as touched, without a flag.
-
-    Examples
-    --------
-    >>> errors = np.array([0.1, -0.3, 0.2])
-    >>> Score("arm", errors, errors, np.zeros((3, 2)), 0, 0, 0).median_force_n
-    0.2
     """
 
     sensor: str
@@ -62,20 +56,7 @@ class Score:
 def read_truth(path: str | Path) -> list[dict[str, Any]]:
     """Read the truth file of a simulated capture.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    list of dict
-        A row per group and sensor; numbers as float, empty cells as None.
-
-    Examples
-    --------
-    >>> size = Path("a.truth.csv").write_text("time_s,sensor,touch,location_mm\\n0.018,arm,0,\\n")
-    >>> read_truth("a.truth.csv")
-    [{'time_s': 0.018, 'sensor': 'arm', 'touch': 0.0, 'location_mm': None}]
+    Returns list of dict: A row per group and sensor; numbers as float, empty cells as None.
     """
     with open(path, encoding="utf-8", newline="") as stream:
         return [
@@ -88,41 +69,29 @@ def _number(cell: str) -> float | None:
     return float(cell) if cell else None
 
 
+def steady_rows(rows: Sequence[Mapping]) -> list[Mapping]:
+    """Rows of one sensor's truth, in time, that are touched like the rows before and after."""
+    rows = sorted(rows, key=lambda row: row["time_s"])
+    return [
+        row
+        for before, row, after in zip(rows, rows[1:], rows[2:], strict=False)
+        if before["touch"] == row["touch"] == after["touch"] == 1
+    ]
+
+
 def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) -> Score:
     """Compare one sensor's readings with the truth.
 
     Parameters
     ----------
-    readings : sequence of Reading
     truth : sequence of dict
         Rows of a truth file (see :func:`read_truth`).
     sensor : str
         Its name.
-
-    Returns
-    -------
-    Score
-
-    Examples
-    --------
-    >>> truth = [
-    ...     {"time_s": t, "sensor": "arm", "touch": 1, "force_n": 4.0, "location_mm": 45.0,
-    ...      "phase1_deg": 0.0, "phase2_deg": 0.0}
-    ...     for t in (0.0, 1.0, 2.0)
-    ... ]
-    >>> reading = Reading(1.0, "arm", 1, 4.5, 0.1, 45.0, 0.1, 0.0, 0.0)
-    >>> score([reading], truth, "arm").force_error_n
-    array([0.5])
     """
     rows = {round(row["time_s"], 4): row for row in truth if row["sensor"] == sensor}
     own = [reading for reading in readings if reading.sensor == sensor]
-    touches = {time: row["touch"] for time, row in rows.items()}
-    times = sorted(rows)
-    steady_times = {
-        times[i]
-        for i in range(1, len(times) - 1)
-        if touches[times[i - 1]] == touches[times[i]] == touches[times[i + 1]] == 1
-    }
+    steady_times = {round(row["time_s"], 4) for row in steady_rows(list(rows.values()))}
     force, location, phase = [], [], []
     flagged = missed = false = 0
     for reading in own:

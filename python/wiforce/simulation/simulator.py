@@ -13,9 +13,9 @@ from ..io.samples import DATATYPES, samples_of
 from ..io.sigmf_metadata import write_metadata
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
-from .adc import Adc
 from .channel import AirChannel
 from .packets import simulate_packets
+from .radio.adc import Adc
 from .truth_file import all_or_nothing, frame_count, write_truth
 
 _SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
@@ -115,25 +115,15 @@ def _write_capture(
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
     """The samples of a scene's capture, in pieces.
 
+    Yields ndarray of int16, shape (2 n,), or of complex64, shape (n,): for ``ci16_le`` I and Q in
+    turn.
+
     Parameters
     ----------
-    scene : Scene
     channel : AirChannel
         That of the scene, at its first sample.
     datatype : str
         As for :func:`simulate`.
-
-    Yields
-    ------
-    ndarray of int16, shape (2 n,), or of complex64, shape (n,)
-        For ``ci16_le`` I and Q in turn.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> next(capture(scene, AirChannel(scene), "ci16_le")).dtype.name
-    'int16'
     """
     sent = np.tile(scene.waveform().frame().astype(np.complex64), _FRAMES_AT_ONCE)
     adc = Adc(scene.simulation.adc_bits)

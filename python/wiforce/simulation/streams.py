@@ -20,15 +20,6 @@ class Fir:
     ----------
     memory : int
         Samples of history that the filter needs, n - 1.
-
-    Examples
-    --------
-    >>> fir = Fir(np.array([0.0, 2.0]))
-    >>> stream = np.array([1, 2, 3], np.complex64)  # one sample of history, then two new ones
-    >>> out, scratch = np.empty((2, 2), np.complex64)
-    >>> fir.apply(stream, 2, out, scratch)
-    >>> out
-    array([2.+0.j, 4.+0.j], dtype=complex64)
     """
 
     def __init__(self, taps: np.ndarray) -> None:
@@ -66,21 +57,7 @@ class Fir:
 
 
 class Ramp:
-    """Linear interpolation of slow values between knots on the sample grid.
-
-    Parameters
-    ----------
-    sample_rate_hz : float
-
-    Examples
-    --------
-    >>> ramp = Ramp(sample_rate_hz=1.0)  # knots every 16 samples
-    >>> knots = ramp.knots(8, 4)
-    >>> knots
-    array([ 0., 16.])
-    >>> ramp.interpolate(knots / 16, 8, 4).real
-    array([0.5   , 0.5625, 0.625 , 0.6875], dtype=float32)
-    """
+    """Linear interpolation of slow values between knots on the sample grid."""
 
     def __init__(self, sample_rate_hz: float) -> None:
         self._step = max(16, 2 ** round(np.log2(_KNOT_SPACING_S * sample_rate_hz)))
@@ -90,15 +67,8 @@ class Ramp:
     def knots(self, first_sample: int, count: int) -> np.ndarray:
         """Times of the knots around some samples.
 
-        Parameters
-        ----------
-        first_sample, count : int
-
-        Returns
-        -------
-        ndarray of float, shape (n,)
-            In s since sample 0, from the last knot at or before the first sample to the first
-            knot at or after the last.
+        Returns ndarray of float, shape (n,): in s since sample 0, from the last knot at or before
+        the first sample to the first knot at or after the last.
         """
         first = first_sample // self._step
         last = -(-(first_sample + count) // self._step)
@@ -107,15 +77,12 @@ class Ramp:
     def interpolate(self, values: np.ndarray, first_sample: int, count: int) -> np.ndarray:
         """Interpolate to the samples.
 
+        Returns ndarray of complex64, shape (count,).
+
         Parameters
         ----------
         values : ndarray of complex, shape (n,)
             At the :meth:`knots` of the same samples.
-        first_sample, count : int
-
-        Returns
-        -------
-        ndarray of complex64, shape (count,)
         """
         values = np.asarray(values, np.complex64)
         steps = np.diff(values)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..io.readings import rounded
 from ..scene import Scene
-from .skin import surface_truth
+from .presses.skin import surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -21,43 +21,14 @@ TRUTH_COLUMNS = (
 
 
 def frame_count(scene: Scene) -> int:
-    """Number of whole sounding frames in the scene's duration.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> frame_count(scene) == int(scene.simulation.duration_s / 57.6e-6 + 1e-9)
-    True
-    """
+    """Number of whole sounding frames in the scene's duration."""
     return int(scene.simulation.duration_s / scene.snapshot_period_s + 1e-9)
 
 
 def group_centers(scene: Scene) -> np.ndarray:
     """Centres of the whole phase groups of a scene's capture.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    ndarray of float, shape (groups,)
-        In s from the first sample.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> group_centers(load_scene("demo"))[:2].round(3)
-    array([0.018, 0.054])
+    Returns ndarray of float, shape (groups,): in s from the first sample.
     """
     if scene.packets:
         groups = int(scene.simulation.duration_s / scene.group_period_s + 1e-9)
@@ -75,19 +46,8 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
 
     Parameters
     ----------
-    scene : Scene
     channel : AirChannel or SimulatedPackets
         That of the scene.
-    path : str or Path
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.simulation.channel import AirChannel
-    >>> scene = load_scene("demo")
-    >>> write_truth(scene, AirChannel(scene), "demo.truth.csv")
-    >>> Path("demo.truth.csv").read_text().splitlines()[0]
-    'time_s,sensor,touch,force_n,location_mm,phase1_deg,phase2_deg'
     """
     times = group_centers(scene)
     states = channel.touch_state(times)
@@ -118,24 +78,13 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
 def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
     """Files that appear together when all of them are complete, or not at all.
 
+    Yields list of Path: to write to: they are in a temporary folder beside ``paths``, and moved
+    there in order after success.
+
     Parameters
     ----------
     paths : sequence of Path
         In one folder.
-
-    Yields
-    ------
-    list of Path
-        To write to: they are in a temporary folder beside ``paths``, and moved there in order
-        after success.
-
-    Examples
-    --------
-    >>> with all_or_nothing([Path("a.txt"), Path("b.txt")]) as temporary:
-    ...     for path in temporary:
-    ...         _ = path.write_text("written")
-    >>> Path("b.txt").read_text()
-    'written'
     """
     with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
         temporary = [Path(folder) / path.name for path in paths]

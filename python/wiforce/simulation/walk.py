@@ -24,13 +24,6 @@ class RandomWalk:
     Notes
     -----
     The walk is kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
-
-    Examples
-    --------
-    >>> walk = RandomWalk(2.0, np.random.default_rng(1))
-    >>> later = walk.at(np.array([100.0, 0.0]))
-    >>> float(later[1]), bool(walk.at(100.0) == later[0])
-    (0.0, True)
     """
 
     def __init__(
@@ -48,14 +41,12 @@ class RandomWalk:
     def at(self, time_s: np.ndarray | float) -> np.ndarray:
         """The walk at given times.
 
+        Returns ndarray of float, shape of ``time_s``.
+
         Parameters
         ----------
         time_s : array_like of float, any shape
             Not negative; negative times count as 0.
-
-        Returns
-        -------
-        ndarray of float, shape of ``time_s``
         """
         knot, inside = self._knots(time_s)
         return self._values[knot] + inside * (self._values[knot + 1] - self._values[knot])
@@ -63,13 +54,11 @@ class RandomWalk:
     def integral(self, time_s: np.ndarray | float) -> np.ndarray:
         """Its integral over time, from time 0.
 
+        Returns ndarray of float, shape of ``time_s``.
+
         Parameters
         ----------
         time_s : array_like of float, any shape
-
-        Returns
-        -------
-        ndarray of float, shape of ``time_s``
         """
         knot, inside = self._knots(time_s)
         start = self._values[knot]

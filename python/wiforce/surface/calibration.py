@@ -51,12 +51,6 @@ class SurfaceTaps:
     strip_x_mm, strip_x_std_mm : ndarray, shape (n, S)
         Location along x that it showed.
     untouched : ndarray of bool, shape (n, S)
-
-    Examples
-    --------
-    >>> one = np.ones((3, 4))
-    >>> len(SurfaceTaps(np.ones(3), np.ones(3), np.ones(3), one, one, one, one, one < 0))
-    3
     """
 
     force_n: Array
@@ -83,11 +77,6 @@ class SpreadingFit:
         Strips that showed a share, and that showed none, over all taps.
     rms : float
         Residual of the shares.
-
-    Examples
-    --------
-    >>> SpreadingFit(SpreadingKeys(share=0.5, width_mm=10.0), 20, 12, 0.01).law.law
-    'gaussian'
     """
 
     law: SpreadingKeys
@@ -99,41 +88,21 @@ class SpreadingFit:
 def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> SpreadingFit:
     """Fit a spreading law.
 
+    Returns SpreadingFit: the standard deviations of the law are those of taps that are left out of
+    the fit in turn, less the noise of the strips' own readings; that of the shares is at least that
+    of the fitted taps.
+
     Parameters
     ----------
     skin : Skin
         Positions of the strips; its law is not used.
-    taps : SurfaceTaps
     law : str
         ``strips``, ``table`` or ``gaussian``.
-
-    Returns
-    -------
-    SpreadingFit
-        The standard deviations of the law are those of taps that are left out of the fit in turn,
-        less the noise of the strips' own readings; that of the shares is at least that of the
-        fitted taps.
 
     Raises
     ------
     InputError
         When the taps do not determine the law.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> skin = skin_of(load_scene("surface_four_strips"))
-    >>> y = np.arange(0.0, 37.0, 3.0)
-    >>> force, x = np.full(13, 6.0), np.full(13, 40.0)
-    >>> borne = force[:, None] * skin.shares(y)
-    >>> shown = np.where(borne > 0.9, borne, np.nan)
-    >>> there = np.where(borne > 0.9, 40.0, np.nan)
-    >>> taps = SurfaceTaps(
-    ...     force, x, y, shown, 0.05 + 0 * shown, there, 0.1 + 0 * there, borne <= 0.9)
-    >>> found = fit_spreading(skin, taps, "table").law.spreading()
-    >>> found.share([0.0, 12.0]).round(2).tolist()
-    [0.55, 0.24]
     """
     share = taps.strip_force_n / taps.force_n[:, None]
     noise = taps.strip_force_std_n / taps.force_n[:, None]

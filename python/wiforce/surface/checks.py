@@ -32,23 +32,8 @@ _PER_SPACING = 24
 def borne_together(skin: Skin) -> tuple[Array, Array]:
     """Share of a press that all strips bear together.
 
-    Parameters
-    ----------
-    skin : Skin
-
-    Returns
-    -------
-    y_mm, share : ndarray, shape (n,)
-        From one outer strip to the other. A press beyond them acts as on a lever, and may load the
-        outer strip by more than itself.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> y_mm, share = borne_together(skin_of(load_scene("surface_four_strips")))
-    >>> y_mm[[0, -1]].tolist(), share.max().round(2)
-    ([0.0, 36.0], 1.06)
+    Returns y_mm and share, shape (n,): from one outer strip to the other. A press beyond
+    them acts as on a lever, and may load the outer strip by more than itself.
     """
     low, high = skin.y_mm[[0, -1]]
     # Steps are bounded, since strips may lie kilometres apart and two of them side by side.
@@ -59,23 +44,7 @@ def borne_together(skin: Skin) -> tuple[Array, Array]:
 
 
 def borne_too_much(skin: Skin) -> str | None:
-    """The rule that a law breaks by which strips bear more than a press.
-
-    Parameters
-    ----------
-    skin : Skin
-
-    Returns
-    -------
-    str or None
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> borne_too_much(skin_of(load_scene("surface_four_strips"))) is None
-    True
-    """
+    """The rule that a law breaks by which strips bear more than a press."""
     # Errors within two standard deviations are part of every reading's own.
     limit = _MOST_BORNE + 2 * skin.spreading.share_std
     y, share = borne_together(skin)
@@ -91,26 +60,12 @@ def borne_too_much(skin: Skin) -> str | None:
 def law_violations(skin: Skin, law: SpreadingKeys) -> Iterator[str]:
     """What contradicts itself between a law and the strips that it is used for.
 
+    Yields str: a rule that is broken, with the values.
+
     Parameters
     ----------
     skin : Skin
         The strips.
-    law : SpreadingKeys
-
-    Yields
-    ------
-    str
-        A rule that is broken, with the values.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import bare_skin
-    >>> skin = bare_skin(load_scene("surface_four_strips"))
-    >>> list(law_violations(skin, SpreadingKeys(share=0.5, width_mm=9.0)))
-    []
-    >>> list(law_violations(skin, SpreadingKeys(share=0.5, width_mm=9.0, strip_y_mm=(0.0, 12.0))))
-    ['must be a law of as many strips as the surface has, 4, got 2']
     """
     count = len(skin.strips)
     for of_strips in (law.strip_shares, law.location_offsets_mm, law.strip_y_mm, law.strip_sensors):
@@ -149,33 +104,13 @@ def _listed(values: Iterable[float]) -> str:
 def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:
     """Presses that a strip farther away bears more of than the nearest one.
 
-    Parameters
-    ----------
-    skin : Skin
-    taps : SurfaceTaps
-
-    Returns
-    -------
-    list of tuple
-        Index of each such press, and of the strip that bears most of it.
+    Returns list of tuple: index of each such press, and of the strip that bears most of it.
 
     Notes
     -----
     A skin spreads a press downward with the distance. Half a distance of the strips is allowed,
     since strips near an edge bear more. What is found is a wrong position or order of strips, or a
     wrong row of the table.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> from gnuradio.wiforce.surface.calibration import SurfaceTaps
-    >>> skin, one = skin_of(load_scene("surface_four_strips")), np.ones((2, 4))
-    >>> y = np.array([0.0, 24.0])
-    >>> shown = 6 * skin.shares(y[::-1])
-    >>> taps = SurfaceTaps(6 * one[:, 0], one[:, 0], y, shown, one, one, one, one < 0)
-    >>> surprising_taps(skin, taps)
-    [(0, 2), (1, 0)]
     """
     known = np.isfinite(taps.strip_force_n) | taps.untouched
     distance = np.where(known, np.abs(taps.y_mm[:, None] - skin.y_mm), np.inf)

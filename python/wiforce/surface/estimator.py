@@ -43,13 +43,6 @@ class SurfaceFound:
         Whether the press lies beyond what the strips cover, or may by two standard deviations of y.
     main : ndarray of int, shape (G, P)
         The strip that bears most of the press.
-
-    Examples
-    --------
-    >>> one = np.zeros((1, 1), bool)
-    >>> found = SurfaceFound(one + 1, np.ones((1, 1, 3)), np.ones((1, 1, 3, 3)), one, one, one + 0)
-    >>> found.mean.shape
-    (1, 1, 3)
     """
 
     touch: NDArray[np.intp]
@@ -70,21 +63,8 @@ class SurfaceEstimator:
 
     Parameters
     ----------
-    skin : Skin
     presses : int
         1 or 2.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> skin = skin_of(load_scene("surface_four_strips"))
-    >>> model, unknown = skin.strips[0].model, np.zeros((1, 4), bool)
-    >>> phases = np.array([[model.phases_deg(f, 40.0, 915e6) for f in (3.3, 1.5, 0.0, 0.0)]])
-    >>> found = SurfaceEstimator(skin).read(
-    ...     phases, np.full((1, 4, 2), 0.2), ~unknown, np.array([[True, True, False, False]]))
-    >>> found.touch.tolist(), abs(found.mean[0, 0] - [6.0, 40.0, 0.0]).round().tolist()
-    ([[1]], [0.0, 0.0, 0.0])
     """
 
     def __init__(self, skin: Skin, presses: int = 1) -> None:
@@ -104,10 +84,6 @@ class SurfaceEstimator:
             Of the strips in the order of the skin.
         usable, touched : ndarray of bool, shape (G, S)
             Strips that are not usable are left out.
-
-        Returns
-        -------
-        SurfaceFound
         """
         count, presses = len(usable), self._presses
         none_touched = np.where(usable.all(axis=1), 0, -1)

@@ -32,11 +32,6 @@ class Numbers(ValueType):
         Whether null is allowed.
     low, high : float
         Limits of each.
-
-    Examples
-    --------
-    >>> Numbers(low=0, high=1).read([0, "0.5"], KeyPath("scene.yaml"), Scope())
-    (0.0, 0.5)
     """
 
     low: float
@@ -87,11 +82,6 @@ class Curves(_PerStrip):
     ----------
     optional : bool
         Whether null is allowed.
-
-    Examples
-    --------
-    >>> Curves().read([[0.5, 0], [0.4, 0]], KeyPath("scene.yaml"), Scope())
-    ((0.5, 0.0), (0.4, 0.0))
     """
 
     _item = Numbers(low=0, high=1)
@@ -109,11 +99,6 @@ class Names(_PerStrip):
     ----------
     optional : bool
         Whether null is allowed.
-
-    Examples
-    --------
-    >>> Names().read(["low", "high"], KeyPath("scene.yaml"), Scope())
-    ('low', 'high')
     """
 
     _item = Text(limit=64)
@@ -174,14 +159,7 @@ def _check_curves(value: tuple[tuple[float, ...], ...] | None, scope: Scope) -> 
 
 @declared
 class SpreadingKeys:
-    """How the skin spreads a press over the strips.
-
-    Examples
-    --------
-    >>> law = read(SpreadingKeys, {"share": 0.5, "width_mm": 10}, KeyPath("scene.yaml"))
-    >>> law.spreading().share(0.0).round(3)
-    0.5
-    """
+    """How the skin spreads a press over the strips."""
 
     law: str = key(
         Choice(words=("gaussian", "table", "strips")),
@@ -277,24 +255,10 @@ class SpreadingKeys:
 def read_spreading(path: str | Path) -> SpreadingKeys:
     """Read the file of a spreading law.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    SpreadingKeys
-
     Raises
     ------
     InputError
         Naming file, key, rule and value.
-
-    Examples
-    --------
-    >>> _ = Path("skin.yaml").write_text("{law: gaussian, share: 0.5, width_mm: 10}")
-    >>> read_spreading("skin.yaml").width_mm
-    10.0
     """
     return read(SpreadingKeys, read_yaml(path), KeyPath(str(path)))
 
@@ -302,22 +266,10 @@ def read_spreading(path: str | Path) -> SpreadingKeys:
 def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
     """Write the file of a spreading law.
 
-    Parameters
-    ----------
-    law : SpreadingKeys
-    path : str or Path
-
     Raises
     ------
     InputError
         When the file cannot be written, or not be read again.
-
-    Examples
-    --------
-    >>> law = SpreadingKeys(share=0.5, width_mm=10.0)
-    >>> write_spreading(law, "skin.yaml")
-    >>> read_spreading("skin.yaml") == law
-    True
     """
     values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
     read(SpreadingKeys, values, KeyPath(str(path)))

@@ -45,13 +45,6 @@ class SurfaceEvidence:
         Neither for strips that are left out.
     other_n : ndarray, shape (n, S)
         Force that something else may add to each strip: a standard deviation.
-
-    Examples
-    --------
-    >>> profiles = StripProfile(*(np.ones((5, 4, 25)) for _ in range(4)))
-    >>> none = np.zeros((5, 4), bool)
-    >>> len(SurfaceEvidence(profiles, ~none, none, np.zeros((5, 4)))[2:])
-    3
     """
 
     profiles: StripProfile
@@ -88,12 +81,6 @@ class SurfacePress:
         Squared residual of the strips at the best press, in standard deviations.
     freedom : ndarray, shape (n,)
         Of which so much is expected.
-
-    Examples
-    --------
-    >>> press = SurfacePress(np.ones((5, 3)), np.ones((5, 3, 3)), np.ones(5), np.ones(5))
-    >>> press[:2].mean.shape
-    (2, 3)
     """
 
     mean: Array
@@ -110,10 +97,6 @@ class SurfacePress:
 class SurfacePosterior:
     """The posterior of force, x and y.
 
-    Parameters
-    ----------
-    skin : Skin
-
     Notes
     -----
     All forces up to the largest that the strips can show, and all points of the plane up to one
@@ -123,18 +106,6 @@ class SurfacePosterior:
     untouched one the probability that its force is below the onset. The posterior is summed over y,
     and integrated over force and x by Gauss and Hermite's rule about the least-squares solution at
     each y, so that its mean and covariance need not be those of a normal distribution.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> posterior = SurfacePosterior(skin_of(load_scene("surface_four_strips")))
-    >>> force = np.broadcast_to(np.linspace(3.2, 3.4, 25), (1, 4, 25))
-    >>> exactly = StripProfile(force, 0.0 * force, 40.0 + 0.0 * force, 0.01 + 0.0 * force)
-    >>> touched = np.array([[False, True, True, False]])
-    >>> press = posterior(SurfaceEvidence(exactly, touched, ~touched, np.zeros((1, 4))))
-    >>> press.mean[0, 1:].round(1).tolist()
-    [40.0, 18.0]
     """
 
     def __init__(self, skin: Skin) -> None:
@@ -161,10 +132,6 @@ class SurfacePosterior:
         ----------
         evidence : SurfaceEvidence
             At least one strip of each reading is touched.
-
-        Returns
-        -------
-        SurfacePress
         """
         starts = range(0, len(evidence), _AT_ONCE)
         parts = [self._some(evidence[start : start + _AT_ONCE]) for start in starts]
@@ -178,10 +145,6 @@ class SurfacePosterior:
         ----------
         evidence : SurfaceEvidence
             At least one strip of each reading is touched.
-
-        Returns
-        -------
-        SurfacePress
         """
         summary = _Summary.of(evidence)
         y = np.broadcast_to(self._y, (len(evidence), len(self._y)))

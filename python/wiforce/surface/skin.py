@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Share of the least calibrated force up to which an onset counts as assumed (sensor/calibration.py
-# assumes half).
+# Share of the least calibrated force up to which an onset counts as assumed: `calibrate` assumes
+# half.
 _ASSUMED_ONSET = 0.501
 
 
@@ -36,12 +36,6 @@ class Strip:
         Where port 1 is.
     reversed : bool
         Whether the strip runs towards smaller x from port 1.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> Strip("a", load_sensor("line-900mhz"), 0.0, 80.0, True).x_of(30.0)
-    50.0
     """
 
     sensor: str
@@ -80,16 +74,6 @@ class Skin:
     spreading : Spreading
     frequency_hz : float
         Carrier.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> from gnuradio.wiforce.surface.spreading import gaussian_spreading
-    >>> line = load_sensor("line-900mhz")
-    >>> strips = (Strip("a", line, 0.0), Strip("b", line, 12.0))
-    >>> skin = Skin("skin", strips, (0, 1), gaussian_spreading(0.5, 10.0, 0.02, 0.3), 900e6)
-    >>> skin.shares([0.0]).round(2).tolist(), skin.y_span_mm
-    ([[0.5, 0.24]], (-6.0, 18.0))
     """
 
     name: str

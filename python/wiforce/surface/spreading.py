@@ -35,12 +35,6 @@ class Spreading:
     location_offsets_mm : tuple of float
         By how much too far from its port 1 each strip shows a press on average; nothing where this
         is empty.
-
-    Examples
-    --------
-    >>> law = Spreading((0.0, 12.0, 24.0), (0.5, 0.25, 0.0), 0.02, 0.3)
-    >>> law.share([0.0, -12.0, 30.0]).tolist()
-    [0.5, 0.25, 0.0]
     """
 
     distance_mm: tuple[float, ...]
@@ -66,10 +60,6 @@ class Spreading:
         ----------
         distance_mm : array_like
             Of either sign.
-
-        Returns
-        -------
-        ndarray
         """
         distance = np.abs(np.asarray(distance_mm, float))
         last = self.distance_mm[-1]
@@ -83,10 +73,6 @@ class Spreading:
         ----------
         strip : int
             Index in the order of y.
-
-        Returns
-        -------
-        float
         """
         return self.location_offsets_mm[strip] if self.location_offsets_mm else 0.0
 
@@ -99,10 +85,6 @@ class Spreading:
             Index in the order of y.
         distance_mm : array_like
             y of the press less that of the strip.
-
-        Returns
-        -------
-        ndarray
         """
         return self.share(distance_mm)
 
@@ -121,14 +103,6 @@ class StripSpreading(Spreading):
         As for :class:`Spreading`.
     of_strips : tuple of tuple of float
         Share of each strip at each distance.
-
-    Examples
-    --------
-    >>> law = StripSpreading(
-    ...     (-12.0, 0.0, 12.0), (0.2, 0.6, 0.2), 0.02, 0.3,
-    ...     of_strips=((0.3, 0.7, 0.2), (0.1, 0.5, 0.2)))
-    >>> law.share_of(0, [0.0, -12.0]).tolist(), law.share(0.0).tolist()
-    ([0.7, 0.3], 0.6)
     """
 
     of_strips: tuple[tuple[float, ...], ...] = ()
@@ -163,19 +137,8 @@ def gaussian_spreading(
     ----------
     share : float
         Share of a strip right beneath the press.
-    width_mm : float
     share_std, location_std_mm : float
         As for :class:`Spreading`.
-
-    Returns
-    -------
-    Spreading
-
-    Examples
-    --------
-    >>> law = gaussian_spreading(0.5, 10.0, 0.02, 0.3)
-    >>> law.share([0.0, 10.0]).round(2).tolist()
-    [0.5, 0.3]
     """
     distance = np.linspace(0.0, _REACH * width_mm, _POINTS)
     floor = np.exp(-0.5 * _REACH**2)

@@ -35,11 +35,6 @@ class StripProfile:
         Logarithm of the likelihood integrated over the location and to the next force.
     location_mm, variance_mm2 : ndarray, shape (n, k)
         The location that explains the phases best at each force, and its variance.
-
-    Examples
-    --------
-    >>> StripProfile(*(np.ones((5, 25)) for _ in range(4))).force_n.shape
-    (5, 25)
     """
 
     force_n: Array
@@ -62,24 +57,10 @@ def strip_profile(
     phases_deg, std_deg : ndarray, shape (n, 2)
         Of a touched strip, with the standard deviations of their noise.
 
-    Returns
-    -------
-    StripProfile
-
     Notes
     -----
     The likelihood is that of the single strip (``sensor/inversion.py``): noise and the model's own
     error are normal. The forces are chosen about the press that the inversion finds.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> sensor = load_sensor("line-900mhz-calibrated")
-    >>> phases = sensor.phases_deg([4.0], [45.0])
-    >>> found = strip_profile(sensor, 900e6, phases, np.full((1, 2), 0.2))
-    >>> best = found.log_weight.argmax()
-    >>> round(float(found.force_n[0, best]), 1), round(float(found.location_mm[0, best]), 1)
-    (4.0, 45.0)
     """
     inverter = model.inverter(frequency_hz)
     forward = inverter.forward

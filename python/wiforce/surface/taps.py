@@ -28,11 +28,6 @@ class KnownPress:
     start_s, end_s : float
         A time in which it was held, in s.
     force_n, x_mm, y_mm : float
-
-    Examples
-    --------
-    >>> KnownPress(0.8, 1.3, 6.0, 40.0, 12.0).force_n
-    6.0
     """
 
     start_s: float
@@ -52,20 +47,10 @@ def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[Known
     skin : Skin, optional
         The surface, on which the presses must lie.
 
-    Returns
-    -------
-    list of KnownPress
-
     Raises
     ------
     InputError
         Naming file, row, rule and value.
-
-    Examples
-    --------
-    >>> size = Path("taps.csv").write_text("start_s,end_s,force_n,x_mm,y_mm\\n0.8,1.3,6,40,12\\n")
-    >>> read_known_presses("taps.csv")[0].y_mm
-    12.0
     """
     header, rows = read_csv(path)
     require_columns(path, header, _COLUMNS)
@@ -108,29 +93,13 @@ def taps_of(
 ) -> SurfaceTaps:
     """What the strips showed of known presses.
 
+    Returns SurfaceTaps: means over the readings of each press.
+
     Parameters
     ----------
-    skin : Skin
-    presses : sequence of KnownPress
     rows : iterable of mapping
         Rows of readings (``io.readings_files.ReadingsFile``). Those with a flag other than
         ``extrapolated`` and ``force-unobservable`` are left out.
-
-    Returns
-    -------
-    SurfaceTaps
-        Means over the readings of each press.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.surface import skin_of
-    >>> row = {"time_s": 1.0, "sensor": "strip2", "touch": 1, "force_n": 3.0, "force_std_n": 0.1,
-    ...        "location_mm": 40.0, "location_std_mm": 0.1, "flags": ""}
-    >>> skin = skin_of(load_scene("surface_four_strips"))
-    >>> taps = taps_of(skin, [KnownPress(0.8, 1.3, 6.0, 40.0, 12.0)], [row])
-    >>> taps.strip_force_n.tolist()
-    [[nan, 3.0, nan, nan]]
     """
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)

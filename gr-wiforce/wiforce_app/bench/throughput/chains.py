@@ -38,6 +38,12 @@ class Flowgraph:
         self.top = gr.top_block()
         self._captures = []
 
+    def row(self, *chain):
+        """Connects blocks in a row, of which the last one gives the tones."""
+        self.top.connect(*chain)
+        self.end(chain[-1])
+        self._kept = chain  # Python blocks are freed when no name refers to them
+
     def end(self, *blocks_of_capture):
         """Ends a capture's chain, or its chains of some rows each."""
         sinks = []
@@ -94,16 +100,42 @@ def stream(recording, weights, item_type):
     return StreamedTones(source, collected_groups(item_type), ToneSink(weights))
 
 
+def kernel_blocks(
+    order, weights, group_length, waveform=WAVEFORM, item_type="fc32", folded=False, rotation=None
+):
+    """Blocks from samples to the channel at each tone.
+
+    Parameters
+    ----------
+    order : str
+        ``tones first``, ``block by block`` (snapshots in between) or ``channel first`` (the channel
+        of each snapshot in between).
+    weights : ndarray, shape (M, group_length)
+    folded : bool
+        Whether the source gives snapshots, as a recording source does.
+    rotation : ndarray, shape (M, symbol), optional
+        By which tones are derotated within a symbol.
+    """
+    frame = {**waveform.folding, "item_type": item_type}
+    group = {"weights": weights, "group_length": group_length}
+    factors = waveform.equalizer().astype(np.complex64)
+    fold = [] if folded else [wiforce.preamble_fold(**frame)]
+    if order == "channel first":
+        estimator = wiforce.ofdm_channel_estimator(factors, 1)
+        return [*fold, estimator, wiforce.phase_group_doppler(**group)]
+    rotations = () if rotation is None else (rotation,)
+    estimator = wiforce.ofdm_channel_estimator(factors, len(weights), *rotations)
+    if order == "tones first" and fold:
+        return [wiforce.preamble_fold.tones(**group, **frame), estimator]
+    return [*fold, wiforce.phase_group_doppler(**group), estimator]
+
+
 @chain("block-by-block")
 def separate_blocks(recording, weights):
     """Folding and tones in a block each, as a flowgraph that shows the snapshots has it."""
     flowgraph = Flowgraph()
     source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
-    fold = wiforce.preamble_fold(WAVEFORM.frame_length)
-    doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
-    estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-    flowgraph.top.connect(source, fold, doppler, estimator)
-    flowgraph.end(estimator)
+    flowgraph.row(source, *kernel_blocks("block by block", weights, GROUP_LENGTH))
     return flowgraph
 
 

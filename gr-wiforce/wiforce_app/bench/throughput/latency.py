@@ -14,11 +14,8 @@ from .stream import ToneSink, collected_groups
 def measure_latency(weights, packet, seconds):
     """Latency of the stream chain with packets of so many samples.
 
-    Returns
-    -------
-    dict
-        ``packet``, ``median_ms``, ``p95_ms``, and ``core_share``: what part of a core the chain
-        takes beside the paced source.
+    Returns dict: ``packet``, ``median_ms``, ``p95_ms``, and ``core_share``: what part of a core the
+    chain takes beside the paced source.
     """
     samples = int(seconds * WAVEFORM.sample_rate_hz)
     source = _paced(packet, samples)

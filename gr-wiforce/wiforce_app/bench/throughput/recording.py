@@ -46,12 +46,7 @@ class Recording:
 
 
 def write_recording(folder, samples):
-    """Writes a recording of about so many samples, in whole groups.
-
-    Returns
-    -------
-    Recording
-    """
+    """Writes a recording of about so many samples, in whole groups."""
     groups = max(2, samples // GROUP_SAMPLES)
     recording = Recording(
         Path(folder) / "frames.cf32", Path(folder) / "frames.ci16", groups * GROUP_SAMPLES

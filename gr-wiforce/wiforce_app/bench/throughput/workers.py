@@ -5,9 +5,12 @@ import multiprocessing
 import os
 import resource
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from .recording import reference_tones
 
 # Of the largest tone, in single precision.
 TOLERANCE = 1e-5
@@ -38,23 +41,12 @@ class Row:
 
 
 class Worker:
-    """A process that runs one chain again and again.
-
-    Parameters
-    ----------
-    row : Row
-    recording : Recording
-    cpu : int or None
-        The processor it is held to.
-    """
+    """A process that runs one chain again and again, held to a processor if one is given."""
 
     def __init__(self, row, recording, cpu):
         self.row = row
         context = multiprocessing.get_context("spawn")
-        self._pipe, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, row, recording, cpu))
-        self._process.start()
-        other.close()
+        self._pool = ProcessPoolExecutor(1, context, _begin, (row, recording, cpu))
 
     def run(self, clock):
         """Msps of one run by the ``wall`` or the ``cpu`` clock.
@@ -64,48 +56,49 @@ class Worker:
         RuntimeError
             When the chain failed or its tones are wrong.
         """
-        self._pipe.send(clock)
         try:
-            answer = self._pipe.recv()
-        except (EOFError, OSError):
-            answer = "its process ended"
-        if isinstance(answer, str):
-            raise RuntimeError(f"{self.row.name}: {answer}")
-        return answer
+            return self._pool.submit(_run, clock).result()
+        except Exception as error:
+            name = self.row.name
+            raise RuntimeError(f"{name}: {type(error).__name__}: {error}") from error
+
+    def peak_memory_mb(self):
+        """Of the process."""
+        return self._pool.submit(_peak_memory_mb).result()
 
     def close(self):
-        """Ends the process; returns its peak memory in MB."""
-        self._pipe.send(None)
-        peak = self._pipe.recv()
-        self._process.join()
-        return peak
-
-    def kill(self):
-        self._process.kill()
-        self._process.join()
+        """Ends the process."""
+        self._pool.shutdown()
 
 
-def _serve(pipe, row, recording, cpu):
+# Of a worker's process: its row and recording, and the tones that are right.
+_task = []
+
+
+def _begin(row, recording, cpu):
     if cpu is not None:
         os.sched_setaffinity(0, {cpu})
     os.environ["GR_CONF_LOG_LOG_LEVEL"] = "warn"
-    from .chains import CHAINS
-    from .recording import reference_tones
-
     recording = recording.shortened(recording.samples * row.share)
-    reference = None
-    while (clock := pipe.recv()) is not None:
-        try:
-            if reference is None:
-                reference = reference_tones(recording, row.weights)
-            chain = CHAINS[row.chain](recording, row.weights)
-            seconds = _timed(chain.run, clock)
-            for tones in chain.tones:
-                _check(tones, reference)
-            pipe.send(max(1, len(chain.tones)) * recording.samples / seconds / 1e6)
-        except Exception as error:
-            pipe.send(f"{type(error).__name__}: {error}")
-    pipe.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    _task[:] = row, recording
+
+
+def _run(clock):
+    from .chains import CHAINS  # GNU Radio, after its logging was set
+
+    row, recording, *reference = _task
+    if not reference:
+        reference = [reference_tones(recording, row.weights)]
+        _task.extend(reference)
+    chain = CHAINS[row.chain](recording, row.weights)
+    seconds = _timed(chain.run, clock)
+    for tones in chain.tones:
+        _check(tones, *reference)
+    return max(1, len(chain.tones)) * recording.samples / seconds / 1e6
+
+
+def _peak_memory_mb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _timed(run, clock):

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What connects the transmit connector to the receive connector: a cable, or a sample counter."""
+
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+
+from ..streams.dsp import FULL_SCALE
+from .history import SampleHistory
+
+
+class Cable:
+    """A cable between the connectors, with unit gain when both gains are 0 dB.
+
+    Parameters
+    ----------
+    delay_ticks : int
+        Delay from transmit to receive, like that of the device's filters.
+
+    Attributes
+    ----------
+    tuning : Tuning
+    clock : DeviceClock
+        Both are set by the device.
+    """
+
+    def __init__(self, delay_ticks):
+        self._delay = delay_ticks
+        self._sent = SampleHistory()
+        self.tuning = None
+        self.clock = None
+
+    def restart(self):
+        """Forget the last session."""
+        self._sent = SampleHistory()
+
+    def forget(self, tick):
+        """Drop samples that cannot be received after `tick` any more."""
+        self._sent.forget(tick - self._delay)
+
+    def transmit(self, tick, spacing, samples):
+        """Take samples that are transmitted from `tick` on; complex64, 1.0 at full scale."""
+        self._sent.append(tick, spacing, samples * amplitude(self.tuning.tx_gain_db))
+
+    def receive(self, chain, tick, spacing, count):
+        """Samples that are received from `tick` on; complex64, 1.0 at full scale."""
+        samples = self._sent.take(tick - self._delay, spacing, count)
+        samples = self.tuning.to_receive_carrier(samples, chain, tick, spacing)
+        return samples * amplitude(self.tuning.rx_gain_db)
+
+    def status(self):
+        """State beyond the device's own, as plain values."""
+        return {}
+
+    def check_sensor(self, sensor):
+        """Raise InputError, since there is no sensor on a cable."""
+        raise InputError("sensor", "requires --air scene", sensor)
+
+    def press(self, sensor, *_):
+        """Raise InputError, since there is no sensor on a cable."""
+        self.check_sensor(sensor)
+
+    def release(self, sensor, *_):
+        """Raise InputError, since there is no sensor on a cable."""
+        self.check_sensor(sensor)
+
+
+class Counter(Cable):
+    """Receives the device time in samples, so that a host can verify every sample.
+
+    I holds the lower, Q the upper 16 bits of device time in samples.
+
+    Parameters
+    ----------
+    delay_ticks : int
+        Without effect.
+    """
+
+    def receive(self, chain, tick, spacing, count):
+        number = np.arange(count, dtype=np.int64) + self.clock.to_time(tick) // spacing % (1 << 32)
+        parts = np.stack((number, number >> 16), axis=1).astype(np.int16)
+        return (parts.astype(np.float32) / np.float32(FULL_SCALE)).view(np.complex64).reshape(-1)
+
+
+def amplitude(db):
+    """Amplitude ratio of a level in dB; float32."""
+    return np.float32(10 ** (db / 20))

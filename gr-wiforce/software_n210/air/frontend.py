@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Daughterboards: carrier and gain, decoded from what the driver writes to their chips."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..wire import TICK_RATE
+
+_GPIO_RX_ONLY, _GPIO_TX_ONLY = 1, 2
+_SPI_CONTROL, _SPI_DATA = 1, 2
+_SPI_RX, _SPI_TX, _SPI_ADC = 16, 128, 256
+# Pins of the WBX's transmit attenuator and its attenuation in dB when a pin is low.
+_WBX_TRANSMIT_PINS = {14: 16, 5: 8, 4: 4, 3: 2, 1: 1}
+_ADC_FINE_GAIN, _ADC_GAIN_CORRECTION = 0x17, 0x1A
+
+
+def _attenuator_half_db(pins):
+    """Gain of the 6-bit attenuator on pins 8..13, in dB; its code counts half decibels."""
+    return (pins >> 8 & 0x3F) / 2
+
+
+def _wbx_transmit_db(pins):
+    """Gain of the WBX's 5-bit transmit attenuator."""
+    return float(sum(db for pin, db in _WBX_TRANSMIT_PINS.items() if pins >> pin & 1))
+
+
+def _no_gain(pins):
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Daughterboard:
+    """A pair of receive and transmit units as the driver knows them.
+
+    Attributes
+    ----------
+    rx_id, tx_id : int
+        EEPROM ids.
+    lo_divider : int
+        Oscillator frequency over carrier; 0 for a board without an oscillator.
+    rx_gain_db, tx_gain_db : callable
+        Gain in dB from the unit's 16 pins.
+    reference_gain_db : float
+        Gain in the middle of the range.
+    """
+
+    rx_id: int
+    tx_id: int
+    lo_divider: int = 1
+    rx_gain_db: Callable[[int], float] = _attenuator_half_db
+    tx_gain_db: Callable[[int], float] = _attenuator_half_db
+    reference_gain_db: float = 15.0
+
+
+DAUGHTERBOARDS = {
+    "SBX": Daughterboard(0x0054, 0x0055),
+    "CBX": Daughterboard(0x0067, 0x0066),
+    "WBX": Daughterboard(0x0057, 0x0056, lo_divider=2, tx_gain_db=_wbx_transmit_db),
+    "Basic": Daughterboard(0x0001, 0x0000, 0, _no_gain, _no_gain, 0.0),
+    "LF": Daughterboard(0x000F, 0x000E, 0, _no_gain, _no_gain, 0.0),
+}
+
+
+class Synthesizer:
+    """An ADF4350 or MAX2870: frequency from its register writes."""
+
+    def __init__(self):
+        self._registers = [0] * 8
+
+    def write(self, word):
+        """Write a register; the low three bits of the 32-bit word select it."""
+        self._registers[word & 7] = word
+
+    @property
+    def frequency_hz(self):
+        """Output frequency with the device's 100 MHz reference; 0 before it is programmed."""
+        r0, r1, r2, _, r4, *_ = self._registers
+        modulus, divider = r1 >> 3 & 0xFFF, r2 >> 14 & 0x3FF
+        if not modulus or not divider:
+            return 0.0
+        doubler, halver = r2 >> 25 & 1, r2 >> 24 & 1
+        phase_detector_hz = TICK_RATE * (1 + doubler) / (divider * (1 + halver))
+        frequency = phase_detector_hz * ((r0 >> 15 & 0xFFFF) + (r0 >> 3 & 0xFFF) / modulus)
+        feedback_before_divider = r4 >> 23 & 1
+        return frequency / (1 << (r4 >> 20 & 7)) if feedback_before_divider else frequency
+
+
+class AdcGain:
+    """Gain stages of the ADS62P44 converter, from its register writes."""
+
+    def __init__(self):
+        self._registers = {}
+
+    def write(self, word):
+        """Write a register; the upper byte of the 16-bit word selects it."""
+        self._registers[word >> 8] = word & 0xFF
+
+    @property
+    def gain_db(self):
+        """Digital gain in steps of 0.5 dB and its correction in steps of 0.05 dB."""
+        fine = self._registers.get(_ADC_FINE_GAIN, 0) & 15
+        correction = self._registers.get(_ADC_GAIN_CORRECTION, 0) & 15
+        return 0.5 * fine + 0.05 * correction
+
+
+class FrontEnd:
+    """Oscillators and gain stages of the device, set through its SPI and GPIO blocks."""
+
+    def __init__(self, board):
+        self._board = board
+        self._synthesizers = {_SPI_RX: Synthesizer(), _SPI_TX: Synthesizer()}
+        self._adc = AdcGain()
+        self._spi_control = 0
+        self._pins = [0] * 5
+
+    def poke_spi(self, register, value):
+        """Write to the SPI block: register 1 selects chip and length, register 2 sends a word."""
+        if register == _SPI_CONTROL:
+            self._spi_control = value
+        elif register == _SPI_DATA:
+            select, bits = self._spi_control & 0xFFFFFF, self._spi_control >> 24 & 0x3F
+            if select in self._synthesizers and bits == 32:
+                self._synthesizers[select].write(value)
+            elif select == _SPI_ADC and bits == 16:
+                self._adc.write(value >> 16)
+
+    def poke_gpio(self, register, value):
+        """Write to the GPIO block: pins in one of four modes, those of TX in the high half."""
+        self._pins[register] = value
+
+    @property
+    def rx_lo_hz(self):
+        return self._lo_hz(_SPI_RX)
+
+    @property
+    def tx_lo_hz(self):
+        return self._lo_hz(_SPI_TX)
+
+    @property
+    def reference_gain_db(self):
+        return self._board.reference_gain_db
+
+    @property
+    def rx_gain_db(self):
+        return self._board.rx_gain_db(self._pins[_GPIO_RX_ONLY] & 0xFFFF) + self._adc.gain_db
+
+    @property
+    def tx_gain_db(self):
+        return self._board.tx_gain_db(self._pins[_GPIO_TX_ONLY] >> 16)
+
+    def _lo_hz(self, chip):
+        divider = self._board.lo_divider
+        return self._synthesizers[chip].frequency_hz / divider if divider else 0.0

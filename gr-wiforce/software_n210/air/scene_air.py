@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The channel of a scene between the device's connectors, at absolute levels."""
+
+from dataclasses import replace
+
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.radio.adc import Adc
+
+from ..streams.dsp import FULL_SCALE
+from ..wire import TICK_RATE
+from .cable import Cable, amplitude
+from .history import SampleHistory
+
+# A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
+# middle gains, gives the levels of the scene.
+REFERENCE_AMPLITUDE = 0.5
+_CARRIER_TOLERANCE = 1e-6
+
+
+class SceneAir(Cable):
+    """Applies the channel of a scene to the transmitted signal; see docs/radios.md.
+
+    Time 0 of the scene is the first sample of the first stream after the device is opened. Every
+    session starts the scene again.
+
+    Parameters
+    ----------
+    delay_ticks : int
+        Delay of the device itself, from transmit to receive.
+    """
+
+    def __init__(self, scene, delay_ticks):
+        super().__init__(delay_ticks)
+        self._scene = scene
+        self._adc = Adc(scene.simulation.adc_bits)
+        AirChannel(scene)  # raises an InputError for a scene that cannot be simulated
+        self._prepare(
+            round(TICK_RATE / scene.radio.sample_rate_hz), scene.radio.center_frequency_hz
+        )
+
+    def restart(self):
+        super().restart()
+        self._prepare(self._spacing, self._carrier_hz)
+
+    def forget(self, tick):
+        super().forget(tick)
+        self._received.forget(tick)
+
+    def transmit(self, tick, spacing, samples):
+        level = amplitude(self.tuning.tx_gain_db - self.tuning.reference_gain_db)
+        self._sent.append(tick, spacing, samples * np.float32(level / REFERENCE_AMPLITUDE))
+
+    def receive(self, chain, tick, spacing, count):
+        if chain.stream_start is None:
+            return np.zeros(count, np.complex64)
+        if self._leader is None or self._leader is chain:
+            self._follow(chain, tick, spacing)
+        self._advance(chain, tick + (count - 1) * spacing)
+        return self._received.take(tick, spacing, count)
+
+    def check_sensor(self, sensor):
+        if sensor not in self._channel.sensors:
+            known = ", ".join(self._channel.sensors)
+            raise InputError("sensor", f"must be one of the scene's ({known})", sensor)
+
+    def status(self):
+        """Current force, location and touch of each sensor."""
+        states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
+        return {"sensors": {name: _plain(state) for name, state in states.items()}}
+
+    def press(self, sensor, force_n, location_mm):
+        """Press a sensor from now on, whatever the scene specifies.
+
+        Raises
+        ------
+        InputError
+            For an unknown sensor, or a force or location out of range.
+        """
+        if not (0 <= force_n < 1000 and 0 <= location_mm <= 10_000):
+            raise InputError("press", "force must be 0 to 1000 N, location 0 to 10000 mm")
+        self._sensor(sensor).pressed.hold(force_n, location_mm)
+
+    def release(self, sensor):
+        """Release a sensor."""
+        self._sensor(sensor).pressed.hold(0.0, np.nan)
+
+    def set_clock_offset(self, sensor, ppm):
+        """Set the clock offset of a tag from now on."""
+        self._sensor(sensor).clock.retune(self._next * self._spacing / TICK_RATE, ppm)
+
+    def switch_tag(self, sensor, on):
+        """Stop or start a tag's switches."""
+        self._sensor(sensor).on = on
+
+    def _sensor(self, name):
+        self.check_sensor(name)
+        return self._channel.sensors[name]
+
+    def _prepare(self, spacing, carrier_hz):
+        """Make the channel for this sample spacing and carrier.
+
+        At a carrier that the sensor models do not cover, only noise is received.
+        """
+        self._spacing, self._carrier_hz = spacing, carrier_hz
+        try:
+            self._channel = AirChannel(self._scene_at(spacing, carrier_hz))
+            self._silent = False
+        except InputError:
+            own_hz = self._scene.radio.center_frequency_hz
+            self._channel = AirChannel(self._scene_at(spacing, own_hz))
+            self._silent = True
+        self._received = SampleHistory()
+        self._leader, self._origin, self._next = None, None, 0
+
+    def _scene_at(self, spacing, carrier_hz):
+        rate_hz = TICK_RATE / spacing
+        radio = replace(self._scene.radio, sample_rate_hz=rate_hz, center_frequency_hz=carrier_hz)
+        return replace(self._scene, radio=radio)
+
+    def _follow(self, chain, tick, spacing):
+        """Run at the rate and carrier of the first chain that receives, and continue at `tick`."""
+        carrier_hz = self._known_carrier()
+        if (spacing, carrier_hz) != (self._spacing, self._carrier_hz):
+            self._prepare(spacing, carrier_hz)
+        if self._leader is None:
+            self._leader, self._origin = chain, chain.stream_start
+        position = -(-(tick - self._origin) // spacing)
+        if position != self._next:
+            self._channel.restart(position)
+            self._next = position
+
+    def _known_carrier(self):
+        """The transmit carrier; the scene's own when they differ by rounding only."""
+        wanted = self._scene.radio.center_frequency_hz
+        actual = self.tuning.tx_carrier_hz
+        return wanted if abs(actual - wanted) <= _CARRIER_TOLERANCE * wanted else actual
+
+    def _advance(self, chain, last_tick):
+        """Run the channel until it covers `last_tick`."""
+        spacing = self._spacing
+        count = (last_tick - self._origin) // spacing + 1 - self._next
+        if count <= 0:
+            return
+        tick = self._origin + self._next * spacing
+        sent = self._sent.take(tick - self._delay, spacing, count)
+        if self._silent:
+            sent[:] = 0
+        received = self._channel.process(sent, self._next)
+        received = self.tuning.to_receive_carrier(received, chain, tick, spacing)
+        level = amplitude(self.tuning.rx_gain_db - self.tuning.reference_gain_db)
+        codes = self._adc.codes(received * level)
+        samples = codes.astype(np.float32) / np.float32(FULL_SCALE)
+        self._received.append(tick, spacing, samples.view(np.complex64))
+        self._next += count
+
+
+def _plain(state):
+    """A touch state as plain values."""
+    location_mm = float(state.location_mm[0])
+    return {
+        "touch": bool(state.touch[0]),
+        "force_n": float(state.force_n[0]),
+        "location_mm": None if np.isnan(location_mm) else location_mm,
+    }

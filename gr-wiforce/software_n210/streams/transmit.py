@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The transmit stream: queued packets become bursts at their device time."""
+
+from collections import deque
+
+import numpy as np
+
+from ..wire import TX_BURST_ACK, TX_LATE, TX_SEQUENCE_ERROR, TX_UNDERFLOW, Malformed
+from .dsp import FULL_SCALE, DspRegisters
+from .flow_control import FlowControl
+from .tx_packets import parse_packet
+
+_POLICY_NEXT_BURST = 4
+_MAX_QUEUE = 4096
+
+
+class TransmitChain:
+    """The transmit DSP with its stream.
+
+    Parameters
+    ----------
+    air : object
+        ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale.
+    socket_bytes : int or None
+        Capacity of the socket that packets arrive at; None when it is unlimited.
+
+    Attributes
+    ----------
+    dsp : DspRegisters
+    flow : FlowControl
+    underflows, late_packets, sequence_errors : int
+    """
+
+    def __init__(self, clock, air, socket_bytes=None):
+        self.dsp = DspRegisters(cic_power=3)
+        self.underflows = 0
+        self.late_packets = 0
+        self.sequence_errors = 0
+        self._clock = clock
+        self._air = air
+        self.flow = FlowControl(clock, socket_bytes)
+        self._policy = 2
+        self._make_late = False
+        self._clear()
+
+    def _clear(self):
+        self._queue = deque()
+        self._expected = None
+        self._next_tick = None
+        self._free_tick = self._clock.ticks
+        self._skip_burst = False
+        self.flow.clear()
+
+    def poke(self, register, value):
+        """Write register 0..5 of the stream's control block."""
+        if register == 0 and value:
+            self._clear()
+        elif register == 2:
+            self.flow.stream_id = value
+        elif register == 3:
+            self._policy = value
+        elif register == 4:
+            self.flow.report_every_ticks(value)
+        elif register == 5:
+            self.flow.report_every_packets(value)
+
+    @property
+    def in_burst(self):
+        """Whether a burst is on the air."""
+        return self._next_tick is not None
+
+    @property
+    def busy(self):
+        """Whether a burst is on the air or queued."""
+        return self.in_burst or bool(self._queue)
+
+    def accept(self, datagram):
+        """Queue the packet of one datagram.
+
+        Raises
+        ------
+        Malformed
+            When it is no data packet, or the host exceeds its window.
+        """
+        packet = parse_packet(datagram)
+        if len(self._queue) >= _MAX_QUEUE:
+            raise Malformed("transmit queue is full")
+        if self._expected is not None and packet.sequence != self._expected:
+            self.sequence_errors += 1
+            self.flow.report(TX_SEQUENCE_ERROR, self._clock.ticks)
+        self._expected = packet.sequence + 1 & 0xFFFFFFFF
+        self._queue.append(packet)
+
+    def make_late(self):
+        """Treat the next packet that starts a burst as late."""
+        self._make_late = True
+
+    def covered_until(self, end):
+        """The tick up to which no sample is missing, at most `end`; an open burst may run out."""
+        spacing = self.dsp.ticks_per_sample
+        tick, opened = self._next_tick, self.in_burst
+        for packet in self._queue:
+            if not opened:
+                tick = self._start_of(packet, tick or self._clock.ticks)
+                opened = True
+            if tick >= end:
+                return end
+            tick += packet.samples * spacing
+            if packet.end:
+                opened = False
+        return min(tick, end) if opened else end
+
+    def run(self, start, end):
+        """Transmit the samples that are due between ticks `start` and `end`."""
+        while self._queue or self.in_burst:
+            if not self.in_burst and not self._begin(start, end):
+                return
+            if self.in_burst and not self._play(end):
+                return
+
+    def _start_of(self, packet, earliest):
+        """Tick at which a burst begins: its time, or when the last burst has ended."""
+        if packet.time is None:
+            return max(earliest, self._free_tick)
+        return self._clock.to_ticks(packet.time)
+
+    def _begin(self, start, end):
+        """Start or drop the packet at the head; False when it is not due before `end`."""
+        packet = self._queue[0]
+        if self._skip_burst:
+            self._skip_burst = not packet.end
+            self.flow.consumed(self._queue.popleft())
+            return True
+        tick = self._start_of(packet, start)
+        late = self._make_late or tick < start
+        if tick >= end and not late:
+            return False
+        if late:
+            self._make_late = False
+            self.late_packets += 1
+            self._skip_burst = self._policy & _POLICY_NEXT_BURST and not packet.end
+            self.flow.consumed(self._queue.popleft())
+            self.flow.report(TX_LATE, start)
+        else:
+            self._next_tick = tick
+        return True
+
+    def _play(self, end):
+        """Transmit the open burst up to `end` or its own end; False when `end` is reached."""
+        spacing = self.dsp.ticks_per_sample
+        room = max(0, -(-(end - self._next_tick) // spacing))
+        payloads, taken, ended = [], 0, False
+        while self._queue and taken < room and not ended:
+            packet = self._queue[0]
+            count = min(packet.samples, room - taken)
+            payloads.append(packet.payload[: 4 * count])
+            packet.payload = packet.payload[4 * count :]
+            taken += count
+            if not packet.payload:
+                self._queue.popleft()
+                self.flow.consumed(packet)
+                ended = packet.end
+        if taken:
+            self._air.transmit(self._next_tick, spacing, self._samples(payloads))
+            self._next_tick += taken * spacing
+            self._free_tick = self._next_tick
+        if ended:
+            self.flow.report(TX_BURST_ACK, self._next_tick)
+            self._next_tick = None
+            return True
+        if taken < room:
+            self.underflows += 1
+            self.flow.report(TX_UNDERFLOW, self._next_tick)
+            self._skip_burst = bool(self._policy & _POLICY_NEXT_BURST)
+            self._next_tick = None
+            return True
+        return False
+
+    def _samples(self, payloads):
+        wire = np.frombuffer(b"".join(payloads), ">i2")
+        values = wire.astype(np.int16).astype(np.float32)
+        values *= np.float32(self.dsp.gain / FULL_SCALE)
+        return values.view(np.complex64)

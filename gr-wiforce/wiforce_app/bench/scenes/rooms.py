@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rows of the accuracy benchmark for shipped rooms, with and without the survey."""
+
+import tempfile
+import zlib
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.report import changes_of, skipped_of
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.score import read_truth, steady_rows
+from gnuradio.wiforce.simulation.simulator import simulate
+
+from ...evaluate.error_summary import calibration_bias_deg
+from ...evaluate.experiment import with_mean_phases
+from ..report import Column, head_and_cells, text_table
+from .room_reading import read_room
+
+# Scenes that state nothing under ``environment``, and one without any disturbance.
+ROOMS = (
+    "demo",
+    "office_wifi",
+    "workshop_lamps",
+    "cheap_tag",
+    "uncalibrated_radio",
+    "warm_day",
+    "somebody_walks",
+)
+_RUNS, _FULL_RUNS = 4, 12
+# A reading is wrong if it is unflagged and its error exceeds all of these: std, N, mm.
+_WRONG = (5.0, 0.3, 1.0)
+
+
+@dataclass(frozen=True)
+class RoomCase:
+    """A shipped scene, which gives a row with and one without the survey of its room."""
+
+    scene: str
+    runs: int
+
+    @property
+    def name(self):
+        return f"room: {self.scene}"
+
+    estimators = ("surveyed", "not surveyed")
+    groups = 1_000  # in the order of the tasks: a run takes as long as that of so many groups
+
+    def run(self, run, seed):
+        """Simulate with another seed and read twice; estimator to :class:`RoomResult`."""
+        scene = load_scene(self.scene)
+        number = zlib.crc32(repr((seed, Path(self.scene).name, run)).encode())
+        scene = replace(scene, simulation=replace(scene.simulation, seed=number))
+        settings = plan(scene)
+        with tempfile.TemporaryDirectory() as folder:
+            simulate(scene, Path(folder) / "capture")
+            truth = with_mean_phases(scene, read_truth(f"{folder}/capture.truth.csv"))
+            capture = open_capture(Path(folder) / "capture")
+            return {
+                name: _result(scene, read_room(capture, settings, name == "surveyed"), truth)
+                for name in self.estimators
+            }
+
+    def summarise(self, estimator, results):
+        """Combine the results of all runs to a row."""
+        return _summary(self, estimator, results)
+
+
+def room_cases(full=False):
+    """A case per room, in the order of the report."""
+    return [RoomCase(scene, _FULL_RUNS if full else _RUNS) for scene in ROOMS]
+
+
+@dataclass(frozen=True)
+class RoomResult:
+    """One run; columns of ``errors`` and ``std`` are force (N) and location (mm)."""
+
+    phase_deg: np.ndarray
+    errors: np.ndarray
+    std: np.ndarray
+    flagged: np.ndarray
+    unread: int
+    bound_deg: np.ndarray
+    added: list
+    skipped: list
+    start_s: float
+    cpu_s: float
+    signal_s: float
+
+
+def _result(scene, found, truth):
+    """Errors of the groups whose neighbours are touched as well."""
+    steady = {round(row["time_s"], 4): row for row in steady_rows(truth)}
+    read = [
+        (reading, steady[round(reading.time_s, 4)])
+        for reading in found.readings
+        if round(reading.time_s, 4) in steady and reading.force_n is not None
+    ]
+    phases = [
+        [r.phase1_deg - row["phase1_deg"], r.phase2_deg - row["phase2_deg"]] for r, row in read
+    ]
+    phases = wrap_deg(np.reshape(phases, (-1, 2)) - calibration_bias_deg(scene, 0))
+    errors = [[r.force_n - row["force_n"], r.location_mm - row["location_mm"]] for r, row in read]
+    settings = plan(scene)
+    return RoomResult(
+        phases,
+        np.reshape(errors, (-1, 2)),
+        np.reshape([[r.force_std_n, r.location_std_mm] for r, _ in read], (-1, 2)),
+        np.array([bool(r.flags) for r, _ in read], bool),
+        len(steady) - len(read),
+        np.array(expect(settings)[0].phase_std_deg),
+        changes_of(settings, found.plan),
+        skipped_of(found.plan),
+        found.start_s,
+        found.samples_s + found.groups_s,
+        scene.simulation.duration_s,
+    )
+
+
+@dataclass(frozen=True)
+class RoomRow:
+    """Results of a room over all runs.
+
+    ``rms_deg``, ``bound_deg`` and ``loss_db`` have an entry per end; the bound is that of the scene
+    without its disturbances. ``within_2_std`` are shares of unflagged forces and locations;
+    ``unflagged`` is the share of the touched groups. ``wrong`` counts unflagged readings off by
+    more than five of their standard deviations and by more than 0.3 N or 1 mm. ``added`` and
+    ``skipped`` are what the surveys decided.
+    """
+
+    case: str
+    estimator: str
+    rms_deg: list
+    bound_deg: list
+    loss_db: list
+    force_median_n: float
+    within_2_std: list
+    unflagged: float
+    wrong: int
+    added: list
+    skipped: list
+    start_s: float
+    seconds_per_second: float
+    n: int
+    unread: int
+
+
+def _summary(case, estimator, runs):
+    phases, errors, std, flagged = (
+        np.concatenate([getattr(run, name) for run in runs])
+        for name in ("phase_deg", "errors", "std", "flagged")
+    )
+    rms = np.sqrt(np.mean(phases**2, axis=0))
+    bound = np.sqrt(np.mean([run.bound_deg**2 for run in runs], axis=0))
+    clear = np.abs(errors[~flagged])
+    clear_std, limits = std[~flagged], np.array(_WRONG[1:])
+    unread = sum(run.unread for run in runs)
+    return RoomRow(
+        case.name,
+        estimator,
+        rms.tolist(),
+        bound.tolist(),
+        (20 * np.log10(rms / bound)).tolist(),
+        float(np.median(np.abs(errors[:, 0]))),
+        np.mean(clear <= 2 * clear_std, axis=0).tolist(),
+        len(clear) / (len(errors) + unread),
+        int(np.sum(np.any((clear > _WRONG[0] * clear_std) & (clear > limits), axis=1))),
+        _counted([_without_numbers(run.added) for run in runs]),
+        _counted([run.skipped for run in runs]),
+        float(np.mean([run.start_s for run in runs])),
+        sum(run.cpu_s for run in runs) / sum(run.signal_s for run in runs),
+        len(errors),
+        unread,
+    )
+
+
+def _counted(texts_of_runs):
+    """Texts of all runs, those of some with their number."""
+    counts = Counter(text for texts in texts_of_runs for text in texts)
+    runs = len(texts_of_runs)
+    return [
+        text if count == runs else f"{text} ({count} of {runs} runs)"
+        for text, count in counts.items()
+    ]
+
+
+def _without_numbers(texts):
+    """What was added, without the frequencies that differ from run to run."""
+    return [
+        text.partition(" of ")[0] if text.startswith("adds the tag") else text for text in texts
+    ]
+
+
+COLUMNS = (
+    Column("room", "case"),
+    Column("reader", "estimator"),
+    Column("rms (deg)", "rms_deg", ".3g"),
+    Column("bound (deg)", "bound_deg", ".3g"),
+    Column("loss (dB)", "loss_db", ".1f"),
+    Column("force (N)", "force_median_n", ".3f"),
+    Column("in 2 std", "within_2_std", ".0%"),
+    Column("unflagged", "unflagged", ".0%"),
+    Column("wrong", "wrong"),
+    Column("s/s", "seconds_per_second", ".4f"),
+    Column("n", "n"),
+)
+
+
+def room_table(rows):
+    """Rows of rooms as text, one line each, and below what the survey decided."""
+    decided = []
+    for row in rows:
+        if row.estimator == "surveyed":
+            added, skipped = (", ".join(t) or "nothing" for t in (row.added, row.skipped))
+            decided += [f"{row.case}: added: {added}", f"{'':<6}skipped: {skipped}"]
+    table = text_table(*head_and_cells([asdict(row) for row in rows], COLUMNS))
+    return "\n".join([table, "", *decided])

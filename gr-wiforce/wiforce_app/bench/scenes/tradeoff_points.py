@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One scene with many settings: processor time and errors of each."""
+
+import dataclasses
+import multiprocessing
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
+from gnuradio.wiforce.planning.plan import HARMONICS, plan
+from gnuradio.wiforce.planning.steps import steps
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth_file import write_truth
+
+from ...evaluate.error_summary import calibration_bias_deg
+from ...evaluate.experiment import with_mean_phases
+from ...plan.measure import measure_steps
+from ..throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
+from .room_reading import survey_of_room
+
+_GROUP_LENGTHS = (125, 250, 625, 1250)
+_CLUTTER_HZ = (0.0, 250.0)
+_BATCH = 64  # groups
+_PART_FC32 = 10_000_000  # samples converted at a time
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting: scene and plan with one change from the planner's choice."""
+
+    name: str
+    plan: object
+    source: str = "file-sc16"
+    order: str = "tones first"
+
+
+def settings_of(scene):
+    """Settings of a scene; the first one is the planner's choice."""
+    chosen = plan(scene)
+    found = [Setting("plan", chosen)]
+
+    def vary(name, group=None, environment=None, **changes):
+        other = scene
+        if group:
+            other = dataclasses.replace(
+                other, phase_group=dataclasses.replace(scene.phase_group, **group)
+            )
+        if environment:
+            other = dataclasses.replace(
+                other, environment=dataclasses.replace(scene.environment, **environment)
+            )
+        try:
+            varied = dataclasses.replace(plan(other), **changes)
+            varied.check_lines()
+        except InputError:
+            return
+        found.append(Setting(name, varied))
+
+    for length in _GROUP_LENGTHS:
+        if length != chosen.group_length:
+            vary(f"N_g {length}", group={"snapshots": length})
+    for harmonics in HARMONICS:
+        if harmonics != chosen.harmonics:
+            vary(f"lines to +-{harmonics}", harmonics=harmonics)
+    for band in _CLUTTER_HZ:
+        if band != chosen.clutter_hz:
+            vary(f"clutter band {band:g} Hz", environment={"moving_clutter_hz": band})
+    for estimator in ("sideband", "paper"):
+        if estimator != chosen.estimator:
+            vary(estimator, group={"estimator": estimator})
+    for step, label in ((2, "every second"), (4, "every fourth")):
+        vary(f"{label} subcarrier", waveform=_thinned(chosen.waveform, step))
+    for source in ("file-fc32", "stream-sc16", "stream-fc32"):
+        found.append(Setting(source, chosen, source))
+    for order in ("block by block", "channel first"):
+        found.append(Setting(order, chosen, "stream-fc32", order))
+    if chosen.waveform.frame_length == WAVEFORM.frame_length and (
+        chosen.waveform.name == WAVEFORM.name and chosen.group_length == GROUP_LENGTH
+    ):
+        found.append(Setting("stock blocks", chosen, "stream-fc32", "stock"))
+    if scene.environment.receive_antennas == 2:
+        # The ratio of two antennas is taken from folded frames, which only files provide here.
+        return [setting for setting in found if setting.source.startswith("file")]
+    return found
+
+
+def _thinned(waveform, step):
+    kept = slice(None, None, step)
+    return dataclasses.replace(
+        waveform, subcarriers=waveform.subcarriers[kept], reference=waveform.reference[kept]
+    )
+
+
+def measure_scene(name, folder, runs):
+    """Simulate a scene and read it with all its settings.
+
+    Returns dict: ``scene``, ``signal_s``, ``points`` (a dict per setting), ``skips`` (time of each
+    step that the plan leaves out) and ``room`` (what the survey adds and skips; None for two
+    antennas), all of plain values.
+
+    Parameters
+    ----------
+    folder : path
+        Where the capture is stored temporarily.
+    runs : int
+        Number of runs; the time of a setting is their minimum.
+    """
+    from gnuradio import gr
+
+    gr.logging().set_default_level(gr.log_levels.off)
+    scene = load_scene(name)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
+        place = Path(place)
+        written = simulate(scene, place / "capture")
+        captures = [open_capture(path) for path in written if path.suffix == ".sigmf-meta"]
+        recordings = [_both_types(capture) for capture in captures]
+        signal_s = recordings[0].samples / scene.radio.sample_rate_hz
+        scene_run = _SceneRun(recordings, place / "truth.csv", signal_s, runs)
+        points = scene_run.measure(settings_of(scene))
+        room = None
+        if len(captures) == 1:
+            room = _room(captures[0], scene, place / "truth.csv")
+    return {
+        "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
+        "room": room,
+    }  # fmt: skip
+
+
+def _room(capture, scene, truth_path):
+    """What the survey adds and skips (`survey_of_room`), with errors without and with it."""
+    settings = plan(scene)
+    row, *runs = survey_of_room(capture, settings)
+    truth = _truth(scene, truth_path)
+    errors = [_errors(scene, run.readings, truth)["phase_deg"] for run in reversed(runs)]
+    return row | {"phase_deg": errors}
+
+
+def _skips(scene):
+    """Processor time per second of signal of each skipped step."""
+    chosen = plan(scene)
+    # GNU Radio measures the time of blocks only if configured before its import.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        took = pool.submit(measure_steps, chosen).result()
+    return {step.name: took[step.name] for step in steps(chosen) if not step.needed}
+
+
+def _both_types(capture):
+    """The capture as raw files of both sample types."""
+    sc16 = Path(capture.path)
+    codes = np.memmap(sc16, "<i2", "r")
+    fc32 = sc16.with_suffix(".cf32")
+    with open(fc32, "wb") as stream:
+        for start in range(0, len(codes), _PART_FC32):
+            stream.write(codes[start : start + _PART_FC32].astype("<f4") / np.float32(32768))
+    return Recording(fc32, sc16, len(codes) // 2)
+
+
+def _truth(scene, path):
+    """Truth at the centres of the groups, with the phases of the mean reflection."""
+    write_truth(scene, AirChannel(scene), path)
+    return with_mean_phases(scene, read_truth(path))
+
+
+def _timed(work, *arguments):
+    """Processor time of a call, and its result."""
+    began = time.process_time()
+    given = work(*arguments)
+    return time.process_time() - began, given
+
+
+def _least(times, key, spent):
+    times[key] = min(spent, times.get(key, spent))
+
+
+def _group_work(setting):
+    """Key of the computation from tones to readings; settings with equal keys share it."""
+    return id(setting.plan), setting.order in _ROTATED
+
+
+class _SceneRun:
+    """Measures settings on one capture; shared results are computed once."""
+
+    def __init__(self, recordings, truth_path, signal_s, runs):
+        self._recordings, self._signal_s, self._runs = recordings, signal_s, runs
+        self._truth_path = truth_path
+        self._known = {}
+
+    def measure(self, settings):
+        """One point per setting: times per second of signal, and errors.
+
+        Settings run in turns, so that a temporary load of the machine affects all of them.
+        """
+        samples_s, groups_s, readings = {}, {}, {}
+        for _ in range(self._runs):
+            for setting in settings:
+                flowgraph = _flowgraph(setting, self._recordings)
+                spent, _ = _timed(flowgraph.run)
+                _least(samples_s, setting.name, spent)
+                receiver = Receiver(setting.plan, derotated=setting.order in _ROTATED)
+                tones = flowgraph.tones[0][:, :, setting.plan.waveform.bins]
+                spent, read = _timed(_readings, receiver, tones)
+                _least(groups_s, _group_work(setting), spent)
+                readings[setting.name] = read
+        return [
+            self._point(
+                setting, samples_s[setting.name], groups_s[_group_work(setting)],
+                readings[setting.name],
+            )
+            for setting in settings
+        ]  # fmt: skip
+
+    def _point(self, setting, samples_s, groups_s, readings):
+        point = {
+            "setting": setting.name,
+            "cpu_s_per_s": (samples_s + groups_s) / self._signal_s,
+            "samples_s_per_s": samples_s / self._signal_s,
+            "groups_s_per_s": groups_s / self._signal_s,
+            "readings_per_s": 1 / setting.plan.group_period_s,
+            "group_length": setting.plan.group_length,
+            "bound_deg": self._bound_deg(setting),
+        }
+        scene = setting.plan.scene
+        return point | _errors(scene, readings, self._truth(scene))
+
+    def _truth(self, scene):
+        key = "truth", scene.phase_group.snapshots
+        return self._once(key, lambda: _truth(scene, self._truth_path))
+
+    def _bound_deg(self, setting):
+        settings = setting.plan
+        key = (
+            "bound", settings.group_length, settings.clutter_hz, len(settings.waveform.bins),
+            settings.smoothing_groups, settings.loss_db,
+        )  # fmt: skip
+
+        def bound():
+            std = phase_std_deg(settings)
+            return float(MEDIAN * np.sqrt(np.mean(np.square(std))))
+
+        return self._once(key, bound)
+
+    def _once(self, key, compute):
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
+
+
+def _errors(scene, readings, truth):
+    """Median errors over all sensors, without the calibration error of the untouched phases."""
+    phase, force, location = [], [], []
+    for i, sensor in enumerate(scene.sensors):
+        found = score(readings, truth, sensor.name)
+        phase.append(wrap_deg(found.phase_error_deg - calibration_bias_deg(scene, i)))
+        force.append(found.force_error_n)
+        location.append(found.location_error_mm)
+    pooled = {"phase_deg": np.concatenate([p.ravel() for p in phase])}
+    pooled |= {"force_n": np.concatenate(force), "location_mm": np.concatenate(location)}
+    return {"read": int(pooled["force_n"].size)} | {
+        key: float(np.median(np.abs(errors))) if errors.size else None
+        for key, errors in pooled.items()
+    }
+
+
+# Orders in which the tones are derotated within a symbol before the FFT.
+_ROTATED = ("tones first", "block by block")
+
+
+def _flowgraph(setting, recordings):
+    from gnuradio import blocks, wiforce
+
+    from ..throughput.chains import CHAINS, Flowgraph, kernel_blocks, sample_type
+
+    table, waveform = setting.plan.table, setting.plan.waveform
+    if setting.order == "stock":
+        return CHAINS["stock-tuned"](recordings[0], table.weights)
+    kind, item_type = setting.source.split("-")
+    files = [sample_type(recording, item_type) for recording in recordings]
+    samples = recordings[0].samples
+    flowgraph = Flowgraph()
+    if kind == "file":
+        folded = [
+            wiforce.recording_source(path, datatype, [(0, 0, samples)], **waveform.folding)
+            for path, _, datatype in files
+        ]
+        source = folded[:1]
+        if len(folded) == 2:
+            sounding = waveform.name, waveform.frame_length, waveform.sample_rate_hz
+            source.append(wiforce.antenna_ratio(*sounding))
+            flowgraph.top.connect(folded[1], (source[1], 1))
+    else:
+        ((path, size, _),) = files
+        source = [blocks.file_source(size, path, False, 0, samples)]
+    rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
+    flowgraph.row(
+        *source,
+        *kernel_blocks(
+            setting.order,
+            table.weights,
+            setting.plan.group_length,
+            waveform,
+            item_type,
+            kind == "file",
+            rotation.astype(np.complex64) if setting.order in _ROTATED else None,
+        ),
+    )
+    return flowgraph
+
+
+def _readings(receiver, tones):
+    """Readings of tones (G, M, K), in the batches of ``gr-wiforce read``."""
+    readings = []
+    for first in range(0, len(tones), _BATCH):
+        batch = tones[first : first + _BATCH]
+        readings += receiver.process(Groups(first + np.arange(len(batch)), batch))
+    return readings + receiver.finish()

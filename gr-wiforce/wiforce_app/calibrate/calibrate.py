@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce calibrate``: known presses to a sensor model, with a report of what it can do."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
+
+from ..shell.grouped_help import GroupedHelp
+from ..shell.options import FiniteRange, Number, sensor_output
+from .guide import complete_settings, guide, guided_options, table_of
+
+_REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
+_FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
+# What --frequency-hz says of a table that does not say it itself.
+_CARRIER_OF = {
+    "taps": "taps ({}) were read at one carrier; name it, as --frequency-hz 915e6",
+    "touchstone": "{} lists Touchstone files, which hold many carriers; name the one to calibrate "
+    "at, as --frequency-hz 915e6",
+}
+# What parameters of the library are called here.
+_OPTION_OF = {
+    "length_mm": "--length-mm",
+    "permittivity": "--permittivity",
+    "onset_force_n": "--onset-force-n",
+    "ruler_std_mm": "--ruler-std-mm",
+    "name": "--name",
+}
+_STEPS = ("nearest", "given", "line")
+
+
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--output --frequency-hz --kind --refine --plot --accept --live --surface",
+        "Curves": "--name --length-mm --permittivity --form --onset-force-n --location-steps "
+        "--mirror --ruler-std-mm",
+        "With --surface": "--readings --law",
+        "With --live": "--scene --sensor --locations --forces --sweeps --scale --scale-unit --baud",
+        "Radio": "--args --driver --tx-args --receive-only --tx-gain --rx-gain --antenna "
+        "--tx-antenna --bandwidth --reference --amplitude",
+    },
+    examples=(
+        "calibrate vna.csv -o arm.yaml --plot arm.png",
+        "calibrate --live --scene arm.yaml --args type=b200 -o new.yaml",
+    ),
+)
+@click.argument("table", type=click.Path(), required=False)
+@sensor_output
+@click.option(
+    "--frequency-hz", type=FiniteRange(*CARRIERS_HZ), help="Carrier, where the file does not say."
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["vna", "touchstone", "taps"]),
+    help="What TABLE is; by its columns when not given.",
+)
+@click.option("--name", help="Name of the sensor; the output's name by default.")
+@click.option("--length-mm", type=Number(), default=80.0, show_default=True)
+@click.option(
+    "--permittivity",
+    type=Number(),
+    default=1.0,
+    show_default=True,
+    help="Effective relative permittivity of the line.",
+)
+@click.option(
+    "--form",
+    type=click.Choice(_FORMS),
+    default="auto",
+    show_default=True,
+    help="Curves of force; auto: by cross-validation, auto-beyond: outside the forces too.",
+)
+@click.option("--onset-force-n", type=Number(), help="Force at which the line is first shorted.")
+@click.option(
+    "--location-steps",
+    type=click.Choice(_STEPS),
+    default="nearest",
+    show_default=True,
+    help="Phases from one location to the next: as measured, turns of 360 deg by the line; as "
+    "given; or those of the line, only the movement with force measured.",
+)
+@click.option(
+    "--mirror", is_flag=True, help="Take absent locations from the other half, ports swapped."
+)
+@click.option(
+    "--ruler-std-mm",
+    type=FiniteRange(0),
+    help="Standard deviation of the locations. Default: 0, with --live 0.3.",
+)
+@click.option(
+    "--refine", "refined", metavar="SENSOR", help="Refine this sensor with TABLE instead."
+)
+@click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
+@click.option(
+    "--accept",
+    is_flag=True,
+    help="Write the sensor although TABLE seems to have a mistake; the file states it.",
+)
+@click.option(
+    "--surface",
+    metavar="SCENE",
+    help="Calibrate how the skin of this scene's surface spreads presses, instead of a sensor.",
+)
+@click.option(
+    "--readings",
+    type=click.Path(),
+    help="With --surface: what `read` gave for the presses of TABLE.",
+)
+@click.option(
+    "--law",
+    type=click.Choice(["strips", "table", "gaussian"]),
+    help="With --surface: form of the spreading law; strips: a table for each. Default: strips.",
+)
+@guided_options
+def calibrate(
+    table,
+    output,
+    frequency_hz,
+    kind,
+    name,
+    refined,
+    plot_path,
+    accept,
+    surface,
+    readings,
+    law,
+    guided,
+    **settings,
+):
+    """Make a sensor model of a TABLE of known presses.
+
+    TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
+    location are the untouched sensor), an index CSV of Touchstone files (file, force_n,
+    location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm). A column
+    press or trial distinguishes presses at one location.
+
+    With --live, a person with a ruler and a force gauge is led through the measurements at a UHD
+    device. They are stored in TABLE (SENSOR.taps.csv) at once; the same command continues after
+    an interruption.
+
+    With --surface, TABLE lists presses on the skin of a surface (start_s, end_s, force_n, x_mm,
+    y_mm), and the spreading law is written to OUTPUT.
+    """
+    from gnuradio.wiforce import sensor
+
+    if surface is None and (readings, law) != (None, None):
+        raise InputError("--readings" if readings else "--law", "is for --surface only")
+    if surface is not None:
+        from .surface import calibrate_surface
+
+        others = {"--live": guided, "--refine": refined, "--plot": plot_path, "--kind": kind}
+        for option, value in {**others, "--accept": accept or None}.items():
+            if value is not None:
+                raise InputError(option, "cannot be given with --surface")
+        return calibrate_surface(table, surface, readings, law or "strips", output)
+    table = table_of(table, output, guided)
+    settings = complete_settings(settings, guided)
+    inputs = [table, *([refined] if refined else [])]
+    check_output(output, inputs)
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path, inputs)
+    name = name or Path(output).stem
+    if guided is not None:
+        if (frequency_hz, kind) != (None, None):
+            raise InputError("--live", "must be given without --frequency-hz and --kind")
+        frequency_hz, kind = guide(table, guided, settings), "taps"
+        if frequency_hz is None:
+            return
+    data = _read(sensor, table, kind, frequency_hz)
+    bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
+    line = (
+        (settings["length_mm"], settings["permittivity"])
+        if bench is None
+        else (bench.length_mm, bench.permittivity)
+    )
+    try:
+        model = (
+            sensor.calibrate(data, name, **settings)
+            if bench is None
+            else sensor.refine(bench, data, name)
+        )
+        lines = report(model)  # refuses a model that cannot be inverted
+    except InputError as error:
+        raise _with_suspicions(error, sensor.suspicions(data, *line)) from None
+    suspected = model.provenance.get("suspicions", [])
+    if suspected and not accept:
+        rule = "correct it, or write the sensor nevertheless with --accept"
+        raise InputError(table, f"{'; '.join(suspected)}; {rule}")
+    sensor.write_sensor(model, output)
+    for text in [*_verdict(sensor, model, suspected), *lines]:
+        click.echo(text)
+    for text in _line_assumed(sensor, data, *line):
+        click.echo(text)
+    for warning in sensor.calibration_warnings(model):
+        click.echo(f"warning: {warning}")
+    if plot_path is not None:
+        from .plot import plot_calibration
+
+        plot_calibration(data, model, plot_path)
+    click.echo(f"written: {output}")
+
+
+def _verdict(sensor, model, suspected):
+    """What the sensor is good for, first of all."""
+    for text in suspected:
+        yield f"not to be trusted: {text}"
+    for each in sensor.verdict(model):
+        at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
+        yield f"verdict{at}: {each} (standard deviations, without the noise of a radio)"
+    yield ""
+
+
+def _with_suspicions(error, suspected):
+    """The error, with the mistake in the table that may be its cause."""
+    rule = str(error).removeprefix(f"{error.where}: ")
+    return InputError(_OPTION_OF.get(error.where, error.where), "; ".join([rule, *suspected]))
+
+
+def _line_assumed(sensor, data, length_mm, permittivity):
+    """What is assumed of the line, beside what the data say of it."""
+    yield ""
+    yield f"line: {length_mm:g} mm and effective permittivity {permittivity:g} are assumed"
+    for found in sensor.estimate_line(data, length_mm, permittivity):
+        yield f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}"
+
+
+def _read(sensor, table, stated_kind, frequency_hz):
+    kind = stated_kind or sensor.table_kind(table)
+    if kind == "vna":
+        return sensor.read_vna_csv(table, frequency_hz)
+    if frequency_hz is None:
+        other = "" if stated_kind else "; if the table is of another kind, give --kind"
+        raise InputError("--frequency-hz", f"is missing: {_CARRIER_OF[kind].format(table)}{other}")
+    reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
+    return reader(table, frequency_hz)
+
+
+def report(model):
+    """Lines that say what a calibrated model holds and how far it can be trusted."""
+    lines = [
+        f"sensor {model.name}: {model.form} curves of force, first shorted at "
+        f"{model.onset_force_n:g} N",
+        f"calibrated {model.force_span_n[0]:g}..{model.force_span_n[1]:g} N, "
+        f"{model.location_span_mm[0]:g}..{model.location_span_mm[1]:g} mm",
+    ]
+    for carrier in model.carriers:
+        lines += [
+            "",
+            f"{carrier.frequency_hz / 1e6:g} MHz, locations "
+            + ", ".join(f"{location:g}" for location in carrier.location_mm)
+            + " mm",
+            "  noise of the phases "
+            + " / ".join(f"{value:.2f}" for value in carrier.noise_deg)
+            + " deg, misfit of the curves "
+            + " / ".join(f"{value:.2f}" for value in carrier.misfit_deg)
+            + " deg (port 1 / 2)",
+            *_hysteresis(carrier),
+            *_expected(model, carrier),
+        ]
+    lines += _cross_validation(model.cross_validation)
+    lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
+    return lines
+
+
+def _hysteresis(carrier):
+    if carrier.hysteresis_n is None:
+        return []
+    half_n = carrier.hysteresis_n
+    if not half_n:
+        return ["  loading and unloading do not differ by more than noise"]
+    return [
+        f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; the "
+        f"curves lie between, and force_std_n covers {half_n:.2f} N"
+    ]
+
+
+def _expected(model, carrier):
+    """Standard deviations of readings whose phases carry no noise of their own."""
+    low, high = model.force_span_n
+    forces = [force for force in _REPORTED_FORCES_N if low <= force <= high] or [low, high]
+    lines = ["  expected std of force (N) and location (mm) from the calibration alone:"]
+    lines.append("    at mm   " + "".join(f"{force:>8g} N      " for force in forces))
+    start, stop = model.location_span_mm
+    for location in np.linspace(start, stop, 5):
+        phases = model.phases_deg(forces, location, carrier.frequency_hz)
+        result = model.invert(phases, 1e-3, frequency_hz=carrier.frequency_hz)
+        cells = [
+            f"{f:6.2f} {p:5.2f}{'!' if flags else ' '}  "
+            for f, p, flags in zip(
+                result.force_std_n, result.location_std_mm, result.flags, strict=True
+            )
+        ]
+        lines.append(f"    {location:5.1f}   " + " ".join(cells))
+    lines.append("    (! flagged: force hardly observable, ambiguous or beyond the calibration)")
+    return lines
+
+
+def _cross_validation(validation):
+    if not validation:
+        return []
+    lines = [
+        "",
+        f"cross-validation, phase error where the fit has not seen the data (left out: "
+        f"{validation['left_out']}):",
+    ]
+    for form, row in validation["forms"].items():
+        lines.append(f"  {form:7s} {row['inside_deg']:.2f} deg within the span")
+    for row in validation.get("locations", []):
+        lines.append(
+            f"  location {row['location_mm']:g} mm left out, port {row['port']}: "
+            f"{row['rms_deg']:.2f} deg (the model says {row['expected_deg']:.2f})"
+        )
+    if not validation.get("locations"):
+        lines.append("  too few locations to leave one out: between them nothing is tested")
+    return lines

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The dialogue of ``gr-wiforce calibrate --live``: asks, measures, says what was wrong."""
+
+import time
+
+from gnuradio.wiforce.calibration.guided.press_measurement import (
+    measure_press,
+    measure_untouched,
+    steady_deg,
+)
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.gauges.units import parse_force
+
+HELP = """\
+  Type the force that the gauge shows while you hold the press still: 2.5, or with a unit, 250 g.
+  With --scale, press Enter instead. Single letters are commands:
+    k  keep the last measurement although it is doubtful
+    u  undo: remove the last measurement that was stored
+    s  skip this force           n  skip the rest of this location
+    r  show coverage and residuals
+    t  tare: measure the untouched reference again (release the sensor first)
+    f  finish now with what is stored
+    q  quit; everything stored is kept, and the same command continues"""
+
+
+# What the person sees, instead of the library's parameters.
+_WORDS = {"force_n": "force", "measurement": "untouched sensor"}
+
+
+class GuidedCalibration:
+    """Leads a person through a calibration session.
+
+    Parameters
+    ----------
+    lines : OperatorLines
+        What the person types.
+    echo : callable
+        Shows a text; with ``nl=False`` without ending the line.
+    scale : CsvScale or SerialScale, optional
+        Where forces come from instead of typed lines.
+    """
+
+    def __init__(self, session, presses, lines, echo, scale=None):
+        self._session, self._presses, self._lines = session, presses, lines
+        self._echo, self._scale = echo, scale
+        plan = session.plan
+        self._largest_deg = steady_deg(plan.frequency_hz, plan.permittivity)
+        self._unconfirmed, self._location_mm, self._ended = None, None, None
+        self._tare_refused = False
+        self._commands = {
+            "k": self._keep,
+            "u": self._undo,
+            "s": self._skip,
+            "n": self._skip_location,
+            "r": lambda target: self.show_progress(),
+            "t": self._tare,
+            "f": lambda target: self._end(True),
+            "q": lambda target: self._end(False),
+            "?": lambda target: self._echo(HELP),
+        }
+
+    def run(self):
+        """Measure until all is measured, or the person ends it.
+
+        Returns bool: whether a sensor is to be made of what is stored.
+        """
+        self._introduce()
+        self._presses.wait_for_reference(self._idle)
+        while self._ended is None:
+            target = self._session.next_target()
+            if target is None:
+                self.show_progress()
+                return True
+            if target.location_mm != self._location_mm:
+                self._begin_location(target)
+            else:
+                self._ask(target)
+        return self._ended
+
+    def _introduce(self):
+        session, plan = self._session, self._session.plan
+        self._echo(
+            f"Sensor {plan.sensor} at {plan.frequency_hz / 1e6:g} MHz: "
+            f"{', '.join(f'{place:g}' for place in plan.location_mm)} mm from port 1, at each "
+            f"{len(plan.force_n)} forces of {plan.force_n[0]:g} to {plan.force_n[-1]:g} N."
+        )
+        taken = len(session.presses)
+        if taken:
+            self._echo(f"Presses stored in {session.path}: {taken}; the session continues.")
+        else:
+            self._echo(f"Every measurement is stored in {session.path} at once.")
+        self._echo("Type ? for help. Leave the sensor untouched: the reference is measured ...")
+
+    def _begin_location(self, target):
+        if self._location_mm is not None:
+            self.show_progress()
+            self._location_mm = None
+        self._prompt(
+            f"\nRelease the sensor, set the ruler to {target.location_mm:g} mm from port 1, "
+            "and press Enter while it is untouched: "
+        )
+        line = self._lines.next(self._idle)
+        if not self._handled(line, target) and self._measure_untouched():
+            self._location_mm = target.location_mm
+
+    def _measure_untouched(self):
+        try:
+            readings = self._presses.collect(self._idle)
+            untouched = measure_untouched(readings, self._largest_deg)
+            self._session.add(untouched)
+        except InputError as error:
+            return self._refuse(error)
+        self._echo(f"  untouched: {_phases(untouched)}; stored")
+        return True
+
+    def _ask(self, target):
+        how = "type the force" if self._scale is None else "press Enter"
+        self._prompt(
+            f"{target.location_mm:g} mm, about {target.force_n:g} N: press, hold still, {how}: "
+        )
+        line = self._lines.next(self._idle)
+        if not self._handled(line, target):
+            self._measure(line, target)
+
+    def _handled(self, line, target):
+        """Whether a line was a command, or the end of input."""
+        command = self._commands.get("q" if line is None else line.lower())
+        if command is None:
+            return False
+        if line is None:
+            self._echo("")
+        command(target)
+        return True
+
+    def _measure(self, line, target):
+        self._unconfirmed, self._tare_refused = None, False
+        try:
+            press = self._press(line, target)
+        except InputError as error:
+            self._refuse(error)
+            return
+        warnings = self._session.warnings(press, target)
+        if not warnings:
+            self._store(press)
+            return
+        self._unconfirmed = press
+        for warning in warnings:
+            self._echo(f"  doubtful: {warning}")
+        self._echo("  not stored: measure again, or keep it with k")
+
+    def _press(self, line, target):
+        std_n = float("nan")
+        if self._scale is None:
+            if not line:
+                raise InputError("force", "must be typed, or ? for help")
+            force_n = parse_force(line)
+            self._session.check_force(force_n)
+            readings = self._presses.collect(self._idle)
+        else:
+            if line:
+                raise InputError("line", "must be empty: the scale measures (? for help)")
+            force_n, std_n, readings = self._collect_with_scale()
+            self._session.check_force(force_n)
+        return measure_press(
+            readings, target.location_mm, force_n, self._largest_deg, std_n, target.sweep
+        )
+
+    def _collect_with_scale(self):
+        gauge = self._scale.gauge
+        gauge.check_alive(time.monotonic())
+        begin_s = time.monotonic()
+        readings = self._presses.collect(self._idle)
+        while not gauge.heard_since(begin_s):
+            gauge.check_alive(time.monotonic())
+            self._idle()
+            time.sleep(0.02)
+        force_n, std_n, _ = gauge.mean(begin_s, time.monotonic())
+        return force_n, std_n, readings
+
+    def _store(self, press):
+        self._session.add(press)
+        done, wanted = self._session.coverage().done
+        self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
+
+    def _keep(self, target):
+        if self._unconfirmed is None:
+            self._echo("  nothing doubtful to keep")
+            return
+        press, self._unconfirmed = self._unconfirmed, None
+        self._store(press)
+
+    def _undo(self, target):
+        self._unconfirmed = None
+        removed = self._session.undo()
+        if removed is None:
+            self._echo("  nothing is stored")
+        elif removed.untouched:
+            self._location_mm = None
+            self._echo("  removed: the untouched sensor")
+        else:
+            self._echo(f"  removed: {removed.force_n:.2f} N at {removed.location_mm:g} mm")
+
+    def _skip(self, target):
+        self._session.skip(target)
+
+    def _skip_location(self, target):
+        self._session.skip_location(target.location_mm)
+
+    def _tare(self, target):
+        force, self._tare_refused = self._tare_refused, False
+        try:
+            self._presses.tare(self._idle, force)
+        except InputError as error:
+            self._echo(f"  {error}")
+            self._echo("  If it is released, t measures the reference nevertheless.")
+            self._tare_refused = True
+        else:
+            self._echo("  the untouched reference was measured again")
+
+    def _end(self, finished):
+        self._ended = finished
+
+    def show_progress(self):
+        """Show which measurements are taken, and how well they fit."""
+        coverage = self._session.coverage()
+        done, wanted = coverage.done
+        self._echo(f"\n{done} of {wanted} measurements")
+        self._echo("  at mm  " + "".join(f"{force:>5g}" for force in coverage.force_n) + "  N")
+        for place, counts in zip(coverage.location_mm, coverage.counts, strict=True):
+            self._echo(f"  {place:5g}  " + "".join(f"{n or '.':>5}" for n in counts.tolist()))
+        try:
+            rows = self._session.residuals()
+        except InputError as error:
+            self._echo(f"  these measurements do not make a sensor: {error}")
+            return
+        for row in rows:
+            first, second = row.rms_deg
+            self._echo(
+                f"  {row.location_mm:5g} mm: residual {first:.2f} / {second:.2f} deg rms (port 1 / "
+                f"2), largest {row.largest_deg:.2f} deg at {row.force_n:.2f} N"
+            )
+
+    def _refuse(self, error):
+        self._echo(f"  not stored: {error.renamed(_WORDS)}")
+        return False
+
+    def _prompt(self, text):
+        self._echo(text, nl=False)
+
+    def _idle(self):
+        self._presses.idle()
+        if self._scale is not None:
+            self._scale.poll()
+
+
+def _phases(measurement):
+    first, second = measurement.phase_deg
+    std = max(measurement.phase_std_deg)
+    return f"phases {first:.2f} / {second:.2f} deg, std {std:.2f} deg, {measurement.groups} groups"

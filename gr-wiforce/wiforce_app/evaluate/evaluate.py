@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce evaluate``: errors against the truth and against the figures of the paper."""
+
+import csv
+from pathlib import Path
+
+import click
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.textfile import check_output
+
+from ..shell.options import worker_options
+from ..shell.progress import progress
+from . import published
+
+
+class _PaperOrScenes(click.Group):
+    """Takes ``paper``, or names of scenes."""
+
+    def resolve_command(self, ctx, args):
+        if args and args[0] in self.commands and not self.commands[args[0]].hidden:
+            return super().resolve_command(ctx, args)
+        return "scenes", self.commands["scenes"], args
+
+
+@click.group(cls=_PaperOrScenes, subcommand_metavar="paper | all | SCENE... [OPTIONS]")
+def evaluate():
+    """Compare readings with the truth and with the figures of the paper.
+
+    paper: score the models on the published wireless trials. SCENE...: simulate, read and score
+    these scenes. all: every shipped scene. See also: gr-wiforce evaluate all --help.
+    """
+
+
+@evaluate.command(hidden=True)
+@click.argument("scenes", nargs=-1, required=True)
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False),
+    default="evaluation",
+    show_default=True,
+    help="Where results and report are kept; existing results are not computed again.",
+)
+@worker_options
+@click.option("--fresh", is_flag=True, help="Compute all results again.")
+def scenes(scenes, folder, jobs, scheduler, fresh):
+    """Simulate, read and score SCENES (or all), and write a report."""
+    from .runs import evaluate_scenes
+
+    evaluate_scenes(scenes, Path(folder), jobs, fresh, scheduler)
+
+
+@evaluate.command()
+@click.option(
+    "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
+)
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a picture of the error distributions (PNG, PDF or SVG).",
+)
+@click.option(
+    "--all", "in_full", is_flag=True, help="Print every location and trial of every model."
+)
+def paper(output, plot_path, in_full):
+    """Score the models on the published wireless trials of the paper."""
+    if output is not None:
+        check_output(output)
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path)
+    folder = _data_folder()
+    presses = published.read_presses(folder / "wireless.csv")
+    with progress("evaluating", published.models_scored()) as step:
+        scores = published.score_presses(folder / "vna.csv", presses, step)
+    forms = {
+        frequency: published.chosen_form(published.read_vna_csv(folder / "vna.csv", frequency))
+        for frequency in published.FREQUENCIES_HZ
+    }
+    if output is not None:
+        _write_scores(output, scores)
+    for frequency in published.FREQUENCIES_HZ:
+        own = [score for score in scores if score.press.frequency_hz == frequency]
+        _print_frequency(frequency, own, forms[frequency], in_full)
+    click.echo("Limits of these data")
+    for limit in published.LIMITS:
+        click.echo(f"- {limit}")
+    if plot_path is not None:
+        from .published_plot import plot_error_distributions
+
+        plot_error_distributions(scores, forms, plot_path)
+
+
+def _data_folder():
+    from gnuradio.wiforce._config import DATA_DIR
+
+    return Path(DATA_DIR) / "data" / "paper"
+
+
+def _print_frequency(frequency, scores, form, in_full):
+    force, location = published.CLAIMS[frequency]
+    click.echo(f"{frequency / 1e6:g} MHz, published wireless trials 1 and 2")
+    click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
+    click.echo(f"curves chosen by cross-validation on the VNA data: {form} (marked *)")
+    click.echo()
+    errors = f"{'median':>7}{'95 %':>12}{'90th':>8}"
+    click.echo(f"{'pooled':40}{'force error (N)':^28}{'location error (mm)':^28}")
+    click.echo(f"{'model, method':40}{errors} {errors}{'n':>6}{'in 2 sigma':>11}")
+    forms = sorted({score.form for score in scores}, key=lambda name: (name != form, name))
+    for refined in (False, True):
+        click.echo(_title(refined))
+        for name in forms:
+            for method in published.METHODS:
+                label = f" {'*' if name == form else ' '}{name}, {method}"
+                click.echo(f"{label:40}" + _row(_select(scores, name, refined, method)))
+    click.echo()
+    for name in forms if in_full else [form]:
+        _print_presses(scores, name)
+
+
+def _title(refined):
+    return "VNA and one wireless press per location" if refined else "VNA alone"
+
+
+def _print_presses(scores, form):
+    """Print median/90th percentile of the errors, by location and trial."""
+    heads = "".join(f"{method:^26}" for method in published.METHODS)
+    click.echo(f"{form + ', median/90th':24}{heads}")
+    click.echo(f"{'':24}" + f"{'N':^13}{'mm':^13}" * len(published.METHODS))
+    for refined in (False, True):
+        click.echo(_title(refined))
+        for first in _select(scores, form, refined, published.METHODS[0]):
+            press = first.press
+            cells = ""
+            for method in published.METHODS:
+                score = next(s for s in _select(scores, form, refined, method) if s.press is press)
+                cells += f"{_pair(score.force_error):^13}"
+                location = "known" if method == "location known" else _pair(score.location_error)
+                cells += f"{location:^13}"
+            label = f"  {press.location_mm:g} mm, trial {press.trial}, n = {press.force_n.size}"
+            click.echo(f"{label:24}" + cells)
+    click.echo()
+
+
+def _pair(errors):
+    return f"{np.median(errors):.2f}/{np.quantile(errors, 0.9):.2f}"
+
+
+def _select(scores, form, refined, method):
+    return [
+        score
+        for score in scores
+        if (score.form, score.refined, score.method) == (form, refined, method)
+    ]
+
+
+def _row(scores):
+    """Median, interval and 90th percentile of both errors, count and coverage."""
+    force = [score.force_error for score in scores]
+    text = _errors(force)
+    if scores[0].method == "location known":
+        text += f" {'known':>8}{'':>12}{'':>7}"
+    else:
+        text += " " + _errors([score.location_error for score in scores], width=7)
+    pooled = np.concatenate(force)
+    within = pooled <= 2 * np.concatenate([score.force_std_n for score in scores])
+    return text + f"{pooled.size:>6}{100 * np.mean(within):>10.0f} %"
+
+
+def _errors(errors, width=8):
+    pooled = np.concatenate(errors)
+    interval = ""
+    if len(errors) > 1:
+        interval = "{:.2f}-{:.2f}".format(*published.bootstrap_median(errors))
+    return f"{np.median(pooled):>{width}.2f}{interval:>12}{np.quantile(pooled, 0.9):>{width}.2f}"
+
+
+def _write_scores(path, scores):
+    header = (
+        "freq_mhz,form,wireless_calibration,method,location_mm,trial,force_n,"
+        "estimated_force_n,force_std_n,estimated_location_mm,location_std_mm,flags"
+    )
+    try:
+        with open(path, "w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(header.split(","))
+            for score in scores:
+                _write_score(writer, score)
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})") from error
+
+
+def _write_score(writer, score):
+    press = score.press
+    start = [f"{press.frequency_hz / 1e6:g}", score.form, int(score.refined), score.method]
+    start += [f"{press.location_mm:g}", press.trial]
+    columns = (
+        press.force_n,
+        score.force_n,
+        score.force_std_n,
+        score.location_mm,
+        score.location_std_mm,
+    )
+    for *numbers, flags in zip(*columns, score.flags, strict=True):
+        writer.writerow([*start, *(f"{number:.4f}" for number in numbers), " ".join(flags)])

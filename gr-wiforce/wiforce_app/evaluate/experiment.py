@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One scene as an experiment: simulated, read by both methods, scored."""
+
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.estimation.average_spectrum import average_spectrum
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.levels import why_not_readable
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.load import about_scene
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate
+
+from ..read.recordings import read_capture
+from .causes import OWN, other_causes, with_cause
+from .channels import snapshot_channels
+from .error_summary import calibration_bias_deg, summary
+from .paper_method import paper_changes, paper_errors
+
+# The paper's method with the constant offset of the tag's clock removed, as a row of the report.
+CORRECTED = "paper, clock offset removed"
+
+
+def run(scene_name, work_folder):
+    """Simulate, read and score a scene; the capture is deleted.
+
+    Parameters
+    ----------
+    scene_name : str
+        Shipped scene or file.
+    work_folder : path
+        Where the capture is stored temporarily.
+
+    Returns
+    -------
+    dict
+        Plain values for JSON. Per sensor: the errors of this receiver, of the paper's method as
+        published and with the constant clock offset removed, the errors that the plan expects, and
+        for pictures the readings and the Doppler spectrum. ``causes``: errors of both with each
+        disturbance that explains a published figure (see `causes`). Phase errors compare the change
+        since the untouched state with the mean reflection of the group. Calibration errors of the
+        untouched phases and changes of the force within a group are therefore part of the force
+        and location errors only.
+    """
+    scene = load_scene(scene_name)
+    with simulated(scene, work_folder) as (recording, truth, channels):
+        hz, level_db = average_spectrum(channels, scene.snapshot_period_s)
+        sensors, readings = _read(scene, recording, truth, channels)
+    return {
+        "scene": str(scene_name),
+        "about": about_scene(scene_name),
+        "seed": scene.simulation.seed,
+        "reference_s": scene.reference_s,
+        "sensors": sensors,
+        "sum": _sum_of_forces(scene, readings, truth),
+        "causes": _causes(scene_name, scene, sensors[0], work_folder),
+        "spectrum": {"hz": hz.round(2).tolist(), "db": level_db.round(2).tolist()},
+    }
+
+
+@contextmanager
+def simulated(scene, work_folder):
+    """A temporary capture of a scene: the recording, rows of truth, channels (N, K)."""
+    with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
+        capture = Path(folder) / "capture"
+        simulate(scene, capture)
+        truth = with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
+        recording = open_capture(capture)
+        yield recording, truth, snapshot_channels(recording, scene, Path(folder) / "channels")
+
+
+def _read(scene, recording, truth, channels):
+    """Results of every sensor, and all readings."""
+    readings = []
+    read_capture(recording, scene, readings.append)
+    changes = paper_changes(channels, scene)
+    expected = expect(plan(scene))
+    sensors = [
+        _sensor(scene, i, readings, changes, truth, expected[i]) for i in range(len(scene.sensors))
+    ]
+    return sensors, readings
+
+
+def _causes(scene_name, scene, own, work_folder):
+    """Errors by cause; empty where the scene explains no published figure."""
+    found = {}
+    for cause, change in other_causes(scene_name).items():
+        disturbed = with_cause(scene, change)
+        with simulated(disturbed, work_folder) as captured:
+            found[cause] = _errors(_read(disturbed, *captured)[0][0])
+    return {OWN: _errors(own), **found} if found else {}
+
+
+def _errors(sensor):
+    kept = ("phase_rms_deg", "force_n", "location_mm")
+    errors = {
+        name: {key: sensor["methods"][method].get(key) for key in kept}
+        for name, method in (("ours", "ours"), ("paper", CORRECTED))
+    }
+    read = len(sensor["methods"]["ours"].get("force_n_errors", []))
+    return {**errors, "flagged": sensor["flagged"], "read": read}
+
+
+def with_mean_phases(scene, truth):
+    """Truth rows with the phases of the mean reflection of each group, not of its centre."""
+    tags = AirChannel(scene).sensors
+    truth = [row for row in truth if row["sensor"] in tags]
+    for row in truth:
+        pressed = tags[row["sensor"]].pressed
+        phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
+        row["phase1_deg"], row["phase2_deg"] = phases
+    return truth
+
+
+def _sensor(scene, index, readings, changes, truth, expected):
+    name = scene.sensors[index].name
+    ours = score(readings, truth, name)
+    own = [reading for reading in readings if reading.sensor == name]
+    rows = [row for row in truth if row["sensor"] == name]
+    phase_error = wrap_deg(ours.phase_error_deg - calibration_bias_deg(scene, index))
+    methods = {"ours": summary(phase_error, ours.force_error_n, ours.location_error_mm)}
+    for method, detrend in (("paper", False), (CORRECTED, True)):
+        methods[method] = paper_errors(scene, index, changes, rows, detrend)
+    return {
+        "sensor": name,
+        "model": scene.sensors[index].model,
+        "truth_model": scene.simulation.tags[index].truth_model,
+        "methods": methods,
+        "missed": ours.missed,
+        "false": ours.false,
+        "flagged": ours.flagged,
+        "unflagged": sum(r.force_n is not None and not r.flags for r in own),
+        "not_readable": why_not_readable(scene, index),
+        "flags": sorted({flag for reading in own for flag in reading.flags}),
+        "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
+        "expected": {
+            "phase_deg": expected.phase_error_deg,
+            "force_n": expected.force_error_n,
+            "location_mm": expected.location_error_mm,
+        },
+        "readings": [[r.time_s, r.touch, r.force_n, r.location_mm, bool(r.flags)] for r in own],
+        "truth": [[r["time_s"], r["touch"], r["force_n"], r["location_mm"]] for r in rows],
+    }
+
+
+def _sum_of_forces(scene, readings, truth):
+    """Median error of the sum of all forces while all sensors are touched; None for one."""
+    names = scene.sensor_names
+    if len(names) < 2:
+        return None
+    known = {(round(row["time_s"], 4), row["sensor"]): row["force_n"] for row in truth}
+    by_time = {}
+    for reading in readings:
+        if reading.touch == 1 and reading.force_n is not None and not reading.flags:
+            by_time.setdefault(round(reading.time_s, 4), {})[reading.sensor] = reading.force_n
+    errors = [
+        sum(forces.values()) - sum(known[time, name] for name in names)
+        for time, forces in by_time.items()
+        if len(forces) == len(names)
+    ]
+    return float(np.median(np.abs(errors))) if errors else None

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The paper's method on a capture: its estimator in this receiver, its inversion, its errors."""
+
+from dataclasses import replace
+
+import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.partial_weights import tones_of
+from gnuradio.wiforce.simulation.score import steady_rows
+
+from .error_summary import calibration_bias_deg, summary
+
+_ESTIMATOR = "paper"
+_BATCH = 64  # groups
+# The method has no use for the tolerance; a receiver refuses a wider one without a survey.
+_TOLERANCE_PPM = 100.0
+
+
+def paper_changes(channels, scene):
+    """Change of every group since the first, by Fourier sums at the lines 1 and 4.
+
+    Each group is compared with the previous one (paper, section 3.3) and the changes accumulate.
+    Nothing is surveyed, and no snapshot is left out, because the paper does neither.
+
+    Returns ndarray of complex, shape (groups, 2S): of magnitude 1.
+
+    Parameters
+    ----------
+    channels : ndarray of complex, shape (N, K)
+        Of one receive antenna (see `snapshot_channels`), because the paper has one.
+    """
+    settings = plan(
+        replace(
+            scene,
+            sensors=tuple(replace(s, clock_tolerance_ppm=_TOLERANCE_PPM) for s in scene.sensors),
+            phase_group=replace(scene.phase_group, estimator=_ESTIMATOR),
+            environment=replace(scene.environment, receive_antennas=1),
+        )
+    )
+    changes = []
+    receiver = Receiver(
+        settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
+    )
+    length, weights = settings.group_length, settings.table.weights
+    for first in range(0, len(channels) // length, _BATCH):
+        whole = channels[first * length : (first + _BATCH) * length]
+        whole = whole[: len(whole) // length * length].reshape(-1, length, channels.shape[1])
+        tones = np.stack([tones_of(weights, snapshots) for snapshots in whole])
+        receiver.process(Groups(first + np.arange(len(tones)), tones))
+    receiver.finish()
+    return np.concatenate(changes)
+
+
+def paper_errors(scene, index, changes, truth, detrend):
+    """Errors in groups with a steady touch; the method is given the true times of touch.
+
+    Returns dict: see `summary`.
+
+    Parameters
+    ----------
+    index : int
+        Number of the sensor in the scene.
+    changes : ndarray of complex, shape (groups, 2S)
+    truth : sequence of dict
+        Truth rows of the sensor, one per group.
+    detrend : bool
+        Whether to subtract the straight line through the untouched reference first, which
+        removes a constant clock offset.
+    """
+    count = min(len(changes), len(truth))
+    angles = np.unwrap(np.angle(changes[:count, 2 * index : 2 * index + 2]), axis=0)
+    if detrend:
+        angles = _detrended(angles, int(scene.reference_s / scene.group_period_s))
+    sensor = scene.sensors[index]
+    model, frequency = sensor.load_model(scene), scene.radio.center_frequency_hz
+    phases, _ = corrected_phase_deg(
+        np.exp(1j * angles), model.untouched_deg(frequency), sensor.off_reflection
+    )
+    kept = steady_rows(truth[:count])
+    if not kept:
+        return {}
+    steady = [truth.index(row) for row in kept]
+    true_deg = np.array([[row["phase1_deg"], row["phase2_deg"]] for row in kept])
+    found = model.invert(phases[steady], frequency_hz=frequency)
+    force = found.force_n - [row["force_n"] for row in kept]
+    location = found.location_mm - [row["location_mm"] for row in kept]
+    good = np.isfinite(force)
+    phase_error = wrap_deg(phases[steady] - true_deg - calibration_bias_deg(scene, index))
+    return summary(phase_error, force[good], location[good])
+
+
+def _detrended(angles, reference_groups):
+    """Angles (groups, 2) less the straight line through the reference groups."""
+    times = np.arange(len(angles))
+    reference = times < reference_groups
+    if np.count_nonzero(reference) <= 2:
+        return angles
+    slope, start = np.polyfit(times[reference], angles[reference], 1)
+    return angles - np.outer(times, slope) - start

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce score``: readings compared with the record of a force gauge."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import click
+from gnuradio.wiforce.errors import InputError, unwritable
+from gnuradio.wiforce.gauges.comparison import compare_with_gauge
+from gnuradio.wiforce.gauges.file import read_gauge_file
+from gnuradio.wiforce.gauges.score import timed_forces
+from gnuradio.wiforce.io.readings_files import ReadingsFile
+from gnuradio.wiforce.io.textfile import check_output, write_whole
+
+from ..shell.options import FiniteRange, Number, capture_scene, sample_type
+
+_READINGS = (".csv", ".jsonl", ".parquet")
+_COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
+
+
+@click.command()
+@click.argument("capture", type=click.Path())
+@click.option(
+    "--against", required=True, type=click.Path(), help="CSV file of the gauge or load cell."
+)
+@capture_scene
+@sample_type
+@click.option("--sensor", help="Name of the sensor that was pressed, where there are several.")
+@click.option("--time-column", help="Name of the gauge's column of times.")
+@click.option("--force-column", help="Name of the gauge's column of forces.")
+@click.option("--unit", help="Unit of the gauge's forces: N, mN, g, kg, lb or oz.")
+@click.option(
+    "--offset",
+    type=Number(),
+    metavar="SECONDS",
+    help="Time of the gauge at time 0 of the capture. Default: estimated.",
+)
+@click.option(
+    "--touch-force",
+    type=FiniteRange(0, min_open=True),
+    default=0.5,
+    show_default=True,
+    metavar="NEWTONS",
+    help="Force of the gauge from which the sensor must read a touch.",
+)
+@click.option("-o", "--output", type=click.Path(), help="Write each force compared (CSV).")
+@click.option("--plot", "plot_path", type=click.Path(), help="Write a picture (PNG, PDF or SVG).")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def score(
+    capture,
+    against,
+    scene_path,
+    datatype,
+    sensor,
+    time_column,
+    force_column,
+    unit,
+    offset,
+    touch_force,
+    output,
+    plot_path,
+    as_json,
+):
+    """Compare the readings of a CAPTURE, or of a file of readings, with a force gauge.
+
+    The gauge may have any clock, zero and sign: the offset in time is estimated from the presses,
+    and what the gauge shows while the sensor is untouched is subtracted. Its gain is not changed.
+    """
+    inputs = [capture, against]
+    if output is not None:
+        check_output(output, inputs)
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path, inputs)
+    gauge = read_gauge_file(against, time_column, force_column, unit)
+    rows = _rows(capture, scene_path, datatype)
+    try:
+        readings = timed_forces(rows, sensor)
+        found = compare_with_gauge(readings, gauge, touch_force, offset)
+    except InputError as error:
+        names = {"gauge": str(against), "readings": str(capture), "sensor": "--sensor"}
+        raise error.renamed(names) from None
+    if output is not None:
+        _write(output, found)
+    click.echo(json.dumps(found.report(), indent=1) if as_json else str(found))
+    if plot_path is not None:
+        from .score_plot import plot_comparison
+
+        plot_comparison(readings, gauge, found, plot_path, f"{capture} against {against}")
+
+
+def _rows(capture, scene_path, datatype):
+    """Readings of a file, or of a capture that is read now."""
+    path = Path(capture)
+    if path.suffix.lower() in _READINGS and datatype is None:
+        if scene_path is not None:
+            raise click.UsageError("--scene is for captures; a file of readings needs none")
+        rows = list(ReadingsFile(path).rows())
+    else:
+        from gnuradio.wiforce.io.capture import open_capture
+        from gnuradio.wiforce.scene import scene_of
+
+        from ..read.recordings import read_capture
+
+        rows = []
+        recording = open_capture(capture, datatype)
+        scene, _ = scene_of(recording, scene_path)
+        read_capture(recording, scene, lambda reading: rows.append(reading.row()), None)
+    return rows
+
+
+def _write(path, found):
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    columns = (getattr(found, name) for name in _COLUMNS)
+    for time_s, *values in zip(*columns, strict=True):
+        writer.writerow([round(float(time_s), 9), *(f"{value:.4f}" for value in values)])
+    try:
+        write_whole(path, text.getvalue())
+    except OSError as error:
+        raise unwritable(path, error) from error

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Picture of readings and a force gauge."""
+
+import numpy as np
+
+from ..shell.plots import save_picture
+
+_BINS = 40
+
+
+def plot_comparison(readings, gauge, found, path, title):
+    """Draw both forces over time, the errors over time and over the force.
+
+    Parameters
+    ----------
+    path : str or Path
+        PNG, PDF or SVG.
+    """
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(9, 8), layout="constrained")
+    canvas.suptitle(title, fontsize=11)
+    over_time, errors, of_force = canvas.subplots(3, 1, height_ratios=(3, 2, 2))
+    errors.sharex(over_time)
+    gauge_n = found.sign * (gauge.force_n - found.zero_n)
+    over_time.plot(gauge.time_s - found.offset_s, gauge_n, color="0.6", lw=2, label="gauge")
+    clear, touched = readings.clear, readings.touched
+    over_time.plot(
+        readings.time_s[clear], readings.force_n[clear], ".", ms=4, color="C0", label="reading"
+    )
+    flagged = touched & ~clear
+    over_time.plot(
+        readings.time_s[flagged],
+        readings.force_n[flagged],
+        "x",
+        ms=5,
+        color="C3",
+        label="flagged, not compared",
+    )
+    span = readings.time_s[[0, -1]]
+    over_time.set_xlim(*span)
+    top = 1.15 * max(found.force_n.max(), found.gauge_n.max())
+    over_time.set_ylim(-0.1 * top, top)
+    over_time.set_ylabel("force (N)")
+    over_time.legend(loc="upper right", fontsize=8)
+    errors.errorbar(
+        found.time_s, found.error_n, 2 * found.force_std_n, fmt=".", ms=4, lw=0.7, color="C0"
+    )
+    errors.axhline(0, color="0.6", lw=1)
+    errors.set_ylabel("reading - gauge (N)\nbars: 2 std")
+    errors.set_xlabel("time (s)")
+    of_force.plot(found.gauge_n, found.error_n, ".", ms=4, color="C0", label="error")
+    of_force.plot(*_medians(found.gauge_n, found.error_n), "o-", ms=4, color="C1", label="median")
+    of_force.axhline(0, color="0.6", lw=1)
+    of_force.set_xlabel("force of the gauge (N)")
+    of_force.set_ylabel("reading - gauge (N)")
+    of_force.legend(loc="upper right", fontsize=8)
+    for axis in (over_time, errors, of_force):
+        axis.grid(alpha=0.3)
+    save_picture(canvas, path)
+
+
+def _medians(force_n, error_n):
+    """Medians of the errors over intervals of the force with at least five of them."""
+    edges = np.linspace(force_n.min(), force_n.max(), max(2, min(_BINS, len(force_n) // 20)) + 1)
+    place = np.clip(np.digitize(force_n, edges) - 1, 0, len(edges) - 2)
+    kept = [each for each in range(len(edges) - 1) if np.sum(place == each) >= 5]
+    centres = [(edges[each] + edges[each + 1]) / 2 for each in kept]
+    return centres, [np.median(error_n[place == each]) for each in kept]

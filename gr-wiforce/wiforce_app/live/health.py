@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""State and health of a live run: what it does, which tags it receives, how it ended."""
+
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from datetime import datetime, timezone
+
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.utc import written_utc
+from gnuradio.wiforce.press.sensor_state import RETUNED
+
+from .radio_keeper import OPENING, RECONNECTING, RUNNING
+from .run_clock import RunClock
+from .session import LiveSession
+
+# Without samples for this long the device counts as lost; it sends packets every millisecond.
+_NO_SAMPLES_S = 1.0
+# Without its lines for this long a tag counts as silent.
+_SILENT_S = 1.0
+_BEAT_S = 0.5
+_LOOK_S = 0.05
+_WITHOUT_DEVICE = {
+    OPENING: ("waiting", "the device is not open yet"),
+    RECONNECTING: ("lost", "the device is lost, and sought again"),
+}
+_DROPPED = ("gap",)  # flags of a group that was not received
+# Signal by which a tare may take longer than its reference, for groups in processing.
+_TARE_MARGIN_S = 2.0
+
+
+def geometry(skin):
+    """Where the strips of a surface are, as plain values."""
+    strips = [
+        {
+            "sensor": strip.sensor,
+            "y_mm": strip.y_mm,
+            "x_mm": sorted([strip.x_mm, float(strip.x_of(strip.model.length_mm))]),
+        }
+        for strip in skin.strips
+    ]
+    return {"name": skin.name, "strips": strips, "y_span_mm": list(skin.y_span_mm)}
+
+
+def new_run() -> str:
+    """An identifier for a run: UTC of its start and six random characters."""
+    return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
+
+
+class _Tag:
+    """When a sensor's readings held values."""
+
+    def __init__(self, length_mm):
+        self.length_mm = length_mm
+        self.arrived_s = None
+        self.received_s = None
+        self.first_s = None
+        self.noted_s = 0.0
+        self.lost_s = 0.0  # of groups that were not received since the tag was
+        self.silent = False
+
+
+class RunHealth:
+    """Observes a session.
+
+    Parameters
+    ----------
+    log : callable
+        Takes a line for the user.
+    device_state : callable
+        Returns the state of the device, as a `RadioKeeper` has it.
+    now : callable
+        Returns a steady time in seconds.
+
+    Attributes
+    ----------
+    run : str
+        Identifier of the run.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        clock: RunClock,
+        log: Callable[[str], None],
+        device_state: Callable[[], str] = lambda: RUNNING,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self.run = new_run()
+        self._session, self._clock, self._log, self._now = session, clock, log, now
+        self._device_state = device_state
+        self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}
+        self._events = deque()
+        self._suspected = set()
+        self._samples, self._samples_s = 0, now()
+
+    def note(self, reading: Reading) -> None:
+        """Take a reading, in the thread that made it."""
+        tag = self._tags.get(reading.sensor)
+        if tag is None:
+            return  # a surface, whose strips have tags
+        if tag.first_s is None:
+            tag.first_s = tag.noted_s = reading.time_s
+        passed_s, tag.noted_s = reading.time_s - tag.noted_s, reading.time_s
+        if reading.touch is not None:
+            if tag.silent:
+                self._events.append(self._returns(reading, tag))
+            tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
+            tag.lost_s = 0.0
+            return
+        # Groups that were not received, as those of a lost device, say nothing about the tag. After
+        # an hour of them there are no rows.
+        if reading.flags == _DROPPED or passed_s > _SILENT_S:
+            tag.lost_s += passed_s
+        since_s = tag.first_s if tag.received_s is None else tag.received_s
+        if not tag.silent and reading.time_s - since_s - tag.lost_s > _SILENT_S:
+            tag.silent = True
+            text = f"{reading.sensor} is not received since {since_s:.2f} s"
+            self._events.append(f"{text}; its readings are empty until it returns")
+
+    def _returns(self, reading, tag):
+        name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)
+        if tag.received_s is None:
+            text = f"{name} is received from {reading.time_s:.2f} s on, after its reference time"
+            return f"{text}; readings are flagged inconsistent until a tare"
+        silent_s = reading.time_s - tag.received_s
+        text = f"{name} is received again at {reading.time_s:.2f} s, after {silent_s:.1f} s"
+        if not problem:
+            return f"{text}; readings continue from the former reference"
+        if problem == RETUNED:
+            return f"{text}; {problem}: readings are flagged moved until a tare"
+        ends = "until its untouched phases are seen or a tare is forced"
+        return f"{text}; {problem}: readings are flagged inconsistent {ends}"
+
+    def look(self) -> None:
+        """Log what has happened, and give up a tare that cannot be completed."""
+        while self._events:
+            self._log(self._events.popleft())
+        for name, found in self._stream.suspicions().items():
+            for kind, text in found:
+                if (name, kind) not in self._suspected:
+                    self._suspected.add((name, kind))
+                    self._log(f"{name}: {text}")
+        silent_s = self._samples_age_s()
+        tares = self._stream.tares
+        if tares.measuring:
+            reference_s = self._stream.plan.reference_groups * self._stream.plan.group_period_s
+            late_s = self._session.time_s - (tares.state.time_s or 0.0) - reference_s
+            if silent_s > _NO_SAMPLES_S or late_s > _TARE_MARGIN_S:
+                reason = "no groups are received; the former reference is kept"
+                self._session.reader.cancel_tare(reason)
+
+    @property
+    def state(self) -> tuple[str, str]:
+        """State of the reader, as in docs/live.md, and the reason where it is not reading."""
+        session, silent_s = self._session, self._samples_age_s()
+        if (without := _WITHOUT_DEVICE.get(self._device_state())) is not None:
+            return without
+        if session.alignment.offset is None:
+            reason = "no samples" if silent_s > _NO_SAMPLES_S else "no sounding frames yet"
+            return "waiting", reason
+        if silent_s > _NO_SAMPLES_S:
+            return "lost", f"no samples for {silent_s:.1f} s"
+        state = self._stream.state
+        if state != "reading":
+            return state, ""
+        silent = [name for name, tag in self._tags.items() if tag.silent]
+        if len(silent) == len(self._tags):
+            return "lost", f"not received: {', '.join(silent)}"
+        return "reading", f"not received: {', '.join(silent)}" if silent else ""
+
+    def report(self) -> dict:
+        """Health as plain values."""
+        session, now = self._session, self._now()
+        self._follow_clock()
+        state, reason = self.state
+        clocks_ppm = session.clock_offsets_ppm
+        sensors = {
+            name: {
+                "age_s": None if tag.arrived_s is None else round(now - tag.arrived_s, 3),
+                "received": tag.arrived_s is not None and not tag.silent,
+                "reference_problem": self._stream.reference_problem(name),
+                "clock_offset_ppm": clocks_ppm.get(name),
+                "length_mm": tag.length_mm,
+            }
+            for name, tag in self._tags.items()
+        }
+        skin = self._stream.plan.skin
+        surface = {} if skin is None else {"surface": geometry(skin)}
+        return {
+            **surface,
+            "run": self.run,
+            "time_utc": written_utc(time.time()),
+            "time_utc_uncertainty_s": self._clock.uncertainty_s,
+            "time_s": session.time_s,
+            "state": state,
+            "reason": reason,
+            "tare": self._stream.tares.state.row(),
+            "sensors": sensors,
+            "gaps": session.gaps,
+            "samples_lost": session.samples_lost,
+            "groups": session.reader.counts.asdict(),
+        }
+
+    def stamp(self, reading: Reading) -> dict:
+        """What every reading carries besides its own columns: ``run`` and ``time_utc``."""
+        self._follow_clock()
+        utc_s = self._clock.utc_s(self.device_time_s(reading))
+        return {"run": self.run, "time_utc": written_utc(utc_s)}
+
+    def device_time_s(self, reading: Reading) -> float | None:
+        """Device time at the centre of a reading's group; None when unknown."""
+        start_s = self._session.start_s
+        return None if start_s is None else round(start_s + reading.time_s, 6)
+
+    def _follow_clock(self):
+        if (compared := self._session.clock) is not None:
+            self._clock.take(*compared)
+
+    @property
+    def _stream(self):
+        return self._session.reader.stream
+
+    def _samples_age_s(self):
+        samples, now = self._session.samples_received, self._now()
+        if samples != self._samples:
+            self._samples, self._samples_s = samples, now
+        return now - self._samples_s
+
+
+class Heartbeat:
+    """Sends a report every half second and when the state changes, in a thread of its own.
+
+    Parameters
+    ----------
+    report : callable
+        Makes the report.
+    send : callable
+        Takes it.
+    """
+
+    def __init__(self, report: Callable[[], dict], send: Callable[[dict], None]):
+        self._report, self._send = report, send
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self):
+        sent_s, state = -_BEAT_S, None
+        while True:
+            now_s, report = time.monotonic(), self._report()
+            if report["state"] != state or now_s - sent_s >= _BEAT_S:
+                sent_s, state = now_s, report["state"]
+                self._send(report)
+            if self._ended.wait(_LOOK_S):
+                return

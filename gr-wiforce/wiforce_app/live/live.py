@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce live``: transmit, receive and read with a radio."""
+
+import signal
+import sys
+import threading
+from functools import partial
+from pathlib import Path
+
+import click
+from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.addresses import host_and_port
+from gnuradio.wiforce.io.capture_files import recording_stem
+from gnuradio.wiforce.io.rotation import Rotation, open_rotating
+from gnuradio.wiforce.io.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
+from gnuradio.wiforce.planning.advice import accepted_suspicions
+from gnuradio.wiforce.scene import load_scene
+
+from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
+from ..read.file_outputs import open_mcap
+from ..shell.exit_status import BAD_INPUT, FAILED
+from ..shell.grouped_help import GroupedHelp
+from ..shell.log import FORMATS, LEVELS, log
+from ..shell.options import (
+    FiniteRange,
+    IntegerRange,
+    mcap_output,
+    radio_options,
+    readings_output,
+    tracked_presses,
+    web_options,
+)
+from ..shell.provenance import provenance
+from .outputs import (
+    MCAP_FILE_BYTES,
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    TableFile,
+    ZmqMessages,
+)
+
+_LOOK_S = 0.1
+# So that a flood of requests does not delay the warnings.
+_REQUESTS_A_LOOK = 100
+# Options whose text is given to drivers, which take UTF-8.
+_NAMES_OF_DEVICES = {
+    "args": "--args",
+    "tx_args": "--tx-args",
+    "antenna": "--antenna",
+    "tx_antenna": "--tx-antenna",
+    "reference": "--reference",
+}
+
+
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--scene --args --tx-gain --rx-gain --output --record --web --zmq --duration "
+        "--reconnect",
+        "Radio": "--driver --tx-args --receive-only --antenna --tx-antenna --bandwidth --reference "
+        "--amplitude",
+        "Files": "--append --rotate --keep --mcap",
+        "Network": "--control --zmq-keys --foxglove --lsl --web-token",
+        "Reading": "--tracked --latency",
+        "Messages": "--log-level --log-format",
+    },
+    examples=(
+        "live --scene demo --args addr=127.0.0.1 --tx-gain 15 --rx-gain 15",
+        "live --scene arm.yaml --driver soapy --args driver=lime -o a.csv",
+    ),
+)
+@radio_options
+@readings_output
+@click.option("--append", is_flag=True, help="Append to the output instead of replacing it.")
+@click.option(
+    "--rotate",
+    multiple=True,
+    metavar="LIMIT",
+    help="Rename the output with its date and begin another, every 15min, 6h or 1d of UTC, or when "
+    "it reaches 100MB. May be repeated.",
+)
+@click.option("--keep", type=IntegerRange(1), metavar="FILES", help="Delete older renamed outputs.")
+@click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
+@click.option(
+    "--zmq",
+    "zmq_endpoint",
+    metavar="ENDPOINT",
+    help="Publish readings by ZMQ: PORT or tcp://ADDRESS:PORT.",
+)
+@click.option(
+    "--control",
+    metavar="ENDPOINT",
+    help="Accept requests (tare, status, stop) by ZMQ: PORT or tcp://ADDRESS:PORT.",
+)
+@click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="FOLDER",
+    help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
+)
+@mcap_output
+@click.option(
+    "--foxglove",
+    metavar="[ADDRESS:]PORT",
+    help="Serve the same messages to Foxglove, at a port of this machine or of ADDRESS.",
+)
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "network"]),
+    help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
+    "to its network.",
+)
+@web_options()
+@tracked_presses
+@click.option(
+    "--latency",
+    type=click.Choice(["low", "relaxed"]),
+    default="low",
+    show_default=True,
+    help="How soon readings come: 'relaxed' takes less processor time and 20 ms more.",
+)
+@click.option(
+    "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
+)
+@click.option(
+    "--reconnect", is_flag=True, help="Wait for the device, and open it again when it is lost."
+)
+@click.option(
+    "--log-level",
+    type=click.Choice(list(LEVELS)),
+    default="info",
+    show_default=True,
+    help="Least important messages to write.",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice(FORMATS),
+    default="auto",
+    show_default=True,
+    help="journal: begin messages with <N>, their level for systemd's journal; auto detects it.",
+)
+def live(
+    scene_path,
+    args,
+    output,
+    append,
+    rotate,
+    keep,
+    record,
+    zmq_endpoint,
+    control,
+    zmq_keys,
+    mcap,
+    foxglove,
+    lsl,
+    web,
+    web_token,
+    tracked,
+    latency,
+    duration,
+    reconnect,
+    log_level,
+    log_format,
+    **radio,
+):
+    """Transmit, receive and read with a USRP, or with another radio by --driver soapy.
+
+    It runs until interrupted. SIGUSR1 measures the untouched reference again (tare).
+    """
+    log.set_up(log_level, log_format)
+    scene = load_scene(scene_path)
+    if record is not None:
+        record = recording_stem(record, "--record")
+    keys = _checked_keys(zmq_endpoint, control, zmq_keys)
+    request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
+    rotation = Rotation.of(rotate, keep)
+    metadata = provenance(scene)
+    for text in accepted_suspicions(scene):
+        log.warning(text)
+    also = (*scene.more_columns, *STAMP_COLUMNS)
+    try:
+        with (
+            open_rotating(output, rotation, scene.files, also, append, metadata) as writer,
+            LiveOutputs() as outputs,
+        ):
+            if zmq_endpoint is not None:
+                outputs.add(ZmqMessages(zmq_endpoint, keys))
+                if keys is None:
+                    _warn_of_strangers(zmq_endpoint)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
+            endpoints = [(control, keys)] if control else []
+            if web is not None:
+                endpoints.append((_open_page(outputs, web, web_token), None))
+            outputs.add(TableFile(writer))
+            session = _make_session(scene, request, outputs, tracked, record)
+            _run(session, request, outputs, endpoints, duration, reconnect)
+    except DeviceLost as lost:
+        kept = "all readings until then are kept" if outputs.readings else "there are no readings"
+        log.error(f"{lost}; {kept}")
+        return FAILED
+    return 0
+
+
+def _checked_keys(zmq_endpoint, control, folder):
+    """Keys for both endpoints, or None; requests without keys are taken on loopback only."""
+    given = {
+        option: endpoint_of(endpoint, option)
+        for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control))
+        if endpoint is not None
+    }
+    if folder is not None:
+        if not given:
+            raise InputError("--zmq-keys", "needs --zmq or --control", folder)
+        return ServerKeys.load(folder)
+    if control is not None and not is_loopback(given["--control"]):
+        raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
+    return None
+
+
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+    if mcap is not None:
+        most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
+        open_next = partial(open_mcap, mcap, scene.files, metadata, scene.reading_names)
+        outputs.add(McapFile(open_next, most_bytes))
+    if foxglove is not None:
+        outputs.add(FoxgloveMessages(foxglove, scene.reading_names))
+        host, _ = host_and_port(foxglove, "--foxglove")
+        if not is_loopback(f"tcp://{host}:0"):
+            log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
+    if lsl is not None:
+        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        outputs.add(LslStreams(scene, lsl, details))
+
+
+def _open_page(outputs, web, token):
+    """Serve the page; gives the endpoint of its requests."""
+    from ..web.address import PageAddress
+    from ..web.live_page import LivePage
+
+    address = PageAddress.of(web, token)
+    page = LivePage(address, log.warning)
+    outputs.add(page)
+    log.info(address.notice)
+    return page.control
+
+
+def _warn_of_strangers(zmq_endpoint):
+    if not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
+        log.warning(
+            f"--zmq {zmq_endpoint}: everybody who reaches this address can read and subscribe; "
+            "--zmq-keys encrypts, and accepts known clients only"
+        )
+
+
+def radio_request(args, scene, tx_gain, rx_gain, **settings):
+    """The radio that a command's options ask for."""
+    if scene.packets:
+        rule = (
+            "must have no packets: a radio gives samples, and only `read` takes packets from files"
+        )
+        raise InputError("--scene", rule)
+    for name, option in _NAMES_OF_DEVICES.items():
+        _require_text(option, args if name == "args" else settings[name])
+    _check_transmitter(scene, settings)
+    return RadioRequest.of_scene(
+        scene,
+        args,
+        tx_gain_db=tx_gain,
+        rx_gain_db=rx_gain,
+        rx_antenna=settings.pop("antenna"),
+        **settings,
+    )
+
+
+def _require_text(option, text):
+    try:
+        (text or "").encode()
+    except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates
+        raise InputError(option, "must be text in UTF-8", text) from None
+
+
+def _check_transmitter(scene, settings):
+    """Refuse a transmitter on a clock of its own, unless the scene says so."""
+    shares = scene.environment.reader_clock == "shared"
+    needs = "needs reader_clock: free and receive_antennas: 2 under environment in the scene"
+    if settings["receive_only"]:
+        if settings["tx_args"] is not None:
+            raise InputError("--receive-only", "must be given without --tx-args")
+        if shares:
+            raise InputError("--receive-only", needs)
+    elif settings["tx_args"] is not None and shares:
+        if settings["reference"] in (None, "internal"):
+            rule = f"{needs}, or one clock for both devices (--reference external)"
+            raise InputError("--tx-args", rule, settings["tx_args"])
+
+
+def warn_of_oscillators(link):
+    """Warn of oscillators that do not lock."""
+    for direction in link.unlocked:
+        log.warning(f"the {direction} oscillator does not lock; readings may drift")
+
+
+def _make_session(scene, request, outputs, tracked, record):
+    from .session import LiveSession
+
+    return LiveSession(scene, request, outputs.take, tracked, record)
+
+
+def _run(session, request, outputs, endpoints, duration, reconnect):
+    """Run the session until a signal, a request or `duration` ends it.
+
+    `endpoints` are those of requests, each with its keys or None.
+
+    Raises
+    ------
+    DeviceLost
+        When the device is gone and must not be reopened; all readings have been written.
+    """
+    from ..radio.reaction_time import shorten_pauses
+    from .health import Heartbeat, RunHealth
+    from .monitor import SessionMonitor
+    from .radio_keeper import RadioKeeper
+    from .requests import TareLog, serve_requests
+    from .run_clock import RunClock
+    from .service_manager import ServiceManager
+    from .service_report import ServiceReport
+
+    ending = _Ending()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ending.request("signal"))
+    monitor = SessionMonitor(session)
+    shorten_pauses()
+
+    def opened(link):
+        outputs.begin()
+        warn_of_oscillators(link)
+        log.debug(f"opened {link.hardware}")
+
+    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
+    health = RunHealth(session, RunClock(), log.info, lambda: keeper.state)
+    monitor.health = outputs.health = health
+    outputs.seen = monitor.note
+    service = ServiceManager()
+    service_report = ServiceReport(service, session, keeper)
+    tares = TareLog(session, log.info)
+    signal.signal(signal.SIGUSR1, lambda *_: tares.request())
+    requests = []
+    for endpoint, keys in endpoints:
+        stop = partial(ending.request, "request")
+        requests.append(serve_requests(endpoint, tares, monitor.status, stop=stop, keys=keys))
+    try:
+        with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
+            try:
+                while not ending.requested.wait(_LOOK_S) and session.failure is None:
+                    keeper.look()
+                    monitor.look()
+                    health.look()
+                    service_report.look()
+                    for each in requests:
+                        each.serve(_REQUESTS_A_LOOK)
+                    if duration and session.time_s >= duration:
+                        ending.request("duration")
+            finally:
+                service.stopping()
+                keeper.stop()
+                session.stop()
+        if session.failure is not None:
+            raise session.failure
+        ending.failure = session.recording_failure
+    finally:
+        service.close()
+        health.look()
+        monitor.finish()
+        for each in requests:
+            each.close()
+        outputs.send("end", {**health.report(), **ending.report()})
+    log.info(f"read {monitor.summary()}")
+    if ending.failure is not None:
+        raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
+
+
+class _Ending:
+    """The end of a run, and why it ends."""
+
+    def __init__(self):
+        self.requested = threading.Event()
+        self.failure = None
+        self._reason = ""
+
+    def request(self, reason):
+        """End the run; the first reason counts."""
+        self._reason = self._reason or reason
+        self.requested.set()
+
+    def report(self):
+        """The end in the words of a message, with the exception that is being raised, if any."""
+        error = sys.exc_info()[1] or self.failure
+        reason = self._reason if error is None else str(error) or type(error).__name__
+        status = BAD_INPUT if isinstance(error, InputError) else FAILED
+        return {"state": "ended", "reason": reason, "exit_status": status if error else 0}

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Monitors a live session: status line and warnings."""
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+from gnuradio.wiforce.estimation.frame import describe_frames
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.planning.room.report import finding_rows
+
+from ..read.room_news import RoomNews
+from ..read.stream_events import describe_events, describe_loss
+from ..shell.log import log
+from .session import LiveSession
+from .warning_pace import WarningPace
+
+_LINE_S = 0.5
+_WARN_S = 1.0
+_SEARCHES = 8  # of 0.12 s each, after which missing frames are reported
+_MANY_GAPS = 3  # within a second: more than chance
+_BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
+_WANTED_BUFFER = 50_000_000  # what UHD asks for
+
+
+class SessionMonitor:
+    """Monitors a session and reports to standard error.
+
+    Parameters
+    ----------
+    now : callable
+        Returns wall time in seconds.
+
+    Attributes
+    ----------
+    health : RunHealth or None
+        Of the run, for status line and status.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._session, self._now = session, now
+        self._started_s = self._line_s = self._warn_s = now()
+        self._pace = WarningPace(now)
+        self._gaps, self._lost, self._saturated = 0, 0, False
+        self._latest_gaps = 0  # when it was looked at last
+        self._moved = self._ignored = 0
+        self._no_frames_reported = self._recording_reported = False
+        self._terminal = log.line_in_use = sys.stderr.isatty() and not log.journal
+        self._last = {}
+        self._room = RoomNews(lambda text: log.info(f"room: {text}"))
+        self.health = None
+
+    def note(self, reading: Reading) -> None:
+        """Keep a reading for the status line, and whether it is saturated."""
+        self._last[reading.sensor] = reading
+        self._saturated = self._saturated or "saturated" in reading.flags
+
+    def look(self) -> None:
+        """Update the status line, and warn."""
+        now = self._now()
+        if now - self._warn_s >= _WARN_S:
+            self._warn_s = now
+            self._warn()
+        if self._terminal and now - self._line_s >= _LINE_S:
+            self._line_s = now
+            click.echo(f"\r\033[K{self.line()}", err=True, nl=False)
+
+    def finish(self) -> None:
+        """End the status line."""
+        if self._terminal:
+            log.line_in_use = False
+            click.echo(err=True)
+
+    def line(self) -> str:
+        """Status in one line: time, rate, gaps, groups, level, clocks, sensors."""
+        session = self._session
+        elapsed = max(self._now() - self._started_s, 1e-3)
+        parts = [
+            f"{session.time_s:.1f} s",
+            f"{session.samples / elapsed / 1e6:.2f} Msps",
+            f"{session.gaps} gaps",
+            session.reader.counts.short(),
+            f"peak {_db(session.take_peak()):.0f} dBFS",
+        ]
+        if self.health is not None:
+            parts.insert(0, self.health.state[0])
+            tare = session.reader.stream.tares.state
+            if tare.state != "none":
+                parts.append(f"tare {tare.state}")
+        offsets = list(session.clock_offsets_ppm.values())
+        parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets if ppm is not None]
+        if not offsets and session.alignment.offset is None:
+            parts.append("no frames yet")
+        return ", ".join(parts + [_short(reading) for reading in self._last.values()])
+
+    def status(self) -> dict:
+        """State of the session as plain values."""
+        session = self._session
+        room = session.reader.findings
+        return {
+            **({} if self.health is None else self.health.report()),
+            "time_s": session.time_s,
+            "device_start_s": session.start_s,
+            "gaps": session.gaps,
+            "samples_lost": session.samples_lost,
+            "frames_moved": session.frames_moved,
+            "times_ignored": session.times_ignored,
+            "groups": session.reader.counts.asdict(),
+            "frame_offset": session.alignment.offset,
+            "clock_offset_ppm": list(session.clock_offsets_ppm.values()),
+            "room": None if room is None else finding_rows(room),
+            "readings": {name: reading.row() for name, reading in self._last.items()},
+        }
+
+    def summary(self) -> str:
+        """What was read and what was lost, in one line."""
+        session = self._session
+        text = f"{session.time_s:.3f} s, {session.reader.counts}"
+        if session.gaps:
+            text += f", {describe_loss(session.gaps, session.samples_lost)}"
+        return ", ".join([text, *describe_events(session.frames_moved, session.times_ignored)])
+
+    def _warn(self):
+        session, pace = self._session, self._pace
+        self._room.report(session.reader.findings)
+        gaps, lost = session.gaps, session.samples_lost
+        many = gaps - self._latest_gaps >= _MANY_GAPS
+        self._latest_gaps = gaps
+        if gaps > self._gaps and pace.allows("gaps"):
+            text = (
+                f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
+            )
+            if many:
+                text += f"; this machine or its network is too slow{_buffer_advice()}"
+            log.warning(text)
+            self._gaps, self._lost = gaps, lost
+        moved, ignored = session.frames_moved, session.times_ignored
+        if (moved, ignored) != (self._moved, self._ignored) and pace.allows("timing"):
+            for event in describe_events(moved - self._moved, ignored - self._ignored):
+                log.warning(f"at {session.time_s:.1f} s: {event}")
+            self._moved, self._ignored = moved, ignored
+        if self._saturated and pace.allows("saturation"):
+            log.warning("the receiver is saturated; lower --rx-gain, --tx-gain or --amplitude")
+            self._saturated = False
+        if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
+            self._no_frames_reported = True
+            frames = describe_frames(session.waveform)
+            log.warning(
+                f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
+            )
+        failure = session.recording_failure
+        if failure is not None and not self._recording_reported:
+            self._recording_reported = True
+            log.warning(f"the recording has ended: {failure}; readings continue")
+
+
+def _db(amplitude):
+    from math import log10
+
+    return 20 * log10(max(amplitude, 1e-5))
+
+
+def _buffer_advice():
+    """Advice on socket buffers that are smaller than UHD asks for; empty when they are not."""
+    try:
+        limit = int(_BUFFER_LIMIT.read_text())
+    except (OSError, ValueError):
+        return ""
+    if limit >= _WANTED_BUFFER:
+        return ""
+    return f"; larger socket buffers may help: sysctl -w net.core.rmem_max={_WANTED_BUFFER}"
+
+
+def _short(reading):
+    if reading.touch is None:
+        return f"{reading.sensor}: ?"
+    if not reading.touch:
+        return f"{reading.sensor}: no touch"
+    if reading.force_n is None:
+        return f"{reading.sensor}: touched"
+    location = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
+    return f"{reading.sensor}: {reading.force_n:.2f} N{location}"

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keeps a live session supplied with samples: opens the device, and again when it is lost."""
+
+import time
+from collections.abc import Callable
+
+from gnuradio.wiforce.errors import InputError
+
+from ..radio.link import RadioLink
+from ..radio.request import DeviceAbsent, DeviceBusy, DeviceLost, RadioRequest
+from ..shell.log import log
+from .session import LiveSession
+
+OPENING, RUNNING, RECONNECTING = "opening", "running", "reconnecting"
+
+_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+_STEADY_S = 10.0  # of samples, after which the next loss is not the last one continued
+_SILENCE_S = 8.0  # longer than the device's process takes to find out by itself
+_REMIND_S = 600.0
+
+
+class RadioKeeper:
+    """Opens a session's device, and reopens it after a loss where that is wanted.
+
+    Parameters
+    ----------
+    reconnect : bool
+        Reopen a device that is lost, and wait for one that is absent, with a growing pause between
+        attempts: 0.5 s to 30 s.
+    on_state : callable
+        Called with ``opening``, ``running`` or ``reconnecting`` whenever that changes.
+    on_open : callable
+        Called with the RadioLink whenever the device is open, before its first sample.
+    link : callable
+        Makes a RadioLink from a request.
+    now : callable
+        Time in seconds.
+
+    Attributes
+    ----------
+    state : str
+        ``opening`` until the device has been found once.
+    losses : int
+        Number of times that the device was lost.
+    """
+
+    def __init__(
+        self,
+        request: RadioRequest,
+        session: LiveSession,
+        reconnect: bool = False,
+        on_state: Callable[[str], None] = lambda state: None,
+        on_open: Callable[[RadioLink], None] = lambda link: None,
+        link: Callable[[RadioRequest], RadioLink] = RadioLink,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._request, self._session, self._reconnect = request, session, reconnect
+        self._on_state, self._on_open = on_state, on_open
+        self._make_link, self._now = link, now
+        self._link: RadioLink | None = None
+        self._attached = False
+        self._found = False  # once
+        self._pause_s = _SHORTEST_PAUSE_S
+        self._next_s = self._running_s = self._lost_s = now()
+        self._reason, self._reminded_s = "", -_REMIND_S
+        self.state, self.losses = OPENING, 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether the device is absent, and sought again and again."""
+        return self._reason != ""
+
+    def look(self) -> None:
+        """Do what is due: open the device, start it, notice that it is lost. Never waits.
+
+        Raises
+        ------
+        InputError
+            When there is no such device, or it is in use or does not support a setting.
+        DeviceLost
+            When it is lost and must not be reopened; all samples received will be read.
+        """
+        if self._link is None:
+            if self._now() < self._next_s:
+                return
+            request = self._session.next_request(self._request)
+            self._link, self._attached = self._make_link(request), False
+        try:
+            self._link.poll()
+            self._check_samples()
+        except DeviceBusy as error:
+            self._fail(error, final=not self._found)
+        except DeviceAbsent as error:
+            self._fail(error)
+        except InputError as error:
+            self._fail(error, final=not self._found)
+        except DeviceLost as error:
+            self._fail(DeviceLost(f"the device {self._request.args!r} {error}"))
+        else:
+            self._advance(self._link)
+
+    def stop(self) -> None:
+        """Stop the device; the session's stream ends after the samples received so far."""
+        if self._link is not None:
+            if self._attached:
+                self._link.stop()
+            self._link.close()
+            self._link = None
+
+    def _advance(self, link):
+        if link.opened and not self._attached:
+            self._attached = True
+            self._on_open(link)
+            self._session.attach(link)
+            link.start()
+        if not link.started:
+            return
+        now = self._now()
+        if self.state != RUNNING:
+            if self._found:
+                log.info(
+                    f"the device {self._request.args!r} is back after {now - self._lost_s:.1f} s; "
+                    "readings continue, and are flagged moved until a tare"
+                )
+            self._found, self._reason = True, ""
+            self._running_s = now
+            self._enter(RUNNING)
+        elif now - self._running_s > _STEADY_S:
+            self._pause_s = _SHORTEST_PAUSE_S
+
+    def _check_samples(self):
+        since_s = self._now() - self._running_s
+        if self.state == RUNNING and min(self._session.silent_s, since_s) > _SILENCE_S:
+            raise DeviceLost(f"has sent no samples for {_SILENCE_S:g} s")
+
+    def _fail(self, error, final=False):
+        """End the link; raise the error, or try again later."""
+        self._link.discard()
+        self._link = None
+        if final or not self._reconnect:
+            raise error
+        now = self._now()
+        if self.state == RUNNING:
+            self.losses += 1
+            self._lost_s = now - self._session.silent_s
+            self._enter(RECONNECTING)
+        self._next_s = now + self._pause_s
+        reason = str(error)
+        if reason != self._reason or now - self._reminded_s >= _REMIND_S:
+            self._reason, self._reminded_s = reason, now
+            log.warning(f"{reason}; waiting for the device")
+        else:
+            log.debug(f"{reason}; next attempt in {self._pause_s:g} s")
+        self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
+
+    def _enter(self, state):
+        self.state = state
+        self._on_state(state)

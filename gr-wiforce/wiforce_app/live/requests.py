@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Requests to a live reader: tare, status, stop."""
+
+import json
+import time
+from collections.abc import Callable
+
+from gnuradio.wiforce.io.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
+from gnuradio.wiforce.press.tares import TareState
+
+from .session import LiveSession
+from .warning_pace import WarningPace
+
+
+class TareLog:
+    """Requests tares, and tells the user what became of them.
+
+    Parameters
+    ----------
+    log : callable
+        Takes a line for the user.
+    now : callable
+        Time in seconds. A flood of requests must not fill the log.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        log: Callable[[str], None],
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._session, self._log = session, log
+        self._pace = WarningPace(now)
+        self._logged: TareState | None = None
+
+    def request(self, force: bool = False, done: Callable[[TareState], None] | None = None):
+        """Request a tare; ``done`` is called in another thread with its outcome."""
+
+        def finish(state):
+            # Requests during a tare share it and its outcome.
+            if state is not self._logged and self._pace.allows(state.state):
+                forced = " (forced)" * state.forced
+                reason = f": {state.reason}" * bool(state.reason)
+                self._log(f"tare {state.state}{forced}{reason}")
+            self._logged = state
+            if done is not None:
+                done(state)
+
+        self._session.reader.tare(force, finish)
+
+
+def serve_requests(
+    endpoint: str,
+    tares: TareLog,
+    status: Callable[[], dict],
+    stop: Callable[[], None],
+    keys: ServerKeys | None = None,
+) -> Replies:
+    """Accept requests on a ZMQ socket.
+
+    Parameters
+    ----------
+    status : callable
+        Returns the answer to ``status``.
+    stop : callable
+        Ends the run.
+    """
+
+    def tare(force):
+        later = Later()
+
+        def done(state):
+            ok = state.state == "complete"
+            error = {} if ok else {"error": f"tare {state.state}: {state.reason}"}
+            later.answer(json.dumps({"ok": ok, **error, **state.row()}))
+
+        tares.request(force, done)
+        return later
+
+    def end():
+        stop()
+        return {}
+
+    words = {
+        "tare": lambda: tare(False),
+        "tare force": lambda: tare(True),
+        "status": status,
+        "stop": end,
+    }
+    return Replies(endpoint, answer_words(words), keys=keys)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce status``: health of a live reader, for scripts."""
+
+import json
+
+import click
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.zmq_request import request
+
+from ..shell.options import FiniteRange, client_keys
+
+
+@click.command()
+@click.argument("endpoint")
+@click.option("--json", "as_json", is_flag=True, help="Print the reader's whole answer as JSON.")
+@click.option(
+    "--max-age",
+    type=FiniteRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="Oldest last reading of a sensor that counts as healthy.",
+)
+@click.option(
+    "--timeout",
+    type=FiniteRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="Time to wait for the answer.",
+)
+@client_keys
+def status(endpoint, as_json, max_age, timeout, zmq_keys):
+    """Print the health of a live reader.
+
+    ENDPOINT is the one given to `live --control`: PORT or tcp://ADDRESS:PORT. The exit status is 0
+    if the state is reading, and every sensor has a valid reference and a last reading that is at
+    most --max-age old; otherwise 1. It is 2 where the reader does not accept the keys.
+    """
+    keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
+    text = request(endpoint, "status", timeout, keys=keys)
+    try:
+        answer = {} if text is None else json.loads(text)
+        problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
+        lines = list(_lines(answer, problems))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        rule = "must be the --control endpoint of a reader of this version; it answers otherwise"
+        raise InputError(endpoint, rule, text) from error
+    if as_json:
+        lines = [json.dumps({**answer, "healthy": not problems, "problems": problems})]
+    click.echo("\n".join(lines))
+    return int(bool(problems))
+
+
+def problems_of(answer: dict, max_age_s: float) -> list[str]:
+    """What is wrong with a reader; empty when it is healthy.
+
+    Parameters
+    ----------
+    answer : dict
+        Of the reader to ``status``.
+    max_age_s : float
+        Oldest last reading that counts as healthy.
+    """
+    if answer.get("ok") is False:
+        return [f"status refused: {answer['error']}"]
+    problems = []
+    if answer.get("state") != "reading":
+        reason = f" ({answer['reason']})" if answer.get("reason") else ""
+        problems.append(f"state: {answer.get('state', 'unknown')}{reason}")
+    for name, sensor in answer.get("sensors", {}).items():
+        if sensor["age_s"] is None:
+            problems.append(f"{name}: no reading yet")
+        elif not sensor["received"] or sensor["age_s"] > max_age_s:
+            problems.append(f"{name}: last reading {sensor['age_s']:.1f} s ago")
+        if sensor["reference_problem"]:
+            problems.append(f"{name}: {sensor['reference_problem']}")
+    return problems
+
+
+def _lines(answer, problems):
+    if answer and answer.get("ok") is not False:
+        groups = ", ".join(f"{count} {kind}" for kind, count in answer["groups"].items())
+        yield f"run {answer['run']}: {answer['state']}, {answer['time_s']:.1f} s, groups: {groups}"
+        tare = answer["tare"]
+        if tare["state"] != "none":
+            yield f"tare {tare['state']}" + (f": {tare['reason']}" if tare["reason"] else "")
+    yield from (f"problem: {problem}" for problem in problems)
+    if not problems:
+        yield "healthy"

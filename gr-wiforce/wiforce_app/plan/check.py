@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change.
+
+For a device; a capture's files are checked in :mod:`.check_capture`.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+
+import click
+from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
+from gnuradio.wiforce.estimation.levels import measure_levels
+from gnuradio.wiforce.estimation.survey import survey_samples
+from gnuradio.wiforce.io.samples import samples_of
+from gnuradio.wiforce.planning.bands import licence_note, outside_band
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.adaptation import adapted
+from gnuradio.wiforce.planning.room.findings import findings as findings_of
+from gnuradio.wiforce.planning.room.report import finding_line, finding_rows, measure_tag
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.schema import Scene
+
+from ..live.live import radio_request, warn_of_oscillators
+from ..radio.request import DeviceLost
+from ..read.stream_events import describe_events
+from ..shell.exit_status import FAILED
+from ..shell.log import log
+from ..shell.options import optional_radio_options, sample_type
+from .check_capture import LEVEL_FRAMES, check_capture, level_lines, report
+
+_SEARCHES = 16
+_AFTER_REFERENCE_S = 0.7
+_LOOK_S = 0.05
+
+
+@dataclass
+class Findings:
+    """Results of a check."""
+
+    hardware: str
+    settings: dict
+    levels: dict | None = None
+    delay_us: float | None = None
+    samples_lost: int = 0
+    frames_moved: int = 0
+    times_ignored: int = 0
+    sensors: list = field(default_factory=list)
+    room: list = field(default_factory=list)
+    advice: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+
+
+@click.command()
+@click.argument("capture", type=click.Path(), required=False)
+@optional_radio_options
+@sample_type
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def check(capture, scene_path, args, datatype, as_json, **radio):
+    """Measure levels, noise, delay and the tags' clocks, and advise what to change.
+
+    With --args and --scene the check receives from a device; no sensor may be pressed meanwhile.
+    With a CAPTURE instead it verifies the files: checksum, length, gaps, frames and levels.
+    """
+    if capture is not None:
+        if args is not None:
+            raise click.UsageError("CAPTURE and --args exclude each other")
+        _check_files(capture, scene_path, datatype, as_json)
+        return 0
+    if datatype is not None:
+        raise click.UsageError("--datatype is that of a recording: give a CAPTURE as well")
+    if args is None or scene_path is None:
+        raise click.UsageError("give --scene and --args for a device, or a CAPTURE")
+    scene = load_scene(scene_path)
+    request = radio_request(args, scene, **radio)
+    try:
+        link, session, samples = _receive(scene, request)
+    except DeviceLost as lost:
+        log.error(str(lost))
+        return FAILED
+    findings = Findings(link.hardware, link.settings)
+    if samples is not None:
+        _measure(findings, scene, session, samples)
+    findings.advice = advice_on(findings, scene)
+    findings.notes = [note for note in [licence_note(scene)] if note]
+    if radio["driver"] == "soapy" and findings.delay_us is not None:
+        findings.notes.append("the delay differs from start to start with this driver")
+    if as_json:
+        values = {**asdict(findings), "room": finding_rows(findings.room)}
+        click.echo(json.dumps(values, indent=2))
+    else:
+        click.echo(_text(findings))
+    return 0
+
+
+def _check_files(capture, scene_path, datatype, as_json):
+    found = check_capture(capture, scene_path, datatype)
+    click.echo(json.dumps(found, indent=2) if as_json else report(found))
+
+
+def _receive(scene, request):
+    """The device, a session that has run a little longer than the reference, its first frames."""
+    import time
+
+    from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
+
+    from ..live.radio_keeper import RadioKeeper
+    from ..live.session import LiveSession
+
+    session = LiveSession(scene, request, lambda reading: None)
+    keeper = sample_keeper(LEVEL_FRAMES * scene.sounding.frame_length)
+    session.tap(keeper)
+    links = []
+    radio = RadioKeeper(request, session, on_open=links.append)
+    wanted_s = scene.reference_s + _AFTER_REFERENCE_S
+    try:
+        while session.time_s < wanted_s and session.alignment.searches < _SEARCHES:
+            time.sleep(_LOOK_S)
+            radio.look()
+    finally:
+        radio.stop()
+        session.stop()
+    warn_of_oscillators(links[0])
+    if session.failure is not None:
+        raise session.failure
+    if session.alignment.offset is None:
+        return links[0], session, None
+    return links[0], session, samples_of(keeper.samples)
+
+
+def _measure(findings, scene, session, samples):
+    waveform = scene.waveform()
+    findings.levels = asdict(measure_levels(samples, waveform))
+    delay = (session.alignment.offset + MARGIN) % waveform.frame_length
+    findings.delay_us = delay / waveform.sample_rate_hz * 1e6
+    findings.samples_lost = session.samples_lost
+    findings.frames_moved = session.frames_moved
+    findings.times_ignored = session.times_ignored
+    groups = session.latest
+    for index, sensor in enumerate(scene.sensors):
+        findings.sensors.append(measure_tag(sensor.name, index, groups))
+    # The common phase of a free-running oscillator hides what else is in the room.
+    if scene.environment.reader_clock == "shared":
+        findings.room = _survey(scene, samples)
+
+
+def _survey(scene, samples):
+    """What the samples show besides the scene's tags; nothing where they are too short."""
+    settings = plan(scene)
+    mains_hz = scene.environment.possible_mains_hz
+    found = survey_samples(samples, settings.waveform, settings.clocks, mains_hz)
+    return findings_of(found, settings, adapted(settings, found))
+
+
+def advice_on(findings: Findings, scene: Scene) -> list[str]:
+    """What to change before a measurement, the most important first."""
+    if findings.levels is None:
+        return [
+            *outside_band(scene),
+            f"no sounding frames found ({describe_frames(scene.waveform())}): check antennas and "
+            "cables, raise --tx-gain or --rx-gain",
+        ]
+    return [
+        *outside_band(scene),
+        *_advice_on_levels(findings.levels),
+        *_advice_on_loss(findings),
+        *(text for sensor in scene.sensors for text in _advice_on_sensor(findings, sensor)),
+    ]
+
+
+def _advice_on_levels(levels):
+    peak = levels["peak_dbfs"]
+    if levels["clipped"] or peak > -1:
+        yield f"the receiver is almost saturated (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
+    elif peak < -20:
+        more = f"raise --rx-gain by {-6 - peak:.0f} dB"
+        yield f"the receive level is low (peak {peak:.1f} dBFS): {more}"
+    if levels["dc_dbfs"] > -20:
+        yield f"the DC offset is high ({levels['dc_dbfs']:.1f} dBFS): calibrate the device"
+
+
+def _advice_on_loss(findings):
+    remedy = "use a faster machine, larger socket buffers or larger frames"
+    if findings.samples_lost:
+        yield f"{findings.samples_lost} samples were lost: {remedy}"
+    for event in describe_events(findings.frames_moved, findings.times_ignored):
+        yield f"{event}: {remedy}"
+
+
+def _advice_on_sensor(findings, sensor):
+    tag = next(found for found in findings.sensors if found.name == sensor.name)
+    if tag.clock_offset_ppm is None:
+        yield (
+            f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: check that it is on and "
+            "near enough, and clock_hz in the scene"
+        )
+        return
+    if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
+        yield (
+            f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
+            "clock_tolerance_ppm in the scene"
+        )
+    errors = tag.phase_error_deg
+    if None in errors or max(errors, default=0) > 1.5:
+        error = "unknown" if None in errors else f"{max(errors):.1f} deg"
+        yield (
+            f"{sensor.name}: the expected phase error is {error}: raise "
+            "--tx-gain, move the antennas closer, or use longer phase groups"
+        )
+
+
+def _text(findings):
+    settings = ", ".join(f"{key} {value}" for key, value in findings.settings.items())
+    lines = [f"device     {findings.hardware}", f"set to     {settings}"]
+    if findings.levels is not None:
+        lines += level_lines(findings.levels)
+        lines.append(f"delay      {findings.delay_us:.2f} us from transmit to receive")
+    lines += [f"{sensor.name:10s} {sensor}" for sensor in findings.sensors]
+    lines += [f"room       {finding_line(finding)}" for finding in findings.room]
+    lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
+    lines += [f"note       {text}" for text in findings.notes]
+    return "\n".join(lines)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce check CAPTURE``: whether the files of a capture are whole, and its levels good."""
+
+import hashlib
+from dataclasses import asdict
+
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.levels import measure_levels
+from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture_files import second_antenna
+from gnuradio.wiforce.scene import scene_of
+
+# Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
+LEVEL_FRAMES = 4000
+_PART_BYTES = 1 << 20
+
+
+def check_capture(path, scene_path, datatype=None):
+    """Verify the checksum, the length and the frames of a capture, and measure its levels.
+
+    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
+
+    Parameters
+    ----------
+    scene_path : str or None
+        The capture's own scene by default.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Raises
+    ------
+    InputError
+        When the samples are not those that the metadata state, or hold no frames of the scene.
+    """
+    capture = open_capture(path, datatype)
+    scene, differences = scene_of(capture, scene_path)
+    antennas = [capture]
+    if scene.environment.receive_antennas == 2:
+        antennas.append(open_capture(second_antenna(capture.path.with_suffix(""))))
+    files = []
+    for antenna in antennas:
+        antenna.check_against(scene)
+        files.append(_file(antenna, scene.radio))
+    waveform = scene.waveform()
+    place = require_frames(capture, waveform)
+    first = first_frame(capture, waveform, place)
+    samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
+    return {
+        "files": files,
+        "first_frame": first,
+        "levels": asdict(measure_levels(samples, waveform)),
+        "warnings": [*differences, *_warnings(antennas, files)],
+    }
+
+
+def _file(capture, radio):
+    _verify(capture)
+    rate = radio.sample_rate_hz if capture.sample_rate_hz is None else capture.sample_rate_hz
+    return {
+        "path": str(capture.path),
+        "datatype": capture.datatype,
+        "sample_rate_hz": rate,
+        "center_frequency_hz": capture.center_frequency_hz,
+        "samples": capture.samples,
+        "seconds": capture.span / rate,
+        "gaps": len(capture.segments) - 1,
+        "samples_lost": capture.span - capture.samples,
+        "checksum": "none" if capture.sha512 is None else "verified",
+    }
+
+
+def _verify(capture):
+    if capture.sha512 is None:
+        return
+    digest = hashlib.sha512()
+    with open(capture.path, "rb") as stream:
+        while part := stream.read(_PART_BYTES):
+            digest.update(part)
+    found = digest.hexdigest()
+    if found != capture.sha512.lower():
+        rule = (
+            "must have the checksum that its metadata state (core:sha512 "
+            f"{capture.sha512[:12]}...): the samples were changed, or the file is incomplete"
+        )
+        raise InputError(capture.path, rule, f"{found[:12]}...")
+
+
+def _warnings(antennas, files):
+    for file in files:
+        if file["checksum"] == "none":
+            yield f"{file['path']}: no checksum is known; changed samples go unnoticed"
+    antennas = sorted(antennas, key=lambda capture: capture.span)
+    if antennas[0].span != antennas[-1].span:
+        lacking = antennas[-1].span - antennas[0].span
+        yield f"{antennas[0].path}: ends {lacking} samples before {antennas[-1].path}"
+
+
+def report(found):
+    """The result of :func:`check_capture` as text for a terminal."""
+    lines = []
+    for file in found["files"]:
+        carrier = file["center_frequency_hz"]
+        named = "unknown carrier" if carrier is None else f"{carrier / 1e6:g} MHz"
+        rate = f"{file['sample_rate_hz'] / 1e6:g} Msps"
+        lost = f"{file['samples_lost']} samples lost in {file['gaps']} gaps"
+        lines += [
+            f"capture    {file['path']}: {file['datatype']}, {rate}, {named}",
+            f"length     {file['seconds']:.3f} s, {file['samples']} samples, {lost}",
+            f"checksum   {file['checksum']}",
+        ]
+    lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
+    lines += level_lines(found["levels"])
+    return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
+
+
+def level_lines(levels):
+    """Levels as lines for a terminal.
+
+    Parameters
+    ----------
+    levels : dict
+        The fields of :class:`Levels`.
+    """
+    noise = levels["noise_dbfs"]
+    return [
+        f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
+        f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
+        f"noise      {'unknown' if noise is None else f'{noise:.1f} dBFS'}",
+        f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
+    ]

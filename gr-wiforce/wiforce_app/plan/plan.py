@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce plan``: the steps of a scene, their cost, and the errors to expect."""
+
+import dataclasses
+import json
+
+import click
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.planning.advice import improve as proposals_for
+from gnuradio.wiforce.planning.advice import warnings as warnings_of
+from gnuradio.wiforce.planning.bands import licence_note
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.packets.advice import recommendation
+from gnuradio.wiforce.planning.plan import plan as plan_of
+from gnuradio.wiforce.planning.room.report import findings_text
+from gnuradio.wiforce.planning.steps import steps as steps_of
+from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
+from gnuradio.wiforce.planning.waveform_limits import waveform_limits, waveform_warnings
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
+
+from ..shell.grouped_help import GroupedHelp
+from ..shell.options import IntegerRange, sample_type
+
+
+@click.command(
+    cls=GroupedHelp,
+    groups={"Options": "--capture --datatype --improve --measure --clocks --json"},
+    examples=("plan demo --improve", "plan scene.yaml --capture press", "plan demo --clocks 4"),
+)
+@click.argument("scene", metavar="SCENE.yaml")
+@click.option(
+    "--capture",
+    "capture_path",
+    type=click.Path(),
+    help="Survey the room of a capture, and show what the plan adds or skips because of it.",
+)
+@sample_type
+@click.option("--improve", is_flag=True, help="Propose better settings and state their effect.")
+@click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
+@click.option(
+    "--clocks",
+    type=IntegerRange(1, MAX_SENSORS),
+    help="Propose clocks for so many sensors in this scene, and show nothing else.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
+    """Show which steps a SCENE needs, what each costs, and which errors to expect.
+
+    Noise, clutter and presses are taken from the section simulation of the scene.
+    """
+    if datatype is not None and capture_path is None:
+        raise click.UsageError("--datatype is that of a recording: give --capture as well")
+    scene = load_scene(scene)
+    if clocks is not None:
+        _propose_clocks(scene, clocks, as_json)
+        return
+    settings = plan_of(scene)
+    report = {
+        "settings": _settings(settings),
+        "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
+        "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
+        "warnings": [*warnings_of(settings), *surface_warnings(settings)],
+        "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
+    }
+    if scene.packets is None:
+        report["waveform"] = dataclasses.asdict(waveform_limits(settings))
+        report["warnings"] += waveform_warnings(settings)
+    if settings.skin is not None:
+        report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
+    if capture_path is not None:
+        report["room"] = _room(capture_path, datatype, settings)
+    if measure:
+        from .measure import measure_steps
+
+        took = measure_steps(settings)
+        for step in report["steps"]:
+            step["seconds_per_s"] = took[step["name"]]
+    if improve:
+        report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
+    if as_json:
+        report.get("room", {}).pop("text", None)
+        click.echo(json.dumps(report, indent=2))
+    else:
+        _print(report, scene, str(settings))
+
+
+def _propose_clocks(scene, count, as_json):
+    """Print clocks for some sensors; nothing of the scene's own is planned."""
+    try:
+        found = clocks_for(scene, count)
+    except InputError as error:
+        raise error.renamed({"count": "--clocks"}) from error
+    if as_json:
+        click.echo(json.dumps(dataclasses.asdict(found), indent=2))
+        return
+    click.echo("\n".join(f"clock_hz: {hz:g}" for hz in found.clocks_hz))
+    if found.line_distance_hz is not None:
+        click.echo(
+            f"lines 1, 2 and 4 of different sensors lie {found.line_distance_hz:.3g} Hz or more "
+            f"apart ({found.line_distance_hz / found.bin_hz:.2g} bins of {found.bin_hz:.3g} Hz)"
+        )
+    if found.lamp_distances_hz is not None:
+        near = sum(hz < found.bin_hz for hz in found.lamp_distances_hz)
+        click.echo(f"sensors with one of these lines within one bin of a lamp's: {near} of {count}")
+    click.echo(f"cost of neighbours, aliases and clutter: {found.worst_loss_db:.2g} dB or less")
+
+
+def _room(capture, datatype, settings):
+    """What a capture's room holds, and what it changes in the plan."""
+    from gnuradio.wiforce.captures import survey_room
+    from gnuradio.wiforce.io.capture import open_capture
+
+    found = survey_room(open_capture(capture, datatype), settings)
+    report = found.report()
+    return {
+        **{key: report[key] for key in ("findings", "changes", "skipped")},
+        "text": findings_text(found.findings),
+        "settings": _settings(found.plan),
+        "steps": [dataclasses.asdict(step) for step in steps_of(found.plan)],
+    }
+
+
+def _settings(settings):
+    return {
+        "waveform": settings.waveform.name,
+        "snapshot_rate_hz": 1 / settings.waveform.snapshot_period_s,
+        "group_length": settings.group_length,
+        "group_period_s": settings.group_period_s,
+        "clutter_hz": settings.clutter_hz,
+        "harmonics": settings.harmonics,
+        "tones": len(settings.table.tones),
+        "reference_groups": settings.reference_groups,
+        "smoothing_groups": settings.smoothing_groups,
+        "estimator": settings.estimator,
+        "loss_db": list(settings.loss_db),
+    }
+
+
+def _print(report, scene, summary):
+    chosen, *expected = summary.splitlines()
+    click.echo(chosen)
+    if "waveform" in report:
+        _print_waveform(report["waveform"])
+    _print_steps(report["steps"])
+    if "room" in report:
+        _print_room(report["room"], report["steps"])
+    click.echo("\n" + "\n".join(expected))
+    if "surface" in report:
+        _print_surface(report["surface"], scene.surface.name)
+    for warning in report["warnings"]:
+        click.echo(f"warning: {warning}")
+    for note in report["notes"]:
+        click.echo(f"note: {note}")
+    for proposal in report.get("proposals", ()):
+        std, time = proposal["phase_std_deg"], proposal["time_resolution_s"]
+        click.echo(
+            f"proposal: {proposal['change']}: {proposal['reason']} (noise {std[0]:.3g} -> "
+            f"{std[1]:.3g} deg, a reading in {1e3 * time[0]:.3g} -> {1e3 * time[1]:.3g} ms)"
+        )
+    if "proposals" in report and not report["proposals"]:
+        click.echo("no better settings found")
+
+
+def _print_waveform(limits):
+    losses = ", ".join(f"{own[1]:.2g}" for own in limits["averaging_loss_db"])
+    click.echo(
+        f"waveform {limits['name']}: symbol of {limits['symbol_length']} samples, "
+        f"{limits['subcarriers']} subcarriers over {limits['bandwidth_hz'] / 1e6:.4g} MHz, PAPR "
+        f"{limits['peak_to_average_db']:.1f} dB, averaged over {1e6 * limits['averaging_s']:.4g} us"
+    )
+    click.echo(
+        f"tag clocks: below {limits['clock_below_hz']:.0f} Hz (4 fs at half the snapshot rate); "
+        f"averaging takes 3 dB of the line at 4 fs at {limits['clock_half_power_hz']:.0f} Hz, "
+        f"{losses} dB at the clocks of this scene"
+    )
+
+
+_ON_SURFACE = (
+    ("force", "force_error_n", "N"),
+    ("x", "x_error_mm", "mm"),
+    ("y", "y_error_mm", "mm"),
+)
+
+
+def _print_surface(points, name):
+    click.echo(
+        f"{name}: median errors of a press of {points[0]['force_n']:g} N at x = "
+        f"{points[0]['x_mm']:g} mm (by noise alone)"
+    )
+    for point in points:
+        cells = []
+        for label, key, unit in _ON_SURFACE:
+            bound = point[f"{key}_by_noise"]
+            alone = "unknown" if bound is None else f"{bound:.2g}"
+            cells.append(f"{label} {point[key]:.3g} {unit} ({alone})")
+        where = f"on {point['strip']}" if point["strip"] else "between"
+        click.echo(f"  y = {point['y_mm']:g} mm, {where}: {', '.join(cells)}")
+
+
+def _print_room(room, steps):
+    click.echo("\nroom of the capture")
+    for line in room["text"]:
+        click.echo(line)
+    for change in room["changes"]:
+        click.echo(f"needed: {change}")
+    for skipped in room["skipped"]:
+        click.echo(f"skipped: {skipped}")
+    before, after = (
+        sum(step["operations"] for step in each if step["needed"]) / 1e6
+        for each in (steps, room["steps"])
+    )
+    click.echo(f"cost: {before:.3g} Mflop per second of signal before, {after:.3g} in this room")
+
+
+def _print_steps(steps):
+    measured = "seconds_per_s" in steps[0]
+    click.echo(f"\n{'step':<28}{'needed':<8}{' Mflop/s'}{'    ms/s' if measured else ''}  why")
+    for step in steps:
+        cost = f"{step['operations'] / 1e6:8.3g}"
+        if measured:
+            cost += f"{1e3 * step['seconds_per_s']:8.3g}"
+        click.echo(
+            f"{step['name']:<28}{'yes' if step['needed'] else 'skipped':<8}{cost}  {step['reason']}"
+        )
+    for needed, label in ((True, "needed"), (False, "skipped")):
+        own = [step for step in steps if step["needed"] == needed]
+        total = f"{label}: {sum(step['operations'] for step in own) / 1e6:.3g} Mflop"
+        if measured:
+            total += f" and {1e3 * sum(step['seconds_per_s'] for step in own):.3g} ms"
+        click.echo(f"{total} per second of signal")

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce read``: force and location from a capture."""
+
+import click
+from gnuradio.wiforce.io.capture_search import is_one
+
+from ..shell.grouped_help import GroupedHelp
+from ..shell.options import (
+    IntegerRange,
+    capture_scene,
+    mcap_output,
+    refuse,
+    refuse_scenes,
+    sample_type,
+    tracked_presses,
+    worker_options,
+)
+
+
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--scene --output --mcap --plot --tracked --follow --datatype --csi-tool "
+        "--frame-offset --format --again --jobs --scheduler"
+    },
+    examples=("read press -o press.csv --plot press.png", "read captures -o readings"),
+)
+@click.argument("captures", nargs=-1, required=True, type=click.Path(), metavar="CAPTURE...")
+@capture_scene
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv, OUT.jsonl or OUT.parquet; of several captures a folder, for a file of each, or "
+    "one OUT.parquet. Default: CSV on standard output.",
+)
+@mcap_output
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a picture of the readings (PNG, PDF or SVG).",
+)
+@sample_type
+@click.option(
+    "--csi-tool",
+    metavar="TOOL",
+    help="The file is one of channel snapshots by a CSI tool: intel, atheros, esp32 or "
+    "nexmon/CHIP/MHZ.",
+)
+@click.option(
+    "--frame-offset",
+    type=IntegerRange(0),
+    help="Samples before the first frame. Default: detected; where no frames are detected, nothing "
+    "is read.",
+)
+@tracked_presses
+@click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["csv", "jsonl", "parquet"]),
+    help="Of the files in a folder. Default: csv.",
+)
+@click.option("--again", is_flag=True, help="Read captures that have been read before as well.")
+@worker_options
+def read(
+    captures,
+    scene_path,
+    output,
+    mcap,
+    plot_path,
+    follow,
+    form,
+    again,
+    jobs,
+    scheduler,
+    **settings,
+):
+    """Read force and location from each CAPTURE.
+
+    A CAPTURE is a SigMF pair, a file of raw samples with --datatype, a file of channel snapshots
+    (.npz), a folder that is searched for these, or a pattern such as 'day*/press*'. Several
+    captures are read in parallel; a run that is repeated reads those that are new or have changed.
+    """
+    if settings["csi_tool"] is not None:
+        from gnuradio.wiforce.io.csi_tools import check_tool
+
+        check_tool(settings["csi_tool"])
+    refuse_scenes(captures)
+    if is_one(captures):
+        one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
+        refuse(one, "needs several captures or a folder")
+        from .read_one import read_one
+
+        return read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
+    of_one = {"--mcap": mcap, "--plot": plot_path, "--follow": follow}
+    refuse({**of_one, "--csi-tool": settings.pop("csi_tool")}, "takes one capture")
+    from .read_many import read_many
+
+    return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce read`` of one capture, into files or to standard output."""
+
+from gnuradio.wiforce.io.capture_files import is_snapshots
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import scene_of
+
+from ..shell.interrupts import Interrupted
+from ..shell.log import log
+from ..shell.options import refuse
+from ..shell.progress import progress
+from .file_outputs import FileOutputs
+from .recordings import open_reader, open_recording, warn_of_end, warn_of_start
+
+
+def read_one(
+    capture, scene_path, output, mcap, plot_path, follow, datatype, csi_tool, frame_offset, tracked
+):
+    if csi_tool is not None or is_snapshots(capture):
+        refuse(
+            {
+                "--datatype": datatype,
+                "--frame-offset": frame_offset is not None,
+                "--follow": follow,
+            },
+            "is for captures of samples, not for channel snapshots",
+        )
+    recording = open_recording(capture, datatype, csi_tool)
+    scene, differences = scene_of(recording, scene_path)
+    settings = plan(scene)
+    inputs = [*recording.files, *scene.files]
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path, inputs)
+    writer = FileOutputs(output, mcap, inputs, scene)
+    if follow:
+        from .follow import GrowingCapture
+
+        reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
+    else:
+        reader = open_reader(recording, settings, frame_offset, tracked)
+    warn_of_start(recording, reader, scene, differences, frame_offset)
+    kept = []
+    rows = 0 if follow else reader.groups * len(scene.reading_names)
+    try:
+        with writer, progress("reading", rows) as step:
+            for batch in reader:
+                for reading in batch:
+                    writer.write(reading)
+                if plot_path is not None:
+                    kept += batch
+                step(len(batch))
+    except KeyboardInterrupt as interrupt:
+        raise Interrupted(_partial(writer, output, rows)) from interrupt
+    warn_of_end(capture, reader)
+    log.info(f"read {reader.counts}")
+    if plot_path is not None:
+        from ..shell.plots import plot_readings
+
+        plot_readings(kept, plot_path, title=str(capture))
+    return 0
+
+
+def _partial(writer, output, rows):
+    """What an interrupted run has written."""
+    if not writer.rows:
+        return "nothing has been written"
+    return f"{output or 'the output'} is partial: it holds the first {writer.rows} of {rows} rows"

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings of every kind: opened and read, with warnings of what is wrong with them."""
+
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture_files import is_snapshots
+from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
+from gnuradio.wiforce.planning.advice import accepted_suspicions
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.findings import findings
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.snapshot_recording import SnapshotReader
+
+from ..shell.log import log
+from .room_news import RoomNews
+from .stream_events import describe_events
+
+
+def open_recording(path, datatype, csi_tool=None):
+    """A capture of samples, or a file of channel snapshots.
+
+    Parameters
+    ----------
+    datatype : str or None
+        Of raw samples, whatever the name of their file is.
+    csi_tool : str, optional
+        That has written the file.
+    """
+    if csi_tool is not None:
+        from gnuradio.wiforce.io.csi_tools import open_csi
+
+        return open_csi(path, csi_tool)
+    if datatype is None and is_snapshots(path):
+        return open_snapshots(path)
+    return open_capture(path, datatype)
+
+
+def open_reader(recording, settings, frame_offset, tracked):
+    """The reader of a recording, after warnings of what was left out and of what is in the room.
+
+    Parameters
+    ----------
+    frame_offset : int or None
+        Samples before the first frame; searched when None.
+    """
+    if isinstance(recording, ChannelSnapshots):
+        reader = SnapshotReader(recording, settings, tracked)
+        for note in reader.notes:
+            warn(recording.path, note)
+        return reader
+    reader = RecordingReader(recording, settings, frame_offset, tracked)
+    warn_of_leftover(recording, reader)
+    RoomNews().report(findings(reader.survey, settings, reader.plan))
+    return reader
+
+
+def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
+    """Read a whole recording for another command, and warn of what was wrong with it.
+
+    Parameters
+    ----------
+    on_reading : callable
+        Called with every Reading, in order.
+    frame_offset : int or None
+        Samples before the first frame; searched when None.
+    on_groups : callable, optional
+        Called with every batch of Groups that has been read, with the ratios R.
+    """
+    reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
+    warn_of_leftover(recording, reader)
+    for batch in reader:
+        for reading in batch:
+            on_reading(reading)
+    warn_of_events(reader)
+    return reader.counts
+
+
+def warn_of_start(recording, reader, scene, differences, frame_offset):
+    """Warn of differences between two scenes and of doubtful sensors; say where frames begin."""
+    for text in (*differences, *accepted_suspicions(scene)):
+        warn(recording.path, text)
+    if frame_offset is None and getattr(reader, "frame_offset", 0):
+        first = f"the first frame begins at sample {reader.frame_offset}"
+        log.info(f"{recording.path}: {first}")
+
+
+def warn_of_end(capture, reader):
+    """Warn of what was wrong with a recording that has been read."""
+    warn_of_events(reader)
+    for name, found in reader.suspicions().items():
+        for suspicion in found:
+            warn(capture, f"{name}: {suspicion.text}")
+    counts = reader.counts
+    if counts.groups and not counts.clear:
+        rule = (
+            "every reading is flagged; check the datatype, and clock_hz, frame_length and "
+            "sample_rate_hz of the scene"
+        )
+        if isinstance(reader, SnapshotReader):
+            rule = "every reading is flagged; check clock_hz and packets of the scene"
+        warn(capture, f"{rule}, and the signal level")
+
+
+def warn(path, text):
+    """Print a warning about a file."""
+    log.warning(f"{path}: {text}")
+
+
+def warn_of_events(reader):
+    """Warn of samples that a file lacked, and of frames that moved."""
+    for path, missing in reader.samples_missing().items():
+        if missing:
+            warn(path, f"was truncated while it was read; {missing} samples are missing")
+    for path, moved in reader.frames_moved().items():
+        for event in describe_events(moved, reader.times_ignored):
+            warn(path, event)
+
+
+def warn_of_leftover(recording, reader):
+    """Warn of samples behind the last whole frame, and of antennas recorded for different times."""
+    antennas = sorted(reader.source.captures, key=lambda capture: capture.span)
+    lacking = antennas[-1].span - antennas[0].span
+    if lacking:
+        seconds = lacking / reader.plan.waveform.sample_rate_hz
+        rule = f"ends {lacking} samples ({seconds:.3g} s) before {antennas[-1].path}"
+        warn(antennas[0].path, f"{rule}; groups that lack one antenna cannot be read")
+    if reader.leftover:
+        rule = "after the last whole frame); only whole phase groups are read"
+        warn(recording.path, f"ends inside a frame ({reader.leftover} samples {rule}")

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Findings of the surveys of a run, printed when they change."""
+
+import sys
+
+import click
+from gnuradio.wiforce.planning.room.report import finding_line
+
+
+class RoomNews:
+    """What each survey of a run has found that the one before had not.
+
+    Parameters
+    ----------
+    say : callable, optional
+        Takes a line for the user; `report_room` by default.
+    """
+
+    def __init__(self, say=None):
+        self._say = say or report_room
+        self._latest, self._known = None, []
+
+    def report(self, found):
+        """Print the findings that matter, where they differ from those printed before.
+
+        Parameters
+        ----------
+        found : list of Finding or None
+            Of the latest survey; the same list until there is another one.
+        """
+        if found is None or found is self._latest:
+            return
+        self._latest = found
+        mattering = [finding for finding in found if finding.matters]
+        # Frequencies and levels differ a little from survey to survey.
+        known = [(each.kind, round(each.frequency_hz), each.handling) for each in mattering]
+        if known == self._known:
+            return
+        self._known = known
+        for finding in mattering:
+            self._say(finding_line(finding))
+        if not mattering:
+            self._say("nothing found any more that matters")
+
+
+def report_room(text):
+    """Print what a survey has found, in a line of its own."""
+    start = "\r\033[K" if sys.stderr.isatty() else ""
+    click.echo(f"{start}gr-wiforce: room: {text}", err=True)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce simulate``: the capture of a scene, and its truth."""
+
+import dataclasses
+
+import click
+
+from ..shell.log import log
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE.yaml")
+@click.argument("name", metavar="NAME")
+@click.option(
+    "--datatype",
+    type=click.Choice(["ci16_le", "cf32_le"]),
+    default="ci16_le",
+    show_default=True,
+    help="Samples as 16-bit integers, as from a USRP, or as floats.",
+)
+@click.option(
+    "--seed",
+    type=IntegerRange(0, 2**63 - 1),
+    help="Seed of all random numbers. Default: that of the scene.",
+)
+@click.option("--force", is_flag=True, help="Replace existing files.")
+def simulate(scene, name, datatype, seed, force):
+    """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
+    presses as NAME.truth.csv. Of a scene with packets, write their channels as NAME.npz."""
+    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.simulation import simulator
+    from gnuradio.wiforce.simulation.truth_file import frame_count
+
+    scene = load_scene(scene)
+    if seed is not None:
+        simulation = dataclasses.replace(scene.simulation, seed=seed)
+        scene = dataclasses.replace(scene, simulation=simulation)
+    if scene.packets:
+        return _simulate_packets(scene, name, force)
+    samples = frame_count(scene) * scene.sounding.frame_length
+    with progress("simulating", samples * scene.environment.receive_antennas) as done:
+        paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
+    groups = frame_count(scene) // scene.phase_group.snapshots
+    _report(paths, scene, samples / scene.radio.sample_rate_hz, groups)
+
+
+def _simulate_packets(scene, name, force):
+    from gnuradio.wiforce.simulation.packets import simulate_packets
+
+    duration_s = scene.simulation.duration_s
+    with progress("simulating", int(duration_s / scene.packets.interval_s)) as done:
+        paths = simulate_packets(scene, name, overwrite=force, progress=done)
+    _report(paths, scene, duration_s, int(duration_s / scene.group_period_s + 1e-9))
+
+
+def _report(paths, scene, duration_s, groups):
+    from gnuradio.wiforce.scene import simulation_warnings
+
+    for path in paths:
+        click.echo(path)
+    for warning in simulation_warnings(scene):
+        log.warning(warning)
+    settings = scene.simulation
+    presses = len(settings.presses) + len(settings.surface_presses)
+    log.info(
+        f"{duration_s:.3g} s, phase groups: {groups}, "
+        f"presses: {presses}, moves: {len(settings.moves)}, seed: {settings.seed}"
+    )

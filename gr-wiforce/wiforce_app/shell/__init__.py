@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all commands share.
+
+Groups of commands imported on first use (`lazy`), options and their types (`options`), messages
+(`log`), exit statuses and interruptions, progress bars, plots and pages in Markdown, parallel tasks
+(`workers`, each in a process of its own: `task_process`), and what a file states of its origin
+(`provenance`).
+"""

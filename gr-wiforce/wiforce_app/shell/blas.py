@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How OpenBLAS, with which NumPy multiplies matrices, is used by the command."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+
+def settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
+    """Environment variables of OpenBLAS, read when NumPy is imported.
+
+    One thread, since more only slow down matrices as small as ours. An OpenBLAS that is older than
+    the processor, as a system's may be, falls back to instructions of 2004, four times slower, so
+    those of any processor with AVX2 and FMA are stated. NumPy's wheels bring an OpenBLAS of their
+    own that is as new as they are, and chooses itself.
+
+    Parameters
+    ----------
+    cpuinfo : Path
+        What the system says of its processors.
+    numpy : Path, optional
+        Folder of the package; the one that would be imported by default.
+    """
+    chosen = {"OPENBLAS_NUM_THREADS": "1"}
+    if numpy is None and (found := find_spec("numpy")) is not None and found.origin:
+        numpy = Path(found.origin).parent
+    if numpy is not None and numpy.with_name("numpy.libs").is_dir():
+        return chosen
+    try:
+        # Only up to the first processor's flags: many processors take long to list.
+        with cpuinfo.open(encoding="utf-8", errors="replace") as lines:
+            flags = next((line.split() for line in lines if line.startswith("flags")), [])
+    except OSError:
+        return chosen
+    if {"avx2", "fma"} <= set(flags):
+        chosen["OPENBLAS_CORETYPE"] = "Haswell"
+    return chosen

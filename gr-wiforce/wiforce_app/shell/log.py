@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Messages on standard error: for a person at a terminal, or for systemd's journal."""
+
+import contextlib
+import os
+import sys
+
+import click
+
+PROGRAM = "gr-wiforce"
+# The names that users give, and syslog's numbers, which the journal reads at the start of a line.
+LEVELS = {"error": 3, "warning": 4, "info": 6, "debug": 7}
+FORMATS = ("auto", "plain", "journal")
+
+
+class Log:
+    """Writes messages, one line each.
+
+    Attributes
+    ----------
+    level : str
+        Messages below this level are not written.
+    journal : bool
+        Begin lines with the number of their level, as ``<4>``, instead of the program's name.
+    line_in_use : bool
+        A status line is on the terminal, which a message replaces.
+    """
+
+    def __init__(self):
+        self.level, self.journal, self.line_in_use = "info", False, False
+
+    def set_up(self, level: str = "info", form: str = "auto") -> None:
+        """Choose what is written, and how.
+
+        Parameters
+        ----------
+        level : str
+            One of ``LEVELS``.
+        form : str
+            One of ``FORMATS``; ``auto`` detects whether standard error is the journal.
+        """
+        self.level = level
+        self.journal = form == "journal" or form == "auto" and is_journal()
+
+    def write(self, level: str, text: str) -> None:
+        """Write one message; a standard error that cannot be written to is no failure."""
+        if LEVELS[level] > LEVELS[self.level]:
+            return
+        if self.journal:
+            line = f"<{LEVELS[level]}>{text}"
+        else:
+            kind = f"{level}: " if level in ("warning", "debug") else ""
+            line = f"{PROGRAM}: {kind}{text}"
+        start = "\r\033[K" if self.line_in_use else ""
+        with contextlib.suppress(OSError):
+            click.echo(start + line, err=True)
+
+    def error(self, text: str) -> None:
+        """What ends the program."""
+        self.write("error", text)
+
+    def warning(self, text: str) -> None:
+        """What makes readings worse, or may soon."""
+        self.write("warning", text)
+
+    def info(self, text: str) -> None:
+        """What happened in normal operation."""
+        self.write("info", text)
+
+    def debug(self, text: str) -> None:
+        """Details for the search of an error."""
+        self.write("debug", text)
+
+
+def printable(text: str) -> str:
+    """A text whose line breaks, which names of files may contain, are replaced by spaces."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def is_journal() -> bool:
+    """Whether standard error goes to systemd's journal."""
+    stated = os.environ.get("JOURNAL_STREAM", "")
+    try:
+        status = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):
+        return False
+    return stated == f"{status.st_dev}:{status.st_ino}"
+
+
+log = Log()

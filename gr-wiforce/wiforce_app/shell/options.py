@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Options that several commands share, and the type of their numbers."""
+
+import math
+import os
+from pathlib import Path
+
+import click
+from gnuradio.wiforce.errors import InputError
+
+
+class Number(click.types.FloatParamType):
+    """A finite float."""
+
+    name = "number"  # click says: 'x' is not a valid float
+
+    def convert(self, value, param, ctx):
+        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
+
+
+class FiniteRange(click.FloatRange):
+    """A finite float within limits; click's own type accepts nan and inf."""
+
+    name = "number"  # click says: 'x' is not a valid float range
+
+    def convert(self, value, param, ctx):
+        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
+
+
+def _finite(kind, value, number, param, ctx):
+    if not math.isfinite(number):
+        kind.fail(f"{value!r} is not a finite number.", param, ctx)
+    return number
+
+
+class IntegerRange(click.IntRange):
+    """An integer within limits."""
+
+    name = "integer"
+
+
+def _sensor_file(_, __, output):
+    if output is not None and Path(output).suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(output, "sensor file must end in .yaml or .yml")
+    return output
+
+
+CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
+
+capture_scene = click.option(
+    "--scene",
+    "scene_path",
+    type=click.Path(),
+    help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
+)
+sample_type = click.option(
+    "--datatype",
+    type=click.Choice(["ci16_le", "cf32_le"]),
+    help="Type of the samples, for a raw file without metadata.",
+)
+readings_output = click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+)
+sensor_output = click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(),
+    callback=_sensor_file,
+    help="SENSOR.yaml to write.",
+)
+mcap_output = click.option(
+    "--mcap",
+    type=click.Path(),
+    metavar="FILE",
+    help="Also write ROS 2 messages, for Foxglove, PlotJuggler and rosbag2: to FILE.mcap or, where "
+    "FILE is a folder, to a new file in it.",
+)
+client_keys = click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="PATH",
+    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
+    "beside it, or their folder.",
+)
+tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
+
+_ARGS_HELP = "Device arguments: addr=192.168.10.2; with --driver soapy: driver=lime."
+_OF_A_RADIO = (
+    click.option("--args", required=True, help=_ARGS_HELP),
+    click.option(
+        "--driver",
+        type=click.Choice(["uhd", "soapy"]),
+        default="uhd",
+        show_default=True,
+        help="Library that opens the device: UHD, or SoapySDR for other radios.",
+    ),
+    click.option(
+        "--tx-args", help="Device arguments of the transmitter, where that is another device."
+    ),
+    click.option(
+        "--receive-only",
+        is_flag=True,
+        help="Transmit nothing: the frames come from a transmitter of their own.",
+    ),
+    click.option("--tx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
+    click.option("--rx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
+    click.option("--antenna", help="Receive antenna, for example RX2."),
+    click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
+    click.option(
+        "--bandwidth",
+        "bandwidth_hz",
+        type=FiniteRange(0, min_open=True),
+        metavar="HZ",
+        help="Of the device's filters. Default: the device's own.",
+    ),
+    click.option("--reference", help="Clock source: internal, external, ..."),
+    click.option(
+        "--amplitude",
+        type=FiniteRange(0, 1, min_open=True),
+        default=0.5,
+        show_default=True,
+        help="Transmit amplitude: root of the mean preamble power over full scale.",
+    ),
+)
+
+
+_SCENE = click.option(
+    "--scene", "scene_path", required=True, help="Scene file, or name of a shipped scene."
+)
+
+
+def radio_options(command):
+    """Add the options that open a device."""
+    for option in reversed((_SCENE, *_OF_A_RADIO)):
+        command = option(command)
+    return command
+
+
+def optional_radio_options(command):
+    """Add the options that open a device, to a command that can do without one."""
+    scene, args = (
+        click.option("--scene", "scene_path", help="Scene file, or name of a shipped scene."),
+        click.option("--args", help=_ARGS_HELP),
+    )
+    for option in reversed((scene, args, *_OF_A_RADIO[1:])):
+        command = option(command)
+    return command
+
+
+def web_options(required=False):
+    """Add the options of a page in the browser.
+
+    Returns callable: A decorator.
+
+    Parameters
+    ----------
+    required : bool
+        Whether the command does nothing else.
+    """
+
+    def add(command):
+        command = click.option(
+            "--web-token",
+            metavar="TOKEN",
+            envvar="GR_WIFORCE_WEB_TOKEN",
+            show_envvar=True,
+            help="What a browser must present to open the page, 16 letters and digits or more. "
+            "Default: a random one beyond this machine, none on it.",
+        )(command)
+        return click.option(
+            "--web",
+            required=required,
+            metavar="[ADDRESS:]PORT",
+            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
+        )(command)
+
+    return add
+
+
+def worker_options(command):
+    """Add --jobs and --scheduler to a command."""
+    for option in (
+        click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
+        ),
+        click.option(
+            "--jobs",
+            type=IntegerRange(1),
+            help="Number of parallel processes. Default: one per core.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def refuse(options, rule):
+    """Refuse options that were given without reason.
+
+    Parameters
+    ----------
+    options : dict
+        Values by the names of the options; false where one was not given.
+
+    Raises
+    ------
+    click.UsageError
+        Naming the first of them.
+    """
+    for option, value in options.items():
+        if value:
+            raise click.UsageError(f"{option} {rule}")
+
+
+def refuse_scenes(given):
+    """Refuse the name of a shipped scene where a capture is meant.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Captures, patterns and folders.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in given:
+        if os.path.exists(name) or os.path.exists(name + ".sigmf-meta"):
+            continue
+        from gnuradio.wiforce.scene import shipped_scenes  # not for the start of the command
+
+        if name in shipped_scenes():
+            raise InputError(name, "is a scene and not a capture; give it by --scene")

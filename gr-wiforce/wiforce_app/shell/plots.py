@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of readings."""
+
+from pathlib import Path
+
+from gnuradio.wiforce.errors import InputError, unwritable
+from gnuradio.wiforce.io.optional import optional_module
+from gnuradio.wiforce.io.textfile import check_output, replacing
+from gnuradio.wiforce.plotting import PANELS, plot
+
+_SUFFIXES = (".png", ".pdf", ".svg")
+_PANEL_IN = 2.1  # height of a panel
+
+
+def check_picture(path, inputs=()):
+    """Check the path of a picture before any work is done for it.
+
+    Parameters
+    ----------
+    inputs : iterable of str or Path, optional
+        Files that the picture is made from.
+
+    Raises
+    ------
+    InputError
+        For an unknown suffix, a missing folder, a file that cannot be written, or an input; when
+        matplotlib is missing.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _SUFFIXES:
+        raise InputError(path, "name of a picture must end in .png, .pdf or .svg")
+    optional_module("matplotlib.figure", path)
+    check_output(path, inputs)
+
+
+def figure(rows, title):
+    """Make a figure of stacked panels over time, without a display."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(9, 1.0 + _PANEL_IN * rows), layout="constrained")
+    axes = canvas.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    canvas.suptitle(title, fontsize=11)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time (s)")
+    return canvas, axes
+
+
+def save_picture(canvas, path, dpi=110):
+    """Write a figure; the file appears when it is complete.
+
+    Raises
+    ------
+    InputError, OutputError
+        When it cannot be written.
+    """
+    path = Path(path)
+    try:
+        with replacing(path) as part:
+            # A pipe or a device has any name.
+            canvas.savefig(part, dpi=dpi, format=path.suffix[1:].lower())
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def plot_readings(readings, path, title="", truth=None):
+    """Write the picture that :func:`gnuradio.wiforce.plotting.plot` draws.
+
+    Parameters
+    ----------
+    path : str or Path
+        PNG, PDF or SVG.
+    truth : sequence of dict, optional
+        Rows of a truth file.
+    """
+    canvas, axes = figure(PANELS, title)
+    plot(readings, truth=truth, axes=axes)
+    save_picture(canvas, path)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether an entry of a guided calibration is plausible, by those that were taken before it.
+
+The checks find errors of the person who measures: a wrong digit, the wrong mark of the ruler, a
+sensor held the other way round. The errors of the sensor are for the calibration to find.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import InputError
+from ...sensor import line
+from ...signal.carrier import wrap_deg
+from ..checks import continuous_phase
+from ..tables import CalibrationTable
+from .press_measurement import PressMeasurement
+
+# The widening of the short is compared with what the five nearest forces at this location suggest
+# by a line over F^(-1/3), which describes a soft beam. With gauge errors of 1 % and 0.03 N it stays
+# within these limits for all shipped sensors; half the force does not, and twice the force rarely.
+_NEIGHBOURS, _LEAST_NEIGHBOURS = 5, 3
+_WIDENING_MM, _WIDENING_PART, _WIDENING_STDS = 0.75, 0.5, 3.0
+# The contact law moves the middle of the short by up to 4 mm from a location to the next, 10 mm
+# away; a wrong mark of the ruler by the whole step or more.
+_STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
+# Part of the asked force, and force in N, by which another force is no slip of the hand.
+_FORCE_PART, _FORCE_N = 0.4, 0.5
+
+
+def force_warning(force_n: float, asked_n: float) -> str | None:
+    """Warning of a force that is far from the one that was asked for.
+
+    Parameters
+    ----------
+    force_n, asked_n : float
+        In N.
+    """
+    if abs(force_n - asked_n) <= max(_FORCE_N, _FORCE_PART * asked_n):
+        return None
+    return f"the force is {force_n:g} N where about {asked_n:g} N was asked for"
+
+
+def press_warnings(
+    new: PressMeasurement,
+    before: Sequence[PressMeasurement],
+    frequency_hz: float,
+    length_mm: float,
+    permittivity: float,
+) -> list[str]:
+    """Warnings of a press that those before it contradict.
+
+    Returns list of str: a sentence each; empty when it is plausible.
+
+    Parameters
+    ----------
+    before : sequence of PressMeasurement
+        Of all locations.
+    frequency_hz : float
+        Carrier, in Hz.
+    length_mm, permittivity : float
+        Of the line.
+    """
+    presses = [each for each in before if not each.untouched]
+    here = [each for each in presses if each.location_mm == new.location_mm]
+    warnings: list[str] = []
+    if here:
+        warnings += _jump(new, here, frequency_hz, permittivity)
+        if not warnings:
+            warnings += _widening(new, here, frequency_hz, length_mm, permittivity)
+    else:
+        warnings += _step(new, presses, frequency_hz, permittivity)
+    return warnings
+
+
+def _jump(
+    new: PressMeasurement,
+    here: Sequence[PressMeasurement],
+    frequency_hz: float,
+    permittivity: float,
+) -> list[str]:
+    """What would be refused when the sweep is calibrated."""
+    sweep = [each for each in here if each.sweep == new.sweep]
+    return [
+        f"the phase of port {port} jumps against those at other forces, further than a press can "
+        "move the short"
+        for port in (1, 2)
+        if _continues(sweep, port, frequency_hz, permittivity)
+        and not _continues([*sweep, new], port, frequency_hz, permittivity)
+    ]
+
+
+def _continues(
+    sweep: Sequence[PressMeasurement], port: int, frequency_hz: float, permittivity: float
+) -> bool:
+    """Whether a calibration accepts the phases of one port."""
+    rows = [
+        (0, frequency_hz, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "")
+        for each in sweep
+    ]
+    try:
+        if rows:
+            continuous_phase(CalibrationTable.from_rows("", rows), permittivity)
+    except InputError:
+        return False
+    return True
+
+
+def _added_mm(
+    press: PressMeasurement, frequency_hz: float, length_mm: float, permittivity: float
+) -> np.ndarray:
+    """Extent of the short towards both ports (2,), up to a constant and half wavelengths."""
+    distances = np.array([press.location_mm, length_mm - press.location_mm])
+    exact = line.short_phase_deg(distances, frequency_hz, permittivity)
+    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
+    return np.asarray((np.array(press.phase_deg) - exact) / slope)
+
+
+def _widening(
+    new: PressMeasurement,
+    here: Sequence[PressMeasurement],
+    frequency_hz: float,
+    length_mm: float,
+    permittivity: float,
+) -> list[str]:
+    """Whether the width of the short follows from those at other forces."""
+    near = sorted(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))[:_NEIGHBOURS]
+    inverse = np.array([each.force_n for each in near]) ** (-1 / 3)
+    if len(near) < _LEAST_NEIGHBOURS or np.ptp(inverse) == 0:
+        return []
+    turn = 360.0 / line.round_trip_deg_per_mm(frequency_hz, permittivity)
+    added = np.array([_added_mm(each, frequency_hz, length_mm, permittivity) for each in near])
+    own = _added_mm(new, frequency_hz, length_mm, permittivity)
+    # Whole turns against the nearest force, since the movement between the two is small.
+    added -= turn * np.round((added - added[0]) / turn)
+    own = own - turn * np.round((own - added[0]) / turn)
+    width, own_width = added.sum(axis=1), float(own.sum())
+    design = np.column_stack([np.ones(len(near)), inverse])
+    fitted = np.linalg.lstsq(design, width, rcond=None)[0]
+    expected = float(fitted[0] + fitted[1] * new.force_n ** (-1 / 3))
+    residual = float(np.sqrt(np.mean((width - design @ fitted) ** 2)))
+    move = abs(fitted[1] * (new.force_n ** (-1 / 3) - inverse[0]))
+    allowed = _WIDENING_MM + _WIDENING_PART * move + _WIDENING_STDS * residual
+    if abs(own_width - expected) <= allowed:
+        return []
+    more = "wider" if own_width > expected else "narrower"
+    return [
+        f"the short is {abs(own_width - expected):.1f} mm {more} than the other forces at "
+        f"{new.location_mm:g} mm suggest for {new.force_n:.2f} N"
+    ]
+
+
+def _step(
+    new: PressMeasurement,
+    presses: Sequence[PressMeasurement],
+    frequency_hz: float,
+    permittivity: float,
+) -> list[str]:
+    """Whether the first press at a location lies where the nearest other location suggests."""
+    if not presses:
+        return []
+
+    def distance(each: PressMeasurement) -> tuple[float, float]:
+        step_mm = abs(each.location_mm - new.location_mm)
+        return step_mm, abs(float(np.log(each.force_n / new.force_n)))
+
+    nearest = min(presses, key=distance)
+    step = new.location_mm - nearest.location_mm
+    change = np.array(new.phase_deg) - np.array(nearest.phase_deg)
+    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
+    # Phase 1 falls and phase 2 rises towards port 2; a change of force raises both.
+    expected = slope * step
+    moved = step + float(wrap_deg(change[1] - change[0] - 2 * expected)) / (2 * slope)
+    if abs(moved - step) <= max(_STEP_PART * abs(step), _LEAST_STEP_MM):
+        return []
+    return [
+        f"the phases are those of a press at about {nearest.location_mm + moved:.0f} mm, not at "
+        f"{new.location_mm:g} mm"
+    ]

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Likely mistakes of calibration tables for the assumed line, and of phases for a model."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..sensor import line
+from ..sensor.model import SensorModel
+from ..signal.carrier import same_carrier
+from .data import carriers_of
+from .line_estimate import ENOUGH_LOCATIONS, ON_A_LINE, LineEstimate, concentrations, estimate_line
+from .tables import CalibrationTable
+
+# Phases in radians lie within a turn, 6.28; those of a press and of the untouched line in degrees
+# are further apart.
+TURN_RAD = 2 * np.pi + 0.01
+# No tactile sensor is pressed with as much; 8 N are 816 g.
+_LARGEST_FORCE_N = 100.0
+# Presses within a tenth of the line are not a calibration, but one in other units.
+_SMALLEST_SHARE = 0.1
+# A direction is reversed if it leaves so much less scatter.
+_REVERSED = 0.25
+_DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
+# The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
+# the slope by up to 25 %, more for wide contacts.
+_LENGTH_MM = 10.0
+_SLOPE_LIMITS = (0.7, 1.5)
+# Readings of which so many are unexplained are suspicious, and explained if so few are.
+_MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
+_UNEXPLAINED = {"inconsistent", "extrapolated"}
+
+
+def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
+    """Likely mistakes in the units, ports and signs of a table, or in the line that is assumed.
+
+    Returns list of str: a sentence each; empty when nothing is suspicious.
+
+    Parameters
+    ----------
+    length_mm, permittivity : float
+        As assumed.
+    """
+    touched = table.take(~table.untouched)
+    if not touched.row.size:
+        return []
+    found = _units(table, touched, length_mm)
+    if found:
+        return found
+    for frequency in carriers_of(touched):
+        rows = touched.take(same_carrier(touched.frequency_hz, frequency))
+        found += _direction(rows, line.round_trip_deg_per_mm(frequency, permittivity))
+    if found:
+        return list(dict.fromkeys(found))
+    for estimate in estimate_line(table, length_mm, permittivity):
+        found += _other_line(estimate, length_mm, permittivity)
+    return found
+
+
+def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
+    """What the provenance of a model says of likely mistakes in its data.
+
+    Returns dict: empty where there are none.
+
+    Parameters
+    ----------
+    found : sequence of str
+        As :func:`suspicions` gives them.
+    """
+    return {"suspicions": list(dict.fromkeys(found))} if found else {}
+
+
+def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:
+    found = []
+    widest = float(np.max(np.abs(table.phase_deg)))
+    if widest <= TURN_RAD:
+        found.append(
+            f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
+        )
+    found += location_suspicions(float(np.max(touched.location_mm)), length_mm)
+    hardest = float(np.max(touched.force_n))
+    if hardest > _LARGEST_FORCE_N:
+        found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
+    return found
+
+
+def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
+    """The unit that locations may have been given in instead of millimetres.
+
+    Returns list of str: one sentence, or none.
+
+    Parameters
+    ----------
+    farthest_mm : float
+        Location that is farthest from port 1, as given.
+    length_mm : float
+        Of the line.
+    """
+    if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
+        return []
+    unit = "metres" if farthest_mm < 1 else "centimetres"
+    return [
+        f"all locations lie within {farthest_mm:g} mm of port 1: are they in {unit} instead of "
+        "millimetres?"
+    ]
+
+
+def _direction(rows: CalibrationTable, slope: float) -> list[str]:
+    """Whether ports are swapped or the sign of the phase is inverted."""
+    slopes = slope * _DIRECTION_SLOPES
+    expected, reverse = (float(concentrations(rows, sign * slopes).max()) for sign in (1, -1))
+    if reverse < ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
+        return []
+    if 1 - reverse > _REVERSED * (1 - expected):
+        return []
+    if _movement_deg(rows) > 0:
+        return [
+            "the phase of port 1 rises with location and that of port 2 falls: are the ports "
+            "swapped, or is location measured from port 2?"
+        ]
+    return [
+        "phases move with location and with force in the wrong direction: is their sign inverted "
+        "(they must be those of arg S11 and arg S22)?"
+    ]
+
+
+def _movement_deg(rows: CalibrationTable) -> float:
+    """Mean change of the phase from the lightest to the hardest force of a sweep."""
+    changes = []
+    for port in (1, 2):
+        for place in np.unique(rows.location_mm):
+            here = rows.take((rows.port == port) & (rows.location_mm == place))
+            if len(here.row) > 1:
+                order = np.argsort(here.force_n, kind="stable")
+                phases = np.unwrap(here.phase_deg[order], period=360.0)
+                changes.append(phases[-1] - phases[0])
+    return float(np.mean(changes)) if changes else 0.0
+
+
+def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -> list[str]:
+    at = f"{estimate.frequency_hz / 1e6:g} MHz: "
+    if estimate.permittivity is None:
+        return []
+    ratio = np.sqrt(estimate.permittivity / permittivity)
+    if not _SLOPE_LIMITS[0] <= ratio <= _SLOPE_LIMITS[1]:
+        return [
+            f"{at}phases change with location as on a line of permittivity "
+            f"{estimate.permittivity:.2g}, not {permittivity:g}: check --permittivity, and that "
+            "locations are in mm"
+        ]
+    if estimate.length_mm is not None and abs(estimate.length_mm - length_mm) > _LENGTH_MM:
+        return [
+            f"{at}touched and untouched phases are those of a line of about "
+            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: check --length-mm"
+        ]
+    return []
+
+
+def phase_suspicions(
+    model: SensorModel,
+    phases_deg: np.ndarray,
+    std_deg: float,
+    location_mm: np.ndarray | None = None,
+    frequency_hz: float | None = None,
+) -> list[str]:
+    """Likely mistakes in the units, ports and signs of phases that a model does not explain.
+
+    Returns list of str: a sentence each, if most readings are inconsistent with the model. A
+    mistake is named if nearly all would be consistent without it.
+
+    Parameters
+    ----------
+    phases_deg : ndarray, shape (n, 2)
+    std_deg : float
+        Standard deviation of the phases.
+    location_mm : ndarray, shape (n,), optional
+        Known locations, NaN where unknown.
+    frequency_hz : float, optional
+        Carrier; the model's only one by default.
+    """
+    known = np.full(len(phases_deg), np.nan) if location_mm is None else np.asarray(location_mm)
+    rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
+    phases, known = np.asarray(phases_deg, float)[rows], known[rows]
+    found = []
+    if np.isfinite(known).any() and (farthest := float(np.nanmax(known))) > 0:
+        found += location_suspicions(farthest, model.length_mm)
+
+    def share(changed: np.ndarray) -> float:
+        return _unexplained(model, changed, std_deg, known, frequency_hz)
+
+    if found or share(phases) <= _MOST:
+        return found
+    if np.max(np.abs(phases)) <= TURN_RAD and share(np.degrees(phases)) <= _FEW:
+        return ["the phases would fit the sensor in radians: are they not in degrees?"]
+    for changed, text in (
+        (phases[:, ::-1], "with the ports swapped the phases would fit the sensor"),
+        (-phases, "with the opposite sign the phases would fit the sensor (arg S11, arg S22)"),
+    ):
+        if share(changed) <= _FEW:
+            found.append(f"{text}; now most of them do not")
+    if not found and (~model.is_untouched(phases, std_deg, frequency_hz)).any():
+        found = ["most phases do not fit the sensor: are they of another line or carrier?"]
+    return found
+
+
+def _unexplained(
+    model: SensorModel,
+    phases: np.ndarray,
+    std_deg: float,
+    known: np.ndarray,
+    frequency_hz: float | None,
+) -> float:
+    """Share of touched readings that the model does not explain; 1 where none is touched."""
+    touched = ~model.is_untouched(phases, std_deg, frequency_hz)
+    bad = []
+    for given in (True, False):
+        chosen = touched & (np.isfinite(known) == given)
+        if chosen.any():
+            places = known[chosen] if given else None
+            result = model.invert(phases[chosen], std_deg, places, frequency_hz)
+            bad += [bool(_UNEXPLAINED & set(flags)) for flags in result.flags]
+    return float(np.mean(bad)) if bad else 1.0

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calibration tables: phases of known presses, from a VNA, Touchstone files or a tag's taps."""
+
+import csv
+import io
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..io.csv_cells import cell_number, require_columns
+from ..io.optional import optional_module
+from ..io.textfile import read_bytes, read_csv
+from ..signal.carrier import same_carrier
+
+# A two-port file with 100 000 frequencies.
+_MAX_TOUCHSTONE_BYTES = 8_000_000
+_VNA_COLUMNS = ("freq_mhz", "location_mm", "port", "force_n", "phase_deg")
+
+
+@dataclass(frozen=True)
+class CalibrationTable:
+    """Phases of known presses, one port per row; all arrays of shape (n,).
+
+    Attributes
+    ----------
+    source : str
+        File it came from, for messages and provenance.
+    row : ndarray of int
+        Line in that file, the header being line 1.
+    frequency_hz, location_mm, force_n, phase_deg : ndarray of float
+        Untouched rows have force 0 and location NaN.
+    port : ndarray of int
+        1 or 2.
+    press : ndarray of str
+        The press that a row belongs to, from the column ``press`` or ``trial``; otherwise empty.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
+    >>> table.port.tolist(), table.force_n.tolist(), table.untouched.tolist()
+    ([1, 2, 1, 2], [0.0, 0.0, 2.0, 2.0], [True, True, False, False])
+    """
+
+    source: str
+    row: np.ndarray
+    frequency_hz: np.ndarray
+    location_mm: np.ndarray
+    port: np.ndarray
+    force_n: np.ndarray
+    phase_deg: np.ndarray
+    press: np.ndarray
+
+    @classmethod
+    def from_rows(cls, source: object, rows: Iterable[tuple]) -> "CalibrationTable":
+        """Build a table from tuples of its columns' values, ``row`` to ``press``."""
+        columns = list(zip(*rows, strict=True))
+        kinds = (int, float, float, int, float, float, str)
+        arrays: list[Any] = [np.array(c, kind) for c, kind in zip(columns, kinds, strict=True)]
+        return cls(str(source), *arrays)
+
+    def take(self, which: np.ndarray) -> "CalibrationTable":
+        """The rows selected by a boolean or index array."""
+        arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name != "source"}
+        return replace(self, **arrays)
+
+    def at(self, index: int) -> str:
+        """Name of one row, for messages."""
+        return f"{self.source}: row {self.row[index]}"
+
+    @property
+    def untouched(self) -> np.ndarray:
+        """Whether each row is of the untouched sensor; bool (n,)."""
+        return (self.force_n == 0) & np.isnan(self.location_mm)
+
+
+def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> CalibrationTable:
+    """Read a VNA calibration.
+
+    Columns ``freq_mhz, location_mm, port, force_n, phase_deg``; rows with force 0 and no location
+    are the untouched sensor. A column ``press`` or ``trial`` distinguishes presses; other columns
+    are ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    frequency_hz : float, optional
+        Carrier in Hz. Required where the file has no ``freq_mhz``; otherwise only rows at this
+        carrier are read.
+
+    Returns
+    -------
+    CalibrationTable
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "vna.csv"
+    >>> _ = path.write_text("location_mm,port,force_n,phase_deg\\n40,1,2.5,-100\\n40,2,2.5,-110\\n")
+    >>> read_vna_csv(path, frequency_hz=900e6).phase_deg.tolist()
+    [-100.0, -110.0]
+    """
+    header, lines = read_csv(path)
+    needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
+    _require_columns(path, header, needed)
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        frequency = frequency_hz
+        if "freq_mhz" in header:
+            frequency = 1e6 * cell_number(line, "freq_mhz", where)
+        location, force = _place_and_force(line, where)
+        port = cell_number(line, "port", where)
+        if port not in (1, 2):
+            raise InputError(f"{where}: port", "must be 1 or 2", line["port"])
+        phase = cell_number(line, "phase_deg", where)
+        rows.append((number, frequency, location, port, force, phase, _press(line)))
+    table = CalibrationTable.from_rows(path, rows)
+    if frequency_hz is not None:
+        table = table.take(same_carrier(table.frequency_hz, frequency_hz))
+        if not table.row.size:
+            raise InputError(path, "has no row at the carrier", frequency_hz)
+    return table
+
+
+def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
+    """Read wireless taps of known force and location.
+
+    Columns ``phase1_deg, phase2_deg, force_n, location_mm``, as in a readings file whose force and
+    location were replaced by those of a load cell and a ruler. A column ``press`` or ``trial``
+    distinguishes presses; rows with force 0 and no location are the untouched sensor.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    frequency_hz : float
+        Carrier, in Hz.
+
+    Returns
+    -------
+    CalibrationTable
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "taps.csv"
+    >>> _ = path.write_text("phase1_deg,phase2_deg,force_n,location_mm\\n-100,-110,2.5,40\\n")
+    >>> table = read_tap_csv(path, 900e6)
+    >>> table.port.tolist(), table.phase_deg.tolist()
+    ([1, 2], [-100.0, -110.0])
+    """
+    header, lines = read_csv(path)
+    _require_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        location, force = _place_and_force(line, where)
+        for port in (1, 2):
+            phase = cell_number(line, f"phase{port}_deg", where)
+            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
+    return CalibrationTable.from_rows(path, rows)
+
+
+def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationTable:
+    """Read Touchstone ``.s2p`` files listed in an index CSV of ``file, force_n, location_mm``.
+
+    The phases are those of S11 (port 1) and S22 (port 2), interpolated to the carrier. File names
+    are relative to the index file's folder. Rows with force 0 and no location are the untouched
+    sensor.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    frequency_hz : float
+        Carrier, in Hz.
+
+    Returns
+    -------
+    CalibrationTable
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value; also for a carrier outside a file's span.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> lines = ["# MHz S MA R 50", "800 1 170 0 0 0 0 1 150", "1000 1 150 0 0 0 0 1 130"]
+    >>> _ = (folder / "press.s2p").write_text("\\n".join(lines))
+    >>> _ = (folder / "index.csv").write_text("file,force_n,location_mm\\npress.s2p,2.5,40\\n")
+    >>> read_touchstone_index(folder / "index.csv", 900e6).phase_deg.round(6).tolist()
+    [160.0, 140.0]
+    """
+    header, lines = read_csv(path)
+    _require_columns(path, header, ("file", "force_n", "location_mm"))
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        location, force = _place_and_force(line, where)
+        name = _beside(path, line["file"] or "", where)
+        for port, phase in enumerate(_touchstone_phases(name, frequency_hz, where), 1):
+            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
+    return CalibrationTable.from_rows(path, rows)
+
+
+def _beside(index: str | Path, name: str, where: str) -> Path:
+    """The file that an index names, which must lie in the index's folder."""
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{where}: file", "must lie in the index's folder", name)
+    return Path(index).parent / name
+
+
+def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[float]:
+    """Phases (deg) of S11 and S22 at the carrier."""
+    skrf = optional_module("skrf", where)
+    try:
+        text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
+    except InputError as error:
+        raise InputError(f"{where}: file", str(error)) from None
+    try:
+        named = io.StringIO(text.decode("latin-1"))
+        named.name = path.name  # its suffix tells the number of ports
+        network = skrf.Network()
+        # Values that are not finite or not in order are rejected below.
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            network.read_touchstone(named)  # by name, Network would try to unpickle the file
+        low, high = network.f[0], network.f[-1]
+    except Exception as error:
+        # scikit-rf's parser raises exceptions of many types.
+        raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
+    if network.nports != 2:
+        raise InputError(f"{where}: file", "must have two ports", network.nports)
+    if not np.all(np.diff(network.f) > 0):
+        raise InputError(f"{where}: file", "must hold frequencies that rise", path.name)
+    if not low <= frequency_hz <= high:
+        rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
+        raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
+    phases = []
+    for index in (0, 1):
+        reflection = network.s[:, index, index]
+        angle = np.unwrap(np.angle(reflection))
+        phases.append(float(np.rad2deg(np.interp(frequency_hz, network.f, angle))))
+    if not np.all(np.isfinite(phases)):
+        raise InputError(f"{where}: file", "must hold finite numbers", path.name)
+    return phases
+
+
+def table_kind(path: str | Path) -> str:
+    """Kind of a calibration table by the columns of its CSV file.
+
+    Returns str: ``vna``, ``touchstone`` or ``taps``.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read.
+    """
+    header, _ = read_csv(path)
+    if "file" in header:
+        return "touchstone"
+    return "taps" if "phase1_deg" in header else "vna"
+
+
+def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
+    """Write a table as VNA calibration CSV.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    try:
+        with open(path, "w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(_VNA_COLUMNS)
+            for frequency, location, port, force, phase in zip(
+                table.frequency_hz,
+                table.location_mm,
+                table.port,
+                table.force_n,
+                table.phase_deg,
+                strict=True,
+            ):
+                place = "" if math.isnan(location) else f"{location:g}"
+                writer.writerow([f"{frequency / 1e6:g}", place, port, f"{force:g}", f"{phase:.4f}"])
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})") from error
+
+
+def _require_columns(path: str | Path, header: Sequence[str], needed: Sequence[str]) -> None:
+    require_columns(path, header, needed, _hint(header, needed))
+
+
+def _hint(header: Sequence[str], needed: Sequence[str]) -> str:
+    """What kind a table is of instead; empty where this is not known."""
+    if set(needed) - set(header) == {"freq_mhz"}:
+        return "or give --frequency-hz"
+    hints = {
+        "phase1_deg": "or, for readings over the air, give --kind taps",
+        "file": "or, for Touchstone files, give --kind touchstone",
+    }
+    kinds = (hint for name, hint in hints.items() if name in header and name not in needed)
+    return next(kinds, "")
+
+
+def _place_and_force(line: Mapping[str, Any], where: str) -> tuple[float, float]:
+    force = cell_number(line, "force_n", where, empty=0.0)
+    location = cell_number(line, "location_mm", where, empty=math.nan)
+    if math.isnan(location) and force != 0:
+        raise InputError(f"{where}: location_mm", "must be given where force_n is not 0", force)
+    return (math.nan, 0.0) if force == 0 else (location, force)
+
+
+def _press(line: Mapping[str, Any]) -> str:
+    return (line.get("press") or line.get("trial") or "").strip()

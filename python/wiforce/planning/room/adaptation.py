@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A plan adapted to the room that a survey has found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...estimation.clock_lines import measured
+from ...estimation.sources import RoomLine, Source
+from ...estimation.survey import Survey
+from ...estimation.tracked_tag import TagClock
+from ...signal.lines import CLUTTER_MARGIN
+from ...signal.room_noise import RoomNoise, room_noise
+from ...signal.switching import harmonics
+from ...signal.weights import ToneTable
+from ..plan import Plan
+
+# Noise that the room adds to a tone, relative to white noise and averaged over the subcarriers,
+# below which the weights stay as they are: it costs 0.2 dB in that tone.
+NEGLIGIBLE = 0.05
+# Noise in a tone, relative to that with weights for the latest survey, up to which weights for an
+# earlier one are kept: 0.4 dB.
+_AS_GOOD = 1.1
+# Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
+_MOST_TAGS = 2
+# A line's frequency is known to this part of its width, and may drift by as much again.
+_LINE_PRECISION = 10.0
+# The survey sees motion for half a second only; what moves may be faster a moment later.
+_RESERVE = 1.5
+
+
+def adapted(plan: Plan, survey: Survey | None) -> Plan:
+    """Adapt the clocks and weights of a plan to a room.
+
+    Returns Plan: the same plan where the room holds nothing that its weights let through. Clocks of
+    wide tolerance are replaced by what the survey has measured, and the tones designed for them.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene.
+    survey : Survey or None
+        Of the untouched sensor's first snapshots.
+
+    Raises
+    ------
+    InputError
+        When the lines of two clocks nearly coincide at their measured frequencies, or two tags lie
+        within the tolerance of one clock.
+    """
+    if survey is None:
+        return plan
+    _require_one_tag_each(plan, survey)
+    clocks = tuple(map(measured, plan.clocks, survey.clocks))
+    if clocks != plan.clocks:
+        plan = plan.with_clocks(clocks)
+    two_antennas = plan.require_scene().environment.receive_antennas > 1
+    if two_antennas:
+        plan = replace(plan, tag_ratios=_tag_ratios(plan, survey))
+    if plan.estimator != "harmonic":
+        return plan
+    plan = _with_band(plan, survey)
+    length, clutter_hz = plan.group_length, plan.clutter_hz
+    if room_noise_of_tones(plan.table, survey.noise(length, clutter_hz)).max() < NEGLIGIBLE:
+        return plan
+    solved = []
+    for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
+        more = replace(plan, others=(*plan.others, _clock_of(source, survey)))
+        # Where its lines and ours coincide, it is noise.
+        if more.separable:
+            plan = more
+            solved.append(source)
+    if two_antennas:  # lines of the ratio, such as those of mirror images, are not additive noise
+        return plan
+    room = survey.noise(length, clutter_hz, solved)
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
+        return plan
+    colored = replace(plan, room=room)
+    if colored.separable:
+        return colored
+    # Where this leaves no line to read, the power in a single subcarrier may leave some.
+    colored = replace(plan, room=survey.noise(length, clutter_hz, solved, averaged=False))
+    return colored if colored.separable else plan
+
+
+def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
+    """State in a plan what a survey expects of the tags: their SNR, and lamps on their lines.
+
+    Returns Plan: the same one without a survey; without SNR where other tags are solved for, which
+    raise the noise.
+
+    Parameters
+    ----------
+    plan : Plan
+        Adapted to the survey.
+    """
+    if survey is None:
+        return plan
+    plan = replace(plan, in_lamps=_in_lamps(plan, survey))
+    return plan if plan.others else replace(plan, surveyed_snr_db=survey.snr_db)
+
+
+def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
+    """Tags with strong lines that coincide with those of lamps."""
+    lamps = [source for source in survey.sources if source.kind == "lamps"]
+    met = [source.meets(plan.clocks_hz, plan.group_period_s) for source in lamps]
+    return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(plan.clocks_hz)
+
+
+def readapted(
+    current: Plan, chosen_by: Survey | None, plan: Plan, survey: Survey
+) -> tuple[Plan, Survey]:
+    """Adapt a plan to a room that was surveyed again.
+
+    Parameters
+    ----------
+    current : Plan
+        In use.
+    chosen_by : Survey or None
+        The one that it was chosen by.
+    plan : Plan
+        Of the scene.
+    survey : Survey
+        The new one.
+
+    Returns
+    -------
+    plan : Plan
+        The current one where the room is still the same to its weights, or where it reads the room
+        as it is about as well as one that is adapted to it: surveys of one room always differ a
+        little.
+    chosen_by : Survey
+        As given where the room is still the same. No weights are designed then, which may take
+        0.3 s; the new survey otherwise.
+
+    Raises
+    ------
+    InputError
+        As by :func:`adapted`.
+    """
+    if chosen_by is not None and _is_same_room(current, chosen_by, survey):
+        return current, chosen_by
+    better = adapted(plan, survey)
+    suits = (
+        _same_clocks(current.clocks, better.clocks)
+        and _same_clocks(current.others, better.others)
+        and current.clutter_hz >= better.clutter_hz
+        and _reads_as_well((current, survey), (better, survey))
+    )
+    return (current if suits else better), survey
+
+
+def _is_same_room(plan: Plan, before: Survey, survey: Survey) -> bool:
+    """Whether two surveys show the same room to the weights of a plan."""
+    measured_clocks = [tuple(map(measured, plan.clocks, each.clocks)) for each in (before, survey)]
+    return (
+        _same_clocks(*measured_clocks)
+        and len(_solved(plan, before)) == len(_solved(plan, survey))
+        and survey.moving_hz() <= max(plan.clutter_hz, before.moving_hz())
+        and _reads_as_well((plan, survey), (plan, before))
+        and _reads_as_well((plan, before), (plan, survey))
+    )
+
+
+def _reads_as_well(one: tuple[Plan, Survey], other: tuple[Plan, Survey]) -> bool:
+    """Whether a plan has about as little noise in its tones, in a room, as another in its room."""
+    noise, least = _noise_of_tones(*one), _noise_of_tones(*other)
+    return len(noise) == len(least) and bool(np.all(noise <= _AS_GOOD * least))
+
+
+def _solved(plan: Plan, survey: Survey) -> list[Source]:
+    """Sources of a survey that a plan solves for."""
+    return [
+        source
+        for source in survey.sources
+        if source.kind == "tag"
+        and any(_agree(clock, _clock_of(source, survey)) for clock in plan.others)
+    ]
+
+
+def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool:
+    """Whether two lists hold the same clocks, in any order."""
+    return len(clocks) == len(others) and all(
+        any(_agree(clock, other) for other in others) for clock in clocks
+    )
+
+
+def _agree(clock: TagClock, other: TagClock) -> bool:
+    """Whether a clock lies within the tolerance of another."""
+    return abs(clock.clock_hz - other.clock_hz) <= 1e-6 * clock.tolerance_ppm * clock.clock_hz
+
+
+def _noise_of_tones(plan: Plan, survey: Survey) -> np.ndarray:
+    """Variance of the noise in each tone, the white noise of a snapshot being 1."""
+    table, clutter_hz = plan.table, plan.clutter_hz
+    # In one subcarrier: surveys of the same lamps differ by more than averages may.
+    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey), averaged=False)
+    power = np.sum(np.abs(table.weights) ** 2, axis=1)
+    return np.asarray((1 + room_noise_of_tones(table, room)) * power)
+
+
+def _require_one_tag_each(plan: Plan, survey: Survey) -> None:
+    """Refuse to guess which of two tags a sensor's is."""
+    for tag, line in enumerate(survey.clocks):
+        if line.rival_hz is not None:
+            rule = (
+                f"must say which tag is meant, as must its tolerance: there is one at "
+                f"{line.clock_hz:.1f} Hz and one at {line.rival_hz:.1f} Hz"
+            )
+            raise plan.error(f"sensors[{tag}].clock_hz", rule, plan.clocks[tag].clock_hz)
+
+
+def _clock_of(source: Source, survey: Survey) -> TagClock:
+    """Clock of a tag in the room, as precisely as the survey shows it."""
+    error_hz = survey.resolution_hz / _LINE_PRECISION
+    return TagClock(source.fundamental_hz, 1e6 * error_hz / source.fundamental_hz)
+
+
+def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
+    """Noise that a room adds to each tone, relative to its white noise.
+
+    Returns ndarray, shape (M,).
+    """
+    length = table.group_length
+    # Autocorrelation of each row: its product with the covariance needs the lags alone.
+    spectra = np.fft.fft(table.weights, 2 * length, axis=1)
+    correlation = np.fft.ifft(spectra.real**2 + spectra.imag**2, axis=1).real[:, :length]
+    excess = 2 * room.autocovariance
+    excess[0] = room.autocovariance[0] - 1
+    return np.asarray(correlation @ excess / correlation[:, 0])
+
+
+def _tag_ratios(plan: Plan, survey: Survey) -> tuple[float, ...]:
+    """Amplitude of each tag over that of the static path."""
+    power = np.maximum(survey.line_power, survey.least_power) / max(survey.static_power, 1e-300)
+    amplitudes = [
+        harmonics(1, clock.clock_hz * plan.waveform.averaging_s)[0] for clock in plan.clocks
+    ]
+    return tuple((np.sqrt(power) / amplitudes).tolist())
+
+
+def _with_band(plan: Plan, survey: Survey) -> Plan:
+    """The plan with a clutter band as wide as the motion, where the scene leaves it open."""
+    moving_hz = survey.moving_hz()
+    stated = plan.require_scene().environment.moving_clutter_hz
+    if stated is not None or moving_hz <= plan.clutter_hz:
+        return plan
+    highest_hz = min(plan.clocks_hz) - 2 * CLUTTER_MARGIN / plan.group_period_s
+    for band_hz in (_RESERVE * moving_hz, moving_hz):
+        if band_hz >= highest_hz:
+            continue
+        wider = replace(plan, clutter_hz=band_hz)
+        # Groups may be too short to reject so much.
+        if wider.separable:
+            return wider
+    return plan
+
+
+def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
+    """Noise that lines add to each tone, relative to its white noise.
+
+    Returns ndarray of float, shape (M,): sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being
+    the weights' response at f.
+    """
+    hertz = np.array([line.frequency_hz for line in lines])
+    power = np.array([line.power for line in lines])
+    noise = room_noise(hertz, power, table.group_length, table.snapshot_period_s)
+    return room_noise_of_tones(table, noise)

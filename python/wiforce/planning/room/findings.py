@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Findings of a survey in words: what is in the room, how strong, and what was done about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
+from ...estimation.survey import Survey
+from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
+from ..clocks.mains import line_numbers
+from ..clocks.other_clock import other_clock_hz
+from ..plan import Plan
+from .adaptation import NEGLIGIBLE, added_noise
+from .ripple import ripple_of
+
+# Regions of raised noise: at least so many bins of the survey, apart by so many line widths.
+_LEAST_BINS = 4
+_APART = 3.0
+# At most so many of them, and so many single lines, are reported, the strongest first.
+_MOST_REGIONS = 4
+_MOST_LINES = 12
+# Noise within this distance of a tag's line is attributed to the tag's clock, in Hz.
+_CLOCK_NOISE_HZ = 100.0
+# Lines of lamps and tags up to these orders are recognised where the drift of mains or clock has
+# widened them, in Hz.
+_LAMP_ORDERS, _TAG_ORDERS, _LAMP_WIDTH_HZ = 200, 64, 20.0
+# So many slow lines are the blades of something that turns.
+_BLADES = 3
+# Hum is at the frequency of the mains within the survey's accuracy and their drift.
+_HUM_HZ = 0.6
+_SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that a survey has found.
+
+    Attributes
+    ----------
+    kind : str
+        ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple``, ``noise`` (a region of
+        raised noise) or ``line``.
+    frequency_hz : float
+        Highest frequency of clutter, mains frequency of lamps, clock of a tag, frequency of ripple
+        or of the line, middle of a region of noise; in Hz.
+    level_db : float
+        Power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
+        source's strongest line, or of all noise of a region.
+    meaning : str
+        What it probably is.
+    handling : str
+        What the plan does about it.
+    matters : bool
+        Whether it changed the plan or cannot be handled.
+    lines_hz : tuple of float
+        The source's visible lines.
+    """
+
+    kind: str
+    frequency_hz: float
+    level_db: float
+    meaning: str
+    handling: str
+    matters: bool
+    lines_hz: tuple[float, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Kind and frequency in a few words."""
+        hertz = f"{self.frequency_hz:.6g} Hz"
+        return {
+            "clutter": f"moving clutter up to {self.frequency_hz:.0f} Hz",
+            "lamps": f"lamps on {hertz} mains",
+            "tag": f"tag with a clock of {hertz}",
+            "ripple": f"ripple at {hertz}",
+            "noise": f"noise around {self.frequency_hz:.0f} Hz",
+            "line": f"line at {self.frequency_hz:.1f} Hz",
+        }[self.kind]
+
+
+def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
+    """Power that the levels of findings refer to, and its name.
+
+    Returns
+    -------
+    power : float
+        Of line 1 of the first sensor's tag; 1, the white noise of a snapshot, where it does not
+        stand out.
+    name : str
+    """
+    if len(survey.line_power) and survey.line_power[0] > 0:
+        return float(survey.line_power[0]), f"line 1 of '{_names(plan)[0]}'"
+    return 1.0, "the noise of a snapshot"
+
+
+def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
+    """What a survey has found, and what a plan does about it.
+
+    Returns list of Finding: clutter first, then ripple, then the other sources, the strongest
+    first; empty in a quiet room and without a survey.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the scene, before it was adapted.
+    adapted : Plan
+        ``room.adapted(plan, survey)``.
+    """
+    if survey is None:
+        return []
+    report = _Report(survey, plan, adapted)
+    return [*report.clutter(), *report.sources(), *report.regions()]
+
+
+def _names(plan: Plan) -> list[str]:
+    return list(plan.require_scene().sensor_names)
+
+
+class _Report:
+    """Findings of one survey."""
+
+    def __init__(self, survey: Survey, plan: Plan, adapted: Plan) -> None:
+        self._survey, self._plan, self._adapted = survey, plan, adapted
+        self._reference = level_reference(survey, plan)[0]
+        self._mains_hz = plan.require_scene().environment.possible_mains_hz
+        self._ripple = ripple_of(survey, plan.clocks, plan.waveform)
+        self._moving_hz = self._fastest_hz()
+        same = adapted.clutter_hz == plan.clutter_hz
+        self._table = plan.table if same else replace(plan, clutter_hz=adapted.clutter_hz).table
+
+    def _db(self, power: float) -> float:
+        return float(10 * np.log10(max(power, 1e-30) / self._reference))
+
+    def _fastest_hz(self) -> float:
+        """Highest frequency of what moves, the slow lines of turning blades included."""
+        moving_hz = self._survey.moving_hz()
+        ripple = self._ripple.lines if self._ripple is not None else ()
+        blades = [
+            source.fundamental_hz
+            for source in self._survey.sources
+            if source.kind == "line"
+            and source.fundamental_hz < SLOWEST_TAG_HZ
+            and not self._is_hum(source.fundamental_hz)
+            and not set(source.lines) <= set(ripple)
+        ]
+        if not moving_hz and len(blades) < _BLADES:
+            return 0.0
+        return max([moving_hz, *blades])
+
+    def _is_hum(self, hertz: float) -> bool:
+        """Whether a line is at the frequency of the mains, or at twice that."""
+        return any(abs(hertz - k * mains) < _HUM_HZ for mains in self._mains_hz for k in (1, 2))
+
+    def clutter(self) -> Iterator[Finding]:
+        """Everything that moves slowly, where it does."""
+        survey, band_hz = self._survey, self._adapted.clutter_hz
+        if not self._moving_hz:
+            return
+        rows = survey.frequency_hz <= self._moving_hz
+        power = float(np.sum(survey.spectrum[rows] - 1) / (2 * len(rows)))
+        wider = band_hz > self._plan.clutter_hz
+        inside = self._moving_hz <= band_hz + survey.resolution_hz
+        rejected = f"rejected by the weights up to {band_hz:.0f} Hz"
+        if wider:
+            rejected += f" ({self._plan.clutter_hz:.0f} Hz in the scene's own plan)"
+        if band_hz == 0:
+            rejected = "the weights reject the mean only"
+        if inside:
+            handling = rejected
+        elif self._adapted.room is not None:
+            handling = f"{rejected}; treated as noise beyond"
+        else:
+            handling = f"{rejected}; beyond, it enters the standard deviations"
+        yield Finding(
+            "clutter",
+            self._moving_hz,
+            self._db(power),
+            "persons, a fan or other things that move",
+            handling,
+            wider or not inside,
+        )
+
+    def sources(self) -> Iterator[Finding]:
+        """Ripple, lamps, tags and single lines."""
+        sources = [
+            source
+            for source in self._survey.sources
+            if source.kind != "line"
+            or source.fundamental_hz > self._moving_hz
+            or self._is_hum(source.fundamental_hz)
+        ]
+        ripple = self._ripple
+        if ripple is not None:
+            sources = [source for source in sources if not set(source.lines) <= set(ripple.lines)]
+            yield self._finding(ripple, sources)
+        single = 0
+        for source in sources:
+            single += source.kind == "line"
+            if source.kind != "line" or single <= _MOST_LINES:
+                yield self._finding(source, sources)
+
+    def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
+        lines = (*source.lines, *source.masked)
+        handling, matters = self._handling(lines, source)
+        if matters and not self._is_solved(source):
+            handling += self._clashes(source, others)
+        hertz = source.fundamental_hz / 2 if source.kind == "lamps" else source.fundamental_hz
+        return Finding(
+            source.kind,
+            float(hertz),
+            self._db(source.power),
+            self._meaning(source),
+            handling,
+            matters,
+            tuple(
+                line.frequency_hz
+                for line in source.lines
+                if source.kind != "tag" or line.frequency_hz > self._moving_hz
+            ),
+        )
+
+    def _meaning(self, source: Source) -> str:
+        if source.kind == "lamps":
+            return f"light that flickers at multiples of {source.fundamental_hz:g} Hz"
+        if source.kind == "tag":
+            return "a tag that the scene does not list"
+        if source.kind == "ripple":
+            return "a supply modulates the gain of transmitter or receiver"
+        return (
+            "probably hum of a power supply" if self._is_hum(source.fundamental_hz) else _SPURIOUS
+        )
+
+    def _is_solved(self, source: Source) -> bool:
+        return source.kind == "tag" and any(
+            clock.clock_hz == source.fundamental_hz for clock in self._adapted.others
+        )
+
+    def _handling(
+        self, lines: Sequence[RoomLine], source: Source | None = None
+    ) -> tuple[str, bool]:
+        """What the plan does about lines, perhaps of a source, and whether it matters."""
+        if source is not None and self._is_solved(source):
+            return "solved for, like the scene's own tags", True
+        if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
+            return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
+        weight = 1 if source is None else self._survey.weight(source, self._plan.group_length)
+        if weight * added_noise(self._table, lines).max() < NEGLIGIBLE:
+            return "does not reach the lines of the tags", False
+        if self._adapted.room is not None:
+            return "treated as noise, which the weights suppress", True
+        return "not suppressed; it enters the standard deviations", True
+
+    def _clashes(self, source: Source, others: Sequence[Source]) -> str:
+        """Strong lines of the scene's tags that coincide with those of a source, in words."""
+        plan, texts = self._plan, ""
+        reach_hz = COINCIDING_BINS / plan.group_period_s
+        visible = np.array(
+            [
+                line.frequency_hz
+                for line in (*source.lines, *source.masked)
+                if line.power * plan.group_length > 1
+            ]
+        )
+        every = [line for each in (source, *others) for line in (*each.lines, *each.masked)]
+        for tag, clock in enumerate(plan.clocks):
+            near = [
+                m
+                for m in STRONG_LINES
+                if np.any(np.abs(visible - self._seen_hz(m * clock.clock_hz)) < reach_hz)
+            ]
+            if not near:
+                continue
+            lines = f"{line_numbers(near)} of '{_names(plan)[tag]}'"
+            texts += f"; coincides with {lines}: readings are uncertain"
+            better_hz = other_clock_hz(self._adapted, tag, every)
+            if better_hz is not None:
+                texts += f"; choose another clock, for example {better_hz:g} Hz"
+        return texts
+
+    def _seen_hz(self, hertz: float) -> float:
+        return abs(aliased_hz(hertz, 1 / self._survey.snapshot_period_s))
+
+    def regions(self) -> Iterator[Finding]:
+        """Broad noise outside the clutter around zero."""
+        survey = self._survey
+        above = np.flatnonzero(
+            (survey.excess > 0) & (survey.frequency_hz > self._moving_hz + survey.resolution_hz)
+        )
+        step_hz = float(survey.frequency_hz[1])
+        gaps = np.flatnonzero(np.diff(above) * step_hz > _APART * survey.resolution_hz)
+        regions = [rows for rows in np.split(above, gaps + 1) if len(rows) >= _LEAST_BINS]
+        regions = [rows for rows in regions if not self._is_lamps(survey.frequency_hz[rows])]
+        regions.sort(key=lambda rows: -survey.excess[rows].sum())
+        for rows in regions[:_MOST_REGIONS]:
+            hertz, power = survey.frequency_hz[rows], survey.excess[rows]
+            lines = [RoomLine(float(f), float(p)) for f, p in zip(hertz, power, strict=True)]
+            middle_hz = float(hertz @ power / power.sum())
+            handling, matters = self._handling(lines)
+            total_db = self._db(float(power.sum()))
+            yield Finding(
+                "noise",
+                middle_hz,
+                total_db,
+                self._meaning_of_noise(middle_hz),
+                handling,
+                matters,
+                (float(hertz[0]), float(hertz[-1])),
+            )
+
+    def _is_lamps(self, hertz: np.ndarray) -> bool:
+        """Whether a region is a line of lamps that were found, widened by the drifting mains."""
+        return any(
+            np.ptp(hertz) < 2 * _LAMP_WIDTH_HZ
+            and abs(hertz.mean() - self._seen_hz(order * source.fundamental_hz)) < _LAMP_WIDTH_HZ
+            for source in self._survey.sources
+            if source.kind == "lamps"
+            for order in range(1, _LAMP_ORDERS)
+        )
+
+    def _meaning_of_noise(self, hertz: float) -> str:
+        """Its probable cause: noise beside a tag's line belongs to the tag."""
+        for tag, clock in enumerate(self._plan.clocks):
+            for m in range(1, self._plan.harmonics + 1):
+                if abs(hertz - self._seen_hz(m * clock.clock_hz)) < _CLOCK_NOISE_HZ:
+                    name = _names(self._plan)[tag]
+                    return f"noise of the clock of '{name}', or a path of its tag that moves"
+        for source in self._survey.sources:
+            seen = (self._seen_hz(m * source.fundamental_hz) for m in range(1, _TAG_ORDERS))
+            if source.kind == "tag" and any(abs(hertz - f) < _LAMP_WIDTH_HZ for f in seen):
+                return "noise of the clock of the tag that the scene does not list"
+        return "fast motion, or another transmitter"

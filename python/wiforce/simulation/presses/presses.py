@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A sensor pressed over time: force, location, and the reflections of its ends."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...signal.carrier import SPEED_OF_LIGHT_M_S
+from .press_force import press_force, shown_force
+
+if TYPE_CHECKING:
+    from ...scene.effects import Beam
+    from ...scene.simulated import Move, Press
+    from ...sensor import SensorModel
+
+# Points over which a mean within a phase group is taken.
+_MEAN_POINTS = 32
+
+
+@dataclass(frozen=True)
+class TouchState:
+    """State of a sensor at n times.
+
+    Attributes
+    ----------
+    touch : ndarray of bool, shape (n,)
+        Whether the line is shorted.
+    force_n : ndarray, shape (n,)
+        Force that is applied, whatever the beam makes of it.
+    location_mm : ndarray, shape (n,)
+        NaN where nothing presses.
+    phases_deg : ndarray, shape (n, 2)
+        psi_1, psi_2 in (-180, 180].
+    """
+
+    touch: np.ndarray
+    force_n: np.ndarray
+    location_mm: np.ndarray
+    phases_deg: np.ndarray
+
+
+class PressedSensor:
+    """One sensor of a scene, pressed as the scene states or as set while running.
+
+    Parameters
+    ----------
+    model : SensorModel
+        The sensor that is pressed.
+    presses : sequence of Press
+        Of this sensor.
+    moves : sequence of Move
+        Of this sensor's tag.
+    center_frequency_hz : float
+        Carrier, in Hz.
+    beam : Beam, optional
+        Hysteresis and creep; none for an elastic beam.
+
+    Raises
+    ------
+    InputError
+        For a carrier that the model does not hold.
+    """
+
+    def __init__(
+        self,
+        model: "SensorModel",
+        presses: Sequence["Press"],
+        moves: Sequence["Move"],
+        center_frequency_hz: float,
+        beam: "Beam | None" = None,
+    ) -> None:
+        self._model, self._beam = model, beam
+        self._presses = sorted(presses, key=lambda press: press.start_s)
+        self._starts = np.array([press.start_s for press in self._presses])
+        self._moves = moves
+        self._carrier_hz = center_frequency_hz
+        self._held: tuple[float, float] | None = None
+        # Force and location of the latest steady state, and its reflections.
+        self._last: tuple[tuple[float, float], np.ndarray] | None = None
+        model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
+
+    @property
+    def presses(self) -> "list[Press]":
+        """The presses, in the order of their starts."""
+        return self._presses
+
+    def hold(self, force_n: float | None, location_mm: float | None) -> None:
+        """Press with a constant force from now on, instead of as the scene states.
+
+        Parameters
+        ----------
+        force_n, location_mm : float or None
+            None returns to the scene.
+        """
+        self._held = None
+        if force_n is not None and location_mm is not None:
+            self._held = float(force_n), float(location_mm)
+
+    def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Force and location over time.
+
+        Returns force_n, location_mm : ndarray of float, shape (n,): location is NaN where nothing
+        presses.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+        """
+        return self._over_time(np.asarray(time_s, float), press_force)
+
+    def state(self, time_s: ArrayLike) -> TouchState:
+        """State over time.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+        """
+        force, location = self.force(time_s)
+        shown = self._shown(time_s)[0]
+        touch = shown >= self._model.onset_force_n
+        return TouchState(touch, force, location, self._phases_deg(shown, location))
+
+    def reflections(self, time_s: np.ndarray) -> np.ndarray:
+        """G_1 / rho and G_2 / rho over time.
+
+        Returns ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times.
+
+        Parameters
+        ----------
+        time_s : ndarray of float, shape (n,)
+        """
+        force, location = self._shown(time_s)
+        steady = (force == force[0]).all() and (
+            np.isnan(location) | (location == location[0])
+        ).all()
+        if not steady:
+            return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
+        key = (force[0], 0.0 if force[0] == 0 else location[0])
+        if self._last is None or self._last[0] != key:
+            row = np.exp(1j * np.deg2rad(self._phases_deg(force[:1], location[:1])))
+            self._last = key, row
+        return self._last[1]
+
+    def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
+        """Phases of the mean reflection about each time.
+
+        Returns ndarray of float, shape (n, 2): in degrees.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+        period_s : float
+            Length of the mean, such as that of a phase group.
+        """
+        inside = ((np.arange(_MEAN_POINTS) + 0.5) / _MEAN_POINTS - 0.5) * period_s
+        times = np.add.outer(np.asarray(time_s, float), inside)
+        reflections = np.broadcast_to(self.reflections(times.ravel()), (times.size, 2))
+        mean = reflections.reshape(*times.shape, 2).mean(axis=1)
+        return np.degrees(np.angle(mean))
+
+    def through(self, time_s: ArrayLike) -> np.ndarray:
+        """Reflection with both switches on, minus the sum of the two ends alone.
+
+        Returns ndarray of complex, shape (n,).
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+
+        Notes
+        -----
+        A press shorts the line, so that the ends are independent. Untouched, both waves run
+        through to the other end, once, instead of to its open end and back: 2 exp(j psi/2)
+        replaces G_1 + G_2. Its sign, which psi/2 leaves open, is that of a line half a wavelength
+        longer or not.
+        """
+        untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
+        passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
+        alone = np.exp(1j * np.deg2rad(untouched)).sum()
+        touch = self._shown(time_s)[0] >= self._model.onset_force_n
+        return np.where(touch, 0.0, passing - alone)
+
+    def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
+        """How near the hand is that presses: 1 while it does, 0 without a press.
+
+        Returns ndarray of float, shape (n,).
+
+        Parameters
+        ----------
+        time_s : ndarray of float, shape (n,)
+        reach_s : float
+            Time in which it comes and goes.
+        """
+        if self._held is not None:
+            return np.full(time_s.shape, float(self._held[0] > 0))
+        nearest = np.zeros(time_s.shape)
+        for press in self._presses:
+            away_s = np.maximum(press.start_s - time_s, time_s - press.end_s)
+            done = np.clip(1 - away_s / reach_s, 0, 1)
+            nearest = np.maximum(nearest, (1 - np.cos(np.pi * done)) / 2)
+        return nearest
+
+    def motion(self, time_s: ArrayLike) -> np.ndarray | float:
+        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda).
+
+        Returns ndarray of complex, shape (n,), or 1.0 for a tag that never moves.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+        """
+        if not self._moves:
+            return 1.0
+        distance = sum(
+            move.distance_mm * 1e-3 * _progress(move, np.asarray(time_s, float))
+            for move in self._moves
+        )
+        return np.exp(-4j * np.pi * distance * self._carrier_hz / SPEED_OF_LIGHT_M_S)
+
+    def _shown(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """The force that an elastic beam would need for the same contact, and the location."""
+        beam = self._beam
+        if beam is None:
+            return self.force(time_s)
+        return self._over_time(
+            np.asarray(time_s, float), lambda press, times: shown_force(press, times, beam)
+        )
+
+    def _over_time(
+        self, time_s: np.ndarray, force_of: Callable[["Press", np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if self._held is not None:
+            return np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1])
+        force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
+        if not len(self._presses) or not time_s.size:
+            return force, location
+        first = max(np.searchsorted(self._starts, time_s.min(), "right") - 1, 0)
+        for press in self._presses[first : np.searchsorted(self._starts, time_s.max(), "right")]:
+            during = (time_s >= press.start_s) & (time_s < press.end_s)
+            location[during] = press.location_mm
+            force[during] = force_of(press, time_s[during])
+        return force, location
+
+    def _phases_deg(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
+        return self._model.phases_deg(
+            force, np.where(np.isnan(location), 0.0, location), self._carrier_hz
+        )
+
+
+def _progress(move: "Move", time_s: np.ndarray) -> np.ndarray:
+    """Part of a move that is done, 0..1; shape (n,)."""
+    if move.duration_s == 0:
+        return (time_s >= move.start_s).astype(float)
+    return np.clip((time_s - move.start_s) / move.duration_s, 0, 1)

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Other transmitters: when they are on the air, and what the receiver gets of them."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..random_sources import RandomSources, Seeds
+
+if TYPE_CHECKING:
+    from ...scene.simulated import Simulation
+
+# Transmissions are drawn for a cell of time on its own, so that a stream can start anywhere.
+# A cell holds at least this many of the longest transmission: what its end cuts off is little.
+_LONGEST_PER_CELL = 100
+_SHORTEST_CELL_S = 1.0
+# Samples of a signal that are generated together.
+_BLOCK = 8192
+_KEPT_CELLS = 3
+_KEPT_BLOCKS = 8
+# Channels of a hopper in the sample rate.
+_HOPPER_CHANNELS = 64
+# Counters of Seeds: what is drawn.
+_TIMES, _SIGNAL = 0, 1
+
+
+class Transmitter:
+    """A transmitter that is on the air now and then, as received.
+
+    Its signal is Gaussian noise, as that of OFDM nearly is, over the whole band or over a part of
+    it that is drawn anew for each transmission.
+
+    Parameters
+    ----------
+    share : float
+        Share of the time in which it transmits.
+    shortest_s, longest_s : float
+        Range of the duration of a transmission.
+    gain : complex
+        Amplitude and phase as received: root of the power per sample that it would have with the
+        whole band as its bandwidth.
+    bandwidth : float
+        As a share of the sample rate; 1 means the whole band.
+
+    Notes
+    -----
+    Durations are spread evenly over their range. The pauses are exponentially distributed with
+    the mean that gives the stated share. Narrow-band noise is the sum of blocks that overlap by
+    half, each windowed by half a period of a sine: the squares of the windows add up to 1 and the
+    blocks are independent, so that the power is constant. The window spreads the edges of the band
+    by about 2 / 8192 of the sample rate.
+    """
+
+    def __init__(
+        self,
+        seeds: Seeds,
+        sample_rate_hz: float,
+        share: float,
+        shortest_s: float,
+        longest_s: float,
+        gain: complex,
+        bandwidth: float = 1.0,
+    ) -> None:
+        self._seeds, self._bandwidth = seeds, bandwidth
+        self._gain = np.complex64(gain / np.sqrt(2))  # of a component of unit variance
+        self._durations = shortest_s * sample_rate_hz, longest_s * sample_rate_hz
+        self._share = share
+        self._mean_pause = sum(self._durations) / 2 * (1 - share) / share
+        cell_s = max(_SHORTEST_CELL_S, _LONGEST_PER_CELL * longest_s)
+        self._cell = round(cell_s * sample_rate_hz)
+        self._cells: dict[int, np.ndarray] = {}
+        self._blocks: dict[tuple[int, int], np.ndarray] = {}
+
+    def add(self, first_sample: int, received: np.ndarray) -> None:
+        """Add what is received.
+
+        Parameters
+        ----------
+        first_sample : int
+            Index of the first sample since time 0.
+        received : ndarray of complex64, shape (n,)
+            Changed in place.
+        """
+        for start, stop, centre in self._during(first_sample, first_sample + len(received)):
+            position = start
+            while position < stop:
+                block, inside = divmod(position, _BLOCK)
+                count = min(_BLOCK - inside, stop - position)
+                signal = self._signal(block, centre)[inside : inside + count]
+                received[position - first_sample : position - first_sample + count] += signal
+                position += count
+
+    def _during(self, first: int, end: int) -> Iterator[tuple[int, int, int]]:
+        """Transmissions between two samples: first sample, end, and centre in bins of a block."""
+        for index in range(first // self._cell, (end - 1) // self._cell + 1):
+            cell = self._transmissions(index)
+            for start, stop, centre in cell[(cell[:, 0] < end) & (cell[:, 1] > first)]:
+                yield max(int(start), first), min(int(stop), end), int(centre)
+
+    def _transmissions(self, index: int) -> np.ndarray:
+        """Transmissions of a cell; shape (n, 3)."""
+        if index not in self._cells:
+            rng = self._seeds.generator(_TIMES, index)
+            low, high = self._durations
+            most = int(2 * self._cell / (self._mean_pause + low)) + 64
+            durations = rng.uniform(low, high, most)
+            pauses = rng.exponential(self._mean_pause, most)
+            if rng.random() < self._share:  # it is on the air when the cell begins
+                pauses[0] = 0
+                durations[0] *= rng.random()
+            starts = np.cumsum(pauses + np.r_[0, durations[:-1]])
+            reach = (1 - self._bandwidth) / 2
+            centres = np.rint(rng.uniform(-reach, reach, most) * 2 * _BLOCK)
+            times = index * self._cell + np.minimum(
+                np.rint([starts, starts + durations]), self._cell
+            )
+            cell = np.column_stack([*times, centres]).astype(np.int64)
+            self._cells = _latest(self._cells, _KEPT_CELLS)
+            self._cells[index] = cell[cell[:, 0] < cell[:, 1]]
+        return self._cells[index]
+
+    def _signal(self, block: int, centre: int) -> np.ndarray:
+        """The samples of a block, for a transmission about a centre frequency."""
+        if self._bandwidth == 1.0:
+            return self._noise(block)
+        return self._band(block, centre)[_BLOCK:] + self._band(block + 1, centre)[:_BLOCK]
+
+    def _noise(self, block: int) -> np.ndarray:
+        key = block, 0
+        if key not in self._blocks:
+            normal = self._seeds.generator(_SIGNAL, block).standard_normal(
+                2 * _BLOCK, dtype=np.float32
+            )
+            self._blocks = _latest(self._blocks, _KEPT_BLOCKS)
+            self._blocks[key] = normal.view(np.complex64) * self._gain
+        return self._blocks[key]
+
+    def _band(self, block: int, centre: int) -> np.ndarray:
+        """Windowed narrow-band noise over a block and the one before; shape (2 blocks,)."""
+        key = block, centre
+        if key not in self._blocks:
+            size = 2 * _BLOCK
+            bins = max(1, round(self._bandwidth * size))
+            rng = self._seeds.generator(_SIGNAL, block, centre % size)
+            spectrum = np.zeros(size, complex)
+            normal = rng.standard_normal((bins, 2)) @ [1, 1j]
+            spectrum[(centre - bins // 2 + np.arange(bins)) % size] = normal
+            window = np.sin(np.pi * (np.arange(size) + 0.5) / size)
+            signal = np.fft.ifft(spectrum) * np.sqrt(size) * window
+            self._blocks = _latest(self._blocks, _KEPT_BLOCKS)
+            self._blocks[key] = signal.astype(np.complex64) * self._gain
+        return self._blocks[key]
+
+
+def transmitters(
+    simulation: "Simulation", sources: RandomSources, sample_rate_hz: float, noise_std: float
+) -> list[Transmitter]:
+    """The other transmitters of a scene.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Of the scene.
+    sources : RandomSources
+        Of the scene.
+    noise_std : float
+        Standard deviation of the receiver's noise in a sample.
+    """
+    found = []
+    for name, bandwidth in _others(simulation):
+        stated = getattr(simulation, name)
+        gain = sources.rotated(np.ones(1))[0] * noise_std * 10 ** (stated.level_db / 20)
+        times = stated.share, stated.shortest_s, stated.longest_s
+        seeds = sources.effect(name)
+        found.append(Transmitter(seeds, sample_rate_hz, *times, gain, bandwidth))
+    return found
+
+
+def power_over_noise(simulation: "Simulation") -> float:
+    """Power in a sample, relative to the receiver's noise, while all other transmitters are on."""
+    return sum(
+        (
+            bandwidth * 10 ** (getattr(simulation, name).level_db / 10)
+            for name, bandwidth in _others(simulation)
+        ),
+        start=0.0,
+    )
+
+
+def _others(simulation: "Simulation") -> Iterator[tuple[str, float]]:
+    """Names and bandwidths of the transmitters that a scene states."""
+    if simulation.bursts:
+        yield "bursts", 1.0
+    if simulation.hopper:
+        yield "hopper", simulation.hopper.subcarriers / _HOPPER_CHANNELS
+
+
+def _latest(kept: dict, count: int) -> dict:
+    """The entries that were added last, one fewer than ``count``."""
+    return dict(list(kept.items())[-(count - 1) :])

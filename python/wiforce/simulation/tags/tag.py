@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tag: its clock, its switches, and the sensor whose ends they connect."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..presses.skin import pressed_sensor
+from ..random_sources import RandomSources
+from ..streams import Ramp
+from ..walk import RandomWalk
+from .irregular_clock import IrregularClock
+from .switching import SWITCHES, SwitchingClock, states_at, switch_states, with_duty_errors
+
+if TYPE_CHECKING:
+    from ...scene import Scene
+    from ...scene.schema import SceneSensor
+    from ...scene.simulated_tags import Tag
+
+
+class SwitchedTag:
+    """Reflection of a tag, sample by sample, while its clock runs and its sensor is pressed.
+
+    Parameters
+    ----------
+    index : int
+        Of the sensor in the scene.
+    sources : RandomSources
+        Of the scene.
+    ramp : Ramp
+        Knots at which reflections are computed.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    clock : SwitchingClock
+    pressed : PressedSensor
+    on : bool
+        False removes the tag.
+    """
+
+    def __init__(self, scene: "Scene", index: int, sources: RandomSources, ramp: Ramp) -> None:
+        sensor, simulation = scene.sensors[index], scene.simulation
+        tag = simulation.tags[index]
+        self.name, self.on = sensor.name, True
+        self._rate, self._ramp = scene.radio.sample_rate_hz, ramp
+        self.clock = _clock(sensor, tag, simulation.duration_s, index, sources)
+        errors = tag.clock1_duty_error, tag.clock2_duty_error
+        self._switches = with_duty_errors(SWITCHES[tag.clock2_duty], errors)
+        self._delay_s, self._rise_s = tag.clock2_delay_s, tag.switch_rise_s
+        self._off = np.array(sensor.off_reflection)
+        self._rotation = np.exp(2j * np.pi * sources.clocks.random())
+        self._drifts: list[RandomWalk] = []
+        if tag.drift_deg_per_sqrt_s:
+            seeds, std = sources.effect("drift"), np.deg2rad(tag.drift_deg_per_sqrt_s)
+            self._drifts = [RandomWalk(std, seeds.generator(index, end)) for end in (0, 1)]
+        self.pressed = pressed_sensor(scene, index)
+
+    def reflection(self, first: int, count: int) -> np.ndarray:
+        """Reflection during some samples.
+
+        Returns ndarray of complex64, shape (count,): r / rho.
+
+        Parameters
+        ----------
+        first, count : int
+            First sample and their number.
+        """
+        if not self.on:
+            return np.zeros(count, np.complex64)
+        first_on, second_on = switch_states(
+            self.clock, self._switches, self._delay_s, first, count, self._rate, self._rise_s
+        )
+        both_on = first_on * second_on
+        times = self._ramp.knots(first, count)
+        ends = self.pressed.reflections(times)
+        if self._drifts:
+            ends = ends * np.exp(1j * np.stack([walk.at(times) for walk in self._drifts], axis=1))
+        path = self._rotation * self.pressed.motion(times)
+        # Relative to the off state, which is added for the whole time.
+        states = [first_on, second_on]
+        values = [ends[:, 0] - self._off[0], ends[:, 1] - self._off[1]]
+        if both_on.any():
+            states.append(both_on)
+            values.append(self.pressed.through(times) + self._off.mean())
+        if self._off.any():
+            states.append(np.ones_like(first_on))
+            values.append(self._off.mean())
+        values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
+        return self._sum(states, values, first, count)
+
+    def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
+        """Reflection at single times, such as those of packets.
+
+        Returns ndarray of complex, shape (n,): r / rho.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            In s, rising.
+        window_s : float
+            Time about each of them that is averaged, in s.
+        """
+        first_on, second_on = (
+            switch.T
+            for switch in states_at(self.clock, self._switches, self._delay_s, times_s, window_s)
+        )
+        ends = self.pressed.reflections(times_s)
+        if self._drifts:
+            ends = ends * np.exp(1j * np.stack([walk.at(times_s) for walk in self._drifts], axis=1))
+        both_on = first_on * second_on
+        off = self._off.mean()
+        total = first_on * (ends[:, 0] - self._off[0]) + second_on * (ends[:, 1] - self._off[1])
+        total = total + off + both_on * (self.pressed.through(times_s) + off)
+        reflected: np.ndarray = total * self._rotation * self.pressed.motion(times_s)
+        return reflected
+
+    def _sum(
+        self, states: Sequence[np.ndarray], values: Sequence[np.ndarray], first: int, count: int
+    ) -> np.ndarray:
+        """Sum of the states times their values: constants, or values at the knots."""
+        if all(len(value) == 1 for value in values):
+            parts = np.concatenate(values).view(np.float32).reshape(-1, 2)
+            return (np.stack(states).T @ parts).view(np.complex64).ravel()
+        total = np.zeros(count, np.complex64)
+        for state, value in zip(states, values, strict=True):
+            constant = len(value) == 1
+            total += state * (value if constant else self._ramp.interpolate(value, first, count))
+        return total
+
+
+def _clock(
+    sensor: "SceneSensor", tag: "Tag", duration_s: float, index: int, sources: RandomSources
+) -> SwitchingClock:
+    """The clock of a tag as the scene states it."""
+    last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * duration_s
+    phase = sources.clocks.random()
+    if tag.clock_phase_deg is not None:
+        phase = tag.clock_phase_deg / 360
+    steady = (
+        sensor.clock_hz,
+        tag.clock_offset_ppm,
+        tag.clock_drift_ppm_per_s,
+        max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
+        phase,
+    )
+    if not (tag.clock_wander_ppm_per_sqrt_s or tag.clock_period_jitter_s or tag.clock_jitter_s):
+        return SwitchingClock(*steady)
+    return IrregularClock(*steady, tag, sources.effect("clock"), index)

@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A guided calibration keeps measurements, warns of implausible ones, and gives a sensor."""
+
+import dataclasses
+import errno
+import math
+import os
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.guided.entry_plausibility import press_warnings
+from gnuradio.wiforce.calibration.guided.press_measurement import PressMeasurement
+from gnuradio.wiforce.calibration.guided.session import CalibrationSession
+from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan, Target
+from gnuradio.wiforce.calibration.tables import read_tap_csv
+from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.sensor import load_sensor
+
+PLAN = SessionPlan("arm", 900e6)
+LINE = load_sensor("line-900mhz")
+
+
+def press(force_n, location_mm, sweep=1, true_n=None, model=LINE, frequency_hz=900e6):
+    """A measurement of `true_n` for which `force_n` was typed."""
+    true_n = force_n if true_n is None else true_n
+    phases = tuple(model.phases_deg(true_n, location_mm, frequency_hz).tolist())
+    return PressMeasurement(location_mm, force_n, 0.01, phases, (0.1, 0.1), 14, sweep)
+
+
+def untouched(offset_deg=0.0):
+    phases = tuple((np.array(LINE.untouched_deg()) + offset_deg).tolist())
+    return PressMeasurement(math.nan, 0.0, math.nan, phases, (0.1, 0.1), 14)
+
+
+def measure_all(session, most=None):
+    while most != 0 and (target := session.next_target()):
+        session.add(press(target.force_n, target.location_mm, target.sweep))
+        most = None if most is None else most - 1
+
+
+def test_session_continues_where_it_was_interrupted(tmp_path):
+    """A person would begin again after an hour of work."""
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        session.add(untouched())
+        measure_all(session, 17)
+        before = session.measurements
+    with CalibrationSession(PLAN, path) as session:
+        assert len(session.presses) == 17
+        assert session.next_target() == Target(30.0, 1, 3.5)
+        for old, new in zip(before, session.measurements, strict=True):
+            assert new.phase_deg == pytest.approx(old.phase_deg, abs=1e-4)
+            assert (new.force_n, new.sweep, new.time_utc) == (old.force_n, old.sweep, old.time_utc)
+        measure_all(session)
+        assert session.coverage().done == (60, 60)
+
+
+def test_each_measurement_is_in_the_file_at_once(tmp_path):
+    """Pulling the plug would lose what was measured."""
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        for count in range(1, 4):
+            measure_all(session, 1)
+            assert len(path.read_text().splitlines()) == 1 + count
+    assert read_tap_csv(path, 900e6).force_n.tolist() == [1.0, 1.0, 1.5, 1.5, 2.0, 2.0]
+
+
+@pytest.mark.parametrize("rest", ["2026-11", "2026-11-22T08:00:00+00:00,arm,900,30,2"])
+def test_unfinished_row_of_a_crash_is_removed(tmp_path, rest):
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 3)
+    whole = path.read_text()
+    path.write_text(whole + rest)
+    with CalibrationSession(PLAN, path) as session:
+        assert len(session.presses) == 3
+        assert path.read_text() == whole
+        session.add(press(2.5, 20.0))
+    assert len(path.read_text().splitlines()) == 5
+
+
+def test_unfinished_header_of_a_crash_is_written_again(tmp_path):
+    path = tmp_path / "arm.taps.csv"
+    path.write_text("time_utc,sen")
+    with CalibrationSession(PLAN, path) as session:
+        session.add(press(1.0, 20.0))
+    assert read_tap_csv(path, 900e6).force_n.tolist() == [1.0, 1.0]
+
+
+def test_session_without_a_measurement_leaves_no_file(tmp_path):
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("plan", "rule"),
+    [
+        (dataclasses.replace(PLAN, sensor="leg"), "row 2: sensor: must be of the sensor 'leg'"),
+        (dataclasses.replace(PLAN, frequency_hz=915e6), "row 2: freq_mhz: must be 915"),
+    ],
+)
+def test_session_of_another_sensor_or_carrier_is_not_continued(tmp_path, plan, rule):
+    """Phases of two sensors in one table would make a sensor that does not exist."""
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 1)
+    with pytest.raises(InputError, match=rule):
+        CalibrationSession(plan, path)
+
+
+def test_other_file_is_refused_and_kept(tmp_path):
+    """The table of a VNA is given by mistake."""
+    path = tmp_path / "vna.csv"
+    path.write_text("freq_mhz,location_mm,port,force_n,phase_deg\n900,40,1,2,3\n")
+    before = path.read_text()
+    with pytest.raises(InputError, match="must be a new file, or one that `calibrate --live`"):
+        CalibrationSession(PLAN, path)
+    assert path.read_text() == before
+
+
+def test_row_that_was_edited_wrongly_is_named(tmp_path):
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 2)
+    path.write_text(path.read_text().replace(",1.5000,", ",about 2,"))
+    with pytest.raises(InputError, match="row 3: force_n: must be a finite number, got 'about 2'"):
+        CalibrationSession(PLAN, path)
+
+
+def test_second_session_on_the_same_file_is_refused(tmp_path):
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv"):
+        with pytest.raises(InputError, match="is in use by another calibration"):
+            CalibrationSession(PLAN, tmp_path / "arm.taps.csv")
+
+
+def test_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
+    path = tmp_path / "arm.taps.csv"
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 2)
+        whole = path.read_text()
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "fsync", full)
+            with pytest.raises(OutputError, match="No space left on device"):
+                measure_all(session, 1)
+        assert path.read_text() == whole and len(session.presses) == 2
+        measure_all(session, 1)
+        assert len(session.presses) == 3
+
+
+def test_undo_removes_measurements_one_by_one(tmp_path):
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 2)
+        whole = path.read_text()
+        session.add(press(2.0, 20.0))
+        assert session.undo().force_n == 2.0
+        assert path.read_text() == whole and session.next_target().force_n == 2.0
+        assert session.undo() and session.undo() and session.undo() is None
+        assert session.next_target().force_n == 1.0
+
+
+@pytest.mark.parametrize("force_n", [-2.0, 0.0, 0.4, 10.1, 204.0])
+def test_force_out_of_range_is_refused(tmp_path, force_n):
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
+        with pytest.raises(InputError, match="force_n: must be 0.5 to 10 N"):
+            session.add(dataclasses.replace(press(2.0, 20.0), force_n=force_n))
+        assert not session.measurements
+
+
+def test_untouched_phases_of_another_model_are_refused(tmp_path):
+    """The scene got another model in between: its presses refer to other phases."""
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
+        session.add(untouched())
+        session.add(untouched(0.5))
+        with pytest.raises(InputError, match="must have the phases of the session's start"):
+            session.add(untouched(20.0))
+
+
+def test_sweeps_rise_and_fall_and_are_distinguished(tmp_path):
+    plan = SessionPlan("arm", 900e6, (30.0, 50.0), (1.0, 2.0, 4.0, 6.0, 8.0), sweeps=2)
+    with CalibrationSession(plan, tmp_path / "arm.taps.csv") as session:
+        asked = []
+        while target := session.next_target():
+            asked.append(target.force_n)
+            session.add(press(target.force_n, target.location_mm, target.sweep))
+    assert asked == 2 * [1, 2, 4, 6, 8, 8, 6, 4, 2, 1]
+    table = read_tap_csv(tmp_path / "arm.taps.csv", 900e6)
+    assert set(table.press) == {"1", "2"}
+
+
+def test_skipped_measurements_are_asked_for_in_the_next_run(tmp_path):
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path) as session:
+        measure_all(session, 1)
+        session.skip(session.next_target())
+        assert session.next_target().force_n == 2.0
+        session.skip_location(20.0)
+        assert session.next_target() == Target(30.0, 1, 1.0)
+    with CalibrationSession(PLAN, path) as session:
+        assert session.next_target() == Target(20.0, 1, 1.5)
+
+
+def test_model_is_that_of_calibrate_on_the_file(tmp_path):
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path, {"form": "power", "ruler_std_mm": 0.3}) as session:
+        session.add(untouched())
+        measure_all(session)
+        own = session.model("arm")
+    other = calibrate(read_tap_csv(path, 900e6), "arm", form="power", ruler_std_mm=0.3)
+    assert np.array_equal(own.carriers[0].coefficients_deg, other.carriers[0].coefficients_deg)
+    assert own.ruler_std_mm == 0.3
+
+
+def test_residuals_name_the_wrong_measurement(tmp_path):
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
+        assert session.residuals() == []
+        for target in PLAN.targets()[:36]:
+            true_n = 3.0 if (target.location_mm, target.force_n) == (30.0, 4.0) else None
+            session.add(press(target.force_n, target.location_mm, true_n=true_n))
+        rows = {row.location_mm: row for row in session.residuals()}
+    assert rows[30.0].force_n == 4.0 and rows[30.0].largest_deg > 1
+    assert max(rows[20.0].rms_deg) < 0.3
+
+
+@pytest.mark.parametrize("name", ["line-900mhz", "line-2400mhz", "wiforce-900mhz"])
+def test_correct_presses_cause_no_warning(name):
+    """A person would get used to keeping doubtful measurements."""
+    model, rng = load_sensor(name), np.random.default_rng(3)
+    frequency = model.frequencies_hz[0]
+    taken = []
+    for target in PLAN.targets():
+        true_n = target.force_n * (1 + 0.05 * rng.uniform(-1, 1))
+        place = target.location_mm + 0.3 * rng.standard_normal()
+        new = press(true_n, place, model=model, frequency_hz=frequency)
+        typed_n = round(true_n * 1.01 + 0.03 * rng.standard_normal(), 2)
+        new = dataclasses.replace(new, location_mm=target.location_mm, force_n=typed_n)
+        assert press_warnings(new, taken, frequency, 80.0, 1.0) == []
+        taken.append(new)
+
+
+def taken_at(location_mm, count=12):
+    return [press(force_n, location_mm) for force_n in PLAN.force_n[:count]]
+
+
+@pytest.mark.parametrize(("typed_n", "true_n"), [(1.5, 3.0), (2.0, 5.0), (3.0, 7.0)])
+def test_force_that_does_not_fit_its_neighbours_causes_a_warning(typed_n, true_n):
+    taken = [each for each in taken_at(30.0) if each.force_n != typed_n]
+    (warning,) = press_warnings(press(typed_n, 30.0, true_n=true_n), taken, 900e6, 80.0, 1.0)
+    assert "wider than the other forces at 30 mm suggest" in warning
+
+
+def test_all_halved_and_three_quarters_of_doubled_forces_cause_warnings():
+    """docs/sensors.md states these shares."""
+    rng = np.random.default_rng(4)
+    warned = {0.5: [], 2.0: []}
+    for _ in range(10):
+        place = float(rng.uniform(20, 60))
+        taken = [
+            press(round(force_n * 1.01 + 0.03 * rng.standard_normal(), 2), place, true_n=force_n)
+            for force_n in np.array(PLAN.force_n) * (1 + 0.05 * rng.uniform(-1, 1, 12))
+        ]
+        for count in range(3, 12):
+            for factor, found in warned.items():
+                new = dataclasses.replace(taken[count], force_n=factor * taken[count].force_n)
+                found.append(bool(press_warnings(new, taken[:count], 900e6, 80.0, 1.0)))
+    assert np.mean(warned[0.5]) == 1 and np.mean(warned[2.0]) == pytest.approx(0.75, abs=0.05)
+
+
+def test_location_that_was_not_changed_causes_a_warning():
+    """The person forgot to move the ruler's mark under the indenter."""
+    new = dataclasses.replace(press(1.0, 30.0), location_mm=40.0)
+    warnings = press_warnings(new, taken_at(30.0), 900e6, 80.0, 1.0)
+    assert warnings == ["the phases are those of a press at about 30 mm, not at 40 mm"]
+
+
+def test_sensor_held_the_other_way_round_causes_a_warning():
+    new = dataclasses.replace(press(1.0, 40.0), location_mm=40.0)
+    turned = dataclasses.replace(press(1.0, 50.0), location_mm=30.0)
+    assert press_warnings(turned, [new], 900e6, 80.0, 1.0)
+
+
+def test_phase_that_no_press_can_cause_causes_a_warning():
+    new = press(3.0, 30.0)
+    new = dataclasses.replace(new, phase_deg=(new.phase_deg[0] + 90, new.phase_deg[1]))
+    (warning,) = press_warnings(new, taken_at(30.0, 4), 900e6, 80.0, 1.0)
+    assert "port 1 jumps" in warning and "further than a press can" in warning
+
+
+def test_force_far_from_the_target_causes_a_warning(tmp_path):
+    with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
+        warnings = session.warnings(press(6.2, 20.0), session.next_target())
+    assert warnings == ["the force is 6.2 N where about 1 N was asked for"]
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"location_mm": (20.0,)}, "location_mm: must be two or more"),
+        ({"location_mm": (20.0, 20.0)}, "location_mm: must be two or more different"),
+        ({"location_mm": (20.0, 90.0)}, "location_mm: must lie within the line, 0 to 80 mm"),
+        ({"force_n": (1.0, 2.0)}, "force_n: must be at least 5 forces, rising"),
+        ({"force_n": (1.0, 2.0, 2.0, 3.0, 4.0)}, "force_n: must be at least 5 forces, rising"),
+        ({"force_n": (-1.0, 2.0, 3.0, 4.0, 5.0)}, "force_n: must lie within 0 to"),
+    ],
+)
+def test_plan_that_gives_no_sensor_is_refused(change, rule):
+    with pytest.raises(InputError, match=rule):
+        SessionPlan("arm", 900e6, **change)
+
+
+def test_error_of_the_ruler_enters_every_location_read():
+    """Locations would be stated ten times better than the ruler's."""
+    rng = np.random.default_rng(5)
+    shifted = [
+        dataclasses.replace(press(force_n, place + error), location_mm=place, force_n=force_n)
+        for place, error in zip(PLAN.location_mm, 0.3 * rng.standard_normal(5), strict=True)
+        for force_n in PLAN.force_n
+    ]
+    within = {}
+    for ruler_std_mm in (0.0, 0.3):
+        model = calibrate(table_of(shifted), "arm", form="power", ruler_std_mm=ruler_std_mm)
+        force, place = rng.uniform(1.5, 7.5, 500), rng.uniform(22, 58, 500)
+        found = model.invert(LINE.phases_deg(force, place), 0.1)
+        within[ruler_std_mm] = np.mean(
+            np.abs(found.location_mm - place) < 2 * found.location_std_mm
+        )
+        assert np.median(np.abs(found.force_n - force)) < 0.15
+        tracked = model.tracker(0.036).update(LINE.phases_deg(4.0, 45.0), [0.1, 0.1])
+        assert tracked[3] >= ruler_std_mm
+    assert within[0.0] < 0.8 and within[0.3] > 0.9
+
+
+def table_of(measurements):
+    from gnuradio.wiforce.calibration.tables import CalibrationTable
+
+    rows = [
+        (i, 900e6, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "1")
+        for i, each in enumerate(measurements, 2)
+        for port in (1, 2)
+    ]
+    return CalibrationTable.from_rows("presses", rows)

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Numerical extremes: cases that the stress benchmark found.
+
+Limits are those of the project; `gr-wiforce bench stress` covers every path.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from wiforce_app.bench import stress
+from wiforce_app.bench.snapshots.cases import Case
+from wiforce_app.bench.snapshots.stress_paths import Outcome, read_case
+
+# Float32 of the samples decides, and the order of the blocks: these two paths hold every kernel.
+PATHS = ("stream-fc32", "channel first")
+
+
+def case(**changes):
+    settings = {"static_db": 60.0, "groups": 4, "drift_ppm_per_s": 0.0, **changes}
+    return Case("stress", settings.pop("gamma_db", 60.0), estimators=("harmonic",), **settings)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("clutter_db, limit_deg", [(80.0, 0.02), (100.0, 0.2)])
+def test_phases_strong_clutter_in_single_precision_are_exact(path, clutter_db, limit_deg):
+    outcome = read_case(case(gamma_db=140.0, static_db=clutter_db), path)
+    assert outcome.errors_deg.shape == (4, 2) and outcome.not_finite == 0
+    assert 0 < outcome.worst_deg <= limit_deg and outcome.undetected_deg == 0
+
+
+def test_phases_a_week_after_first_sample_are_as_good():
+    made = case()
+    count = made.reference_groups + made.groups
+    week = [stress._WEEK_GROUPS + i for i in range(count)]
+    late, early = read_case(made, indices=week), read_case(made)
+    assert late.errors_deg.shape == early.errors_deg.shape
+    assert late.worst_deg <= 0.01 and early.worst_deg <= 0.01
+
+
+@pytest.mark.parametrize("gamma_db", [20.0, 60.0, 140.0])
+def test_clock_after_a_week_without_samples_is_acquired_again(gamma_db):
+    made = case(gamma_db=gamma_db, groups=20)
+    first = list(range(made.reference_groups))
+    indices = first + [stress._WEEK_GROUPS + i for i in range(made.groups)]
+    outcome = read_case(made, "file-fc32" if gamma_db == 60 else "double", indices)
+    # until then there are no readings
+    assert 5 <= len(outcome.errors_deg) and outcome.unread == 20 - len(outcome.errors_deg)
+    assert outcome.undetected_deg == 0 and np.all(outcome.std_deg[-2:] < 0.2)
+    if gamma_db >= 60:
+        assert outcome.worst_deg <= 0.01
+
+
+@pytest.mark.parametrize("path", ["double", "stream-fc32"])
+@pytest.mark.parametrize("level", [1e-40, 1e-30, 1e15])
+def test_phases_any_level_down_to_denormals_are_equal(path, level):
+    outcome = read_case(case(static_db=20.0), path, scale=lambda group: level)
+    assert outcome.errors_deg.shape == (4, 2) and outcome.not_finite == 0
+    assert outcome.worst_deg <= 0.02
+
+
+def test_reader_level_jumps_10_000_times_has_no_undetected_error():
+    made = case(groups=12)
+
+    def scale(group):
+        step = (group - made.reference_groups) // 3
+        return (1.0, 1e4, 1.0, 1e-4)[step % 4] if step >= 0 else 1.0
+
+    outcome = read_case(made, scale=scale)
+    assert outcome.not_finite == 0 and outcome.undetected_deg == 0
+    assert len(outcome.errors_deg) + outcome.unread == 12
+    assert np.all(np.abs(outcome.errors_deg) <= 3 * outcome.std_deg)
+
+
+def test_reader_non_finite_samples_are_discarded():
+    def hurt(group, snapshots):
+        snapshots[5:15], snapshots[40] = np.nan, -1j * np.inf
+        if group == 13:
+            snapshots[:] = np.nan
+
+    outcome = read_case(case(), "file-fc32", hurt=hurt)
+    assert outcome.not_finite == 0 and outcome.discarded <= 1
+    assert outcome.worst_deg <= 0.02 and outcome.undetected_deg == 0
+
+
+@pytest.mark.parametrize("second_hz", [1000.3, 998.32, 1001.5, 1500.0, 2003.0, 500.7])
+def test_clocks_without_own_lines_are_refused(second_hz):
+    """Half a turn of a clock would swap its ends: 60 deg off, stated as half a degree."""
+    with pytest.raises(InputError, match="clocks?_hz"):
+        read_case(case(clocks_hz=(1000.0, second_hz), levels_db=(0.0, 0.0)))
+
+
+@pytest.mark.parametrize("second_hz", [1002.5, 1006.0, 1335.71, 1990.0])
+def test_clocks_nearly_equal_errors_match_stated_std(second_hz):
+    made = case(clocks_hz=(1000.0, second_hz), levels_db=(0.0, 0.0), gamma_db=30.0)
+    for outcome in (read_case(made, run=run) for run in range(2)):
+        assert outcome.not_finite == 0 and outcome.undetected_deg == 0
+        assert len(outcome.errors_deg) >= 3 and np.median(outcome.std_deg) < 0.05
+
+
+def test_undetected_error_excludes_weak_and_within_std():
+    errors = np.array([[0.5, 0.01], [0.5, 0.5], [90.0, 0.0]])
+    std = np.array([[0.01, 0.01], [0.2, 0.2], [20.0, 0.1]])
+    outcome = Outcome(errors, std, 2, 0)
+    assert outcome.undetected_deg == 0.5 and outcome.worst_deg == 0.5
+    assert outcome.discarded == 3
+    assert Outcome(errors[1:], std[1:], 0, 0).undetected_deg == 0
+
+
+def test_inversion_unflagged_readings_are_within_limit():
+    row = stress._inversion("inversion", "table", "wiforce-900mhz", 1)
+    assert row["not_finite"] == 0 and row["worst"] <= row["limit"] and row["good"]
+
+
+def test_stress_json_and_page_hold_the_same_rows(tmp_path):
+    page = tmp_path / "stress.md"
+    done = run_command("bench", "stress", "--json", "--only", "clutter +60", "--page", page)
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["path"] for row in rows] == ["double", *stress._BLOCKS]
+    assert all(row["good"] and row["limit"] == 0.02 and row["unit"] == "deg" for row in rows)
+    table = [line for line in page.read_text().splitlines() if line.startswith("| static")]
+    assert [line.split(" | ")[1] for line in table] == [row["path"] for row in rows]

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Run time against error: the same signal under many settings, resumed and put in order."""
+
+import json
+
+import pytest
+from command_runs import run_command
+from gnuradio import gr
+from gnuradio.wiforce.planning.room.report import UNLISTED_TAGS
+from gnuradio.wiforce.scene import load_scene
+from wiforce_app.bench import tradeoff
+from wiforce_app.bench.scenes import tradeoff_points
+from wiforce_app.bench.scenes.front import beat_the_plan, front, rated_error
+from wiforce_app.bench.scenes.tradeoff_points import settings_of
+
+# A fifth of the usual sample rate; the long form has the usual one.
+SHORT = """\
+radio: {sample_rate_hz: 2.5e+6}
+sounding: {frame_length: 320}
+phase_group: {snapshots: 125}
+sensors: [{name: arm, model: line-900mhz-calibrated, clock_hz: 400}]
+reference_s: 0.3
+simulation:
+  truth_model: line-900mhz
+  duration_s: 0.9
+  seed: 3
+  snr_db: 20
+  static_clutter_db: 50
+  presses:
+    - {sensor: arm, start_s: 0.35, rise_s: 0.02, hold_s: 0.48, force_n: 4.0, location_mm: 45.0}
+"""
+LONG = """\
+phase_group: {snapshots: 125}
+sensors: [{name: arm, model: line-900mhz-calibrated}]
+reference_s: 0.2
+simulation:
+  truth_model: line-900mhz
+  duration_s: 0.75
+  seed: 3
+  snr_db: 20
+  static_clutter_db: 50
+  presses:
+    - {sensor: arm, start_s: 0.25, rise_s: 0.02, hold_s: 0.4, force_n: 4.0, location_mm: 45.0}
+"""
+
+
+def point(setting, cpu, phase, length=625):
+    return {
+        "setting": setting, "cpu_s_per_s": cpu, "phase_deg": phase, "group_length": length,
+    }  # fmt: skip
+
+
+def test_the_front_holds_what_no_other_setting_beats():
+    points = [
+        point("plan", 1.0, 1.0), point("slow", 2.0, 1.1), point("fine", 3.0, 0.5),
+        point("quick", 0.5, 2.0), point("unread", 0.1, None),
+    ]  # fmt: skip
+    assert [p["setting"] for p in front(points)] == ["quick", "plan", "fine"]
+
+
+def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
+    points = [point("plan", 1.0, 1.0), point("long", 0.5, 0.72, 1250), point("best", 0.7, 0.7)]
+    assert rated_error(points, points[1]) == pytest.approx(1.018, abs=0.001)
+    assert beat_the_plan(points) == ["best"]
+    assert beat_the_plan(points, any_length=True) == ["long", "best"]
+
+
+def test_every_kind_of_setting_is_measured():
+    names = [setting.name for setting in settings_of(load_scene("demo"))]
+    assert names[0] == "plan" and len(set(names)) == len(names)
+    for wanted in (
+        "N_g 250",
+        "sideband",
+        "paper",
+        "every second subcarrier",
+        "file-fc32",
+        "stream-sc16",
+        "block by block",
+        "channel first",
+        "stock blocks",
+        "clutter band 250 Hz",
+    ):
+        assert wanted in names
+    assert any(name.startswith("lines to +-") for name in names)
+
+
+@pytest.fixture
+def few_settings(monkeypatch, long_run):
+    """One setting of each kind in the short form, measured in this process."""
+    if not long_run:
+        monkeypatch.setattr(tradeoff_points, "_GROUP_LENGTHS", (250,))
+        monkeypatch.setattr(tradeoff_points, "HARMONICS", (12,))
+        monkeypatch.setattr(tradeoff_points, "_CLUTTER_HZ", (250.0,))
+        monkeypatch.setattr(tradeoff, "_measured", tradeoff_points.measure_scene)
+    before = gr.logging().default_level()
+    yield
+    gr.logging().set_default_level(before)
+
+
+@pytest.mark.timeout(400)
+def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_path, long_run):
+    (tmp_path / "short.yaml").write_text(LONG if long_run else SHORT)
+    words = "bench tradeoff short.yaml --quick --json --plot p.png --page p.md".split()
+    done = run_command(*words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    (result,) = json.loads(done.stdout)["scenes"]
+    by_name = {p["setting"]: p for p in result["points"]}
+    plan = by_name["plan"]
+    assert plan["read"] > 20 and plan["phase_deg"] < 3 * plan["bound_deg"]
+    for p in result["points"]:
+        assert p["cpu_s_per_s"] == pytest.approx(p["samples_s_per_s"] + p["groups_s_per_s"])
+    # the same samples by another way are the same readings
+    for same in ("file-fc32", "stream-sc16", "stream-fc32", "block by block"):
+        assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
+    assert set(result["skips"]) >= {"guard and first repetition", "channel per snapshot"}
+    assert all(seconds >= 0 for seconds in result["skips"].values())
+    assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
+    # a quiet room needs nothing: the survey leaves the readings as they are
+    room = result["room"]
+    assert room["added"] == [] and set(room["saved_s"]) == set(room["skipped"])
+    assert UNLISTED_TAGS in room["skipped"] and room["tones"][0] == room["tones"][1]
+    assert room["phase_deg"][0] == room["phase_deg"][1] == pytest.approx(plan["phase_deg"], rel=0.1)
+    assert room["surveyed_s"] < 1.5 * room["plain_s"]
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    page = (tmp_path / "p.md").read_text()
+    assert "What each room needs" in page and "| short | nothing |" in page
+    assert "| short | plan |" in page and "What each skipped step saves" in page
+    again = run_command(*words[: words.index("--plot")], cwd=tmp_path)
+    assert json.loads(again.stdout)["scenes"] == [result]

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce calibrate` and `invert` as a researcher runs them."""
+
+import csv
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.sensor import load_sensor
+
+
+@pytest.fixture(scope="module")
+def line():
+    return load_sensor("line-900mhz")
+
+
+@pytest.fixture(scope="module")
+def folder(line, tmp_path_factory):
+    """A VNA table of the line and the sensor made of it."""
+    folder = tmp_path_factory.mktemp("calibration")
+    table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.5), 0.1, seed=2)
+    write_vna_csv(table, folder / "vna.csv")
+    done = run_command(
+        "calibrate", folder / "vna.csv", "-o", folder / "s.yaml", "--plot", folder / "s.png"
+    )
+    assert done.returncode == 0, done.stderr
+    (folder / "report.txt").write_text(done.stdout)
+    return folder
+
+
+def test_the_report_states_noise_span_and_cross_validation(folder):
+    report = (folder / "report.txt").read_text()
+    for stated in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "location 40 mm left out"):
+        assert stated in report
+    assert (folder / "s.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_phases_become_force_and_location_between_the_calibrated_ones(folder, line):
+    forces, places = np.array([2.5, 4.0, 6.5]), np.array([25.0, 45.0, 55.0])
+    phases = line.phases_deg(forces, places)
+    with open(folder / "phases.csv", "w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["time_s", "sensor", "phase1_deg", "phase2_deg", "location_mm"])
+        for i in range(3):
+            # As input an angle counts modulo 360; a known location is taken as known.
+            rows.writerow([i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else ""])
+        rows.writerow([3, "arm", *line.untouched_deg(), ""])
+    done = run_command(
+        "invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1
+    )
+    assert done.returncode == 0, done.stderr
+    readings = list(csv.DictReader(done.stdout.splitlines()))
+    for i in range(3):
+        assert float(readings[i]["force_n"]) == pytest.approx(forces[i], abs=0.25)
+        assert float(readings[i]["location_mm"]) == pytest.approx(places[i], abs=0.3)
+        assert readings[i]["touch"] == "1" and readings[i]["sensor"] == "arm"
+    assert float(readings[1]["location_std_mm"]) == 0
+    assert readings[3]["touch"] == "0" and readings[3]["force_n"] == ""
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ("", "has no rows"),
+        ("phase1_deg,phase2_deg\n", "has no rows"),
+        ("phase1_deg\n1\n", "must have a column phase2_deg"),
+        ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a number, got 'x'"),
+        ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be finite and at most 1e+12"),
+        (
+            "phase1_deg,phase2_deg\n-1e30,1\n",
+            "phase1_deg: must be finite and at most 1e+12, got '-1e30'",
+        ),
+        ("phase1_deg,phase2_deg,location_mm\n1,2,90\n", "location"),
+    ],
+)
+def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, message):
+    (tmp_path / "p.csv").write_text(content)
+    done = run_command(
+        "invert", tmp_path / "p.csv", "--sensor", folder / "s.yaml", "-o", tmp_path / "o.csv"
+    )
+    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "o.csv").exists()
+
+
+def test_readings_of_a_surface_are_refused_with_the_alternative(folder, tmp_path):
+    (tmp_path / "r.csv").write_text("phase1_deg,phase2_deg,y_mm\n10,20,\n")
+    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "holds readings of a surface" in done.stderr and "`gr-wiforce read`" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (("900,40", "900,41x"), "location_mm"),
+        (("900,40", "900,95"), "location_mm"),
+        (("phase_deg", "angle"), "phase_deg"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(
+    folder, tmp_path, change, message
+):
+    text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace(*change)
+    (tmp_path / "vna.csv").write_text(text)
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
+
+
+def test_readings_are_inverted_again_without_taking_their_location_as_known(folder, tmp_path, line):
+    phases = line.phases_deg(4.0, 33.0)
+    (tmp_path / "r.csv").write_text(
+        "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,phase1_deg,phase2_deg\n"
+        f"0,arm,1,3.0,0.2,41.0,0.5,{phases[0]},{phases[1]}\n"
+        f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
+        f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
+    )
+    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader(done.stdout.splitlines()))
+    assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
+    assert float(rows[0]["location_std_mm"]) > 0
+    assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
+
+
+def test_a_table_of_another_kind_is_refused_with_advice(folder, tmp_path):
+    (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
+    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 2 and "--frequency-hz: is missing: " in done.stderr
+    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
+    assert done.returncode == 2 and "--kind taps" in done.stderr
+
+
+def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
+    sensor = tmp_path / "s.yaml"
+    transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
+    done = run_command(*transfer, "--name", "bell\a")
+    assert done.returncode == 2 and "s.yaml: name: must be printable text" in done.stderr
+    assert done.stdout == "" and not sensor.exists()
+
+
+def test_outputs_are_checked_before_any_work(folder, tmp_path):
+    for options in (["-o", tmp_path / "s.txt"], ["-o", tmp_path / "no" / "s.yaml"]):
+        assert run_command("calibrate", folder / "vna.csv", *options).returncode == 2
+    done = run_command("calibrate", folder / "vna.csv", "-o", tmp_path / "s.yaml", "--kind", "taps")
+    assert done.returncode == 2 and "--frequency-hz: is missing" in done.stderr

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The dialogue of `gr-wiforce calibrate --live` with a scripted person."""
+
+import os
+import re
+import time
+
+import pytest
+from gnuradio.wiforce.calibration.guided.session import CalibrationSession
+from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.gauges.units import ForceGauge
+from guided_presses import HandHeldSensor
+from wiforce_app.calibrate.dialogue import GuidedCalibration
+from wiforce_app.calibrate.operator_lines import OperatorLines
+
+PLAN = SessionPlan("arm", 900e6, (30.0, 50.0), (1.0, 2.0, 4.0, 6.0, 8.0))
+_ASKED = re.compile(r"([\d.]+) mm, about ([\d.]+) N")
+
+
+class Script:
+    """Answers prompts: by the script first, then as a careful person would.
+
+    Parameters
+    ----------
+    sensor : HandHeldSensor
+    answers : list of str or callable
+        What is typed at the prompts for a force; a callable gets force and location, may press as
+        it likes, and returns the line.
+    """
+
+    def __init__(self, sensor, answers=(), prompts=None, types=True):
+        self._sensor, self._answers, self._prompts = sensor, list(answers), prompts
+        self._types = types
+        self.shown = ""
+
+    def echo(self, text="", nl=True):
+        self.shown += text + ("\n" if nl else "")
+
+    def next(self, idle):
+        idle()
+        if self._prompts is not None:
+            self._prompts -= 1
+            if self._prompts < 0:
+                return None
+        asked = _ASKED.fullmatch(self.shown.rsplit("\n", 1)[-1].split(" N:")[0] + " N")
+        if asked is None:
+            self._sensor.force_n = 0.0
+            return ""
+        location_mm, force_n = map(float, asked.groups())
+        self._sensor.force_n, self._sensor.location_mm = force_n, location_mm
+        if not self._answers:
+            return f"{force_n}" if self._types else ""
+        answer = self._answers.pop(0)
+        return answer(force_n, location_mm) if callable(answer) else answer
+
+
+@pytest.fixture
+def sensor():
+    return HandHeldSensor()
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "arm.taps.csv"
+
+
+def run(sensor, path, answers=(), prompts=None, scale=None):
+    """Whether the dialogue came to its end, what it showed, and the session's measurements."""
+    script = Script(sensor, answers, prompts, types=scale is None)
+    with CalibrationSession(PLAN, path) as session:
+        finished = GuidedCalibration(session, sensor, script, script.echo, scale).run()
+        return finished, script.shown, session.measurements
+
+
+def test_careful_person_is_led_to_a_complete_session(sensor, path):
+    finished, shown, measurements = run(sensor, path)
+    assert finished and "not stored" not in shown and "doubtful" not in shown
+    assert [each.untouched for each in measurements] == 2 * [True, *5 * [False]]
+    assert "10 of 10 measurements" in shown and shown.count("residual") == 2
+
+
+@pytest.mark.parametrize(
+    ("entry", "reason"),
+    [
+        ("", "must be typed"),
+        ("two", "must be a number such as 2.5"),
+        ("1 mm", "must be one of N, mN, g, kg, lb, oz"),
+        ("204", "force: must be 0.5 to 10 N (is it in g? 204 g are 2 N)"),
+        ("-1", "a gauge that shows less than nothing is inverted"),
+        ("0.1", "must be 0.5 to 10 N"),
+        ("nan", "must be a number such as 2.5"),
+        ("x", "must be a number such as 2.5"),
+    ],
+)
+def test_wrong_entry_is_explained_and_asked_again(sensor, path, entry, reason):
+    """One slip of the finger would spoil the sensor, or end an hour of work."""
+    finished, shown, measurements = run(sensor, path, [entry])
+    assert finished and shown.count("not stored") == 1 and reason in shown
+    assert len(measurements) == 12
+
+
+def test_press_that_slips_is_asked_for_again(sensor, path):
+    def slip(force_n, location_mm):
+        sensor.slips_mm = 2.0
+        return str(force_n)
+
+    finished, shown, measurements = run(sensor, path, [slip])
+    assert finished and shown.count("must hold still while it is measured") == 1
+    assert len(measurements) == 12
+
+
+def test_force_typed_without_pressing_is_refused(sensor, path):
+    def forget(force_n, location_mm):
+        sensor.force_n = 0.0
+        return str(force_n)
+
+    _, shown, measurements = run(sensor, path, [forget])
+    assert "must be touched; no touch in 14 of 14" in shown and len(measurements) == 12
+
+
+def test_implausible_press_is_stored_only_when_kept(sensor, path):
+    def press_lightly(force_n, location_mm):
+        sensor.force_n = 2.0
+        return f"{force_n}"
+
+    wrong = ["1", "2", "4", "6", press_lightly]
+    _, shown, again = run(sensor, path, wrong)
+    assert "doubtful: the short is" in shown and "measure again, or keep it with k" in shown
+    assert [each.force_n for each in again[1:6]] == [1, 2, 4, 6, 8]
+    _, shown, kept = run(sensor, path.with_name("kept.csv"), [*wrong, "k"])
+    assert len(kept) == 12 and kept[5].phase_deg[0] - again[5].phase_deg[0] < -2
+
+
+def test_keeping_without_an_implausible_press_does_nothing(sensor, path):
+    _, shown, measurements = run(sensor, path, ["two", "k"])
+    assert "nothing doubtful to keep" in shown and len(measurements) == 12
+
+
+@pytest.mark.parametrize("end", ["q", None])
+def test_quitting_keeps_everything_and_the_next_run_continues(sensor, path, end):
+    """Typing q, or closing the terminal, would lose the session."""
+    if end is None:
+        finished, shown, before = run(sensor, path, prompts=4)
+    else:
+        finished, shown, before = run(sensor, path, ["1", "2", "4", end])
+    assert not finished and len(before) == 4
+    finished, shown, after = run(sensor, path)
+    assert finished and f"Presses stored in {path}: 3; the session continues" in shown
+    # The sensor is released and measured untouched before the session continues.
+    assert [each.force_n for each in after] == [0, 1, 2, 4, 0, 6, 8, 0, 1, 2, 4, 6, 8]
+
+
+def test_undone_measurement_is_asked_for_again(sensor, path):
+    _, shown, measurements = run(sensor, path, ["1", "2", "u"])
+    assert "removed: 2.00 N at 30 mm" in shown
+    assert [each.force_n for each in measurements[:4]] == [0, 1, 2, 4]
+
+
+def test_undone_untouched_measurement_is_taken_again(sensor, path):
+    _, shown, measurements = run(sensor, path, ["u"])
+    assert "removed: the untouched sensor" in shown and len(measurements) == 12
+
+
+def test_skipped_forces_and_locations_are_omitted(sensor, path):
+    finished, _, measurements = run(sensor, path, ["s", "2", "n"])
+    assert finished
+    assert [each.force_n for each in measurements if each.location_mm == 30] == [2]
+    assert len([each for each in measurements if each.location_mm == 50]) == 5
+
+
+def test_finishing_early_makes_a_sensor_of_what_is_stored(sensor, path):
+    finished, _, measurements = run(sensor, path, ["1", "f"])
+    assert finished and len(measurements) == 2
+
+
+def test_help_and_progress_are_shown_on_request(sensor, path):
+    _, shown, _ = run(sensor, path, ["?", "r"])
+    assert "undo: remove the last measurement" in shown and "0 of 10 measurements" in shown
+
+
+def test_tare_while_pressed_is_carried_out_when_repeated(sensor, path):
+    """A reference that was measured during a press shows a touch until it is measured again."""
+    _, shown, _ = run(sensor, path, ["t", "1", "t", "t"])
+    assert shown.count("must be of the untouched sensor") == 2 and sensor.tares == 1
+    assert "t measures the reference nevertheless" in shown
+    assert shown.count("reference was measured again") == 1
+
+
+def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):
+    script = Script(sensor)
+    first = script.next
+
+    def press_on(idle):
+        line = first(idle)
+        if "30 mm from port 1" in script.shown and "released" not in script.shown:
+            sensor.force_n = 3.0
+        return line
+
+    script.next = press_on
+    with CalibrationSession(PLAN, path) as session:
+        assert GuidedCalibration(session, sensor, script, script.echo).run()
+        assert len(session.measurements) == 12
+    assert script.shown.count("must be released; a touch in 14 of 14 readings") == 1
+
+
+def test_tag_that_is_lost_is_reported_and_measured_again(sensor, path):
+    collect, lost = sensor.collect, [True]
+
+    def fail_once(idle):
+        if sensor.force_n and lost:
+            lost.clear()
+            raise InputError("sensor 'arm'", "must give 14 readings; is its tag on", 0)
+        return collect(idle)
+
+    sensor.collect = fail_once
+    _, shown, measurements = run(sensor, path)
+    assert "is its tag on" in shown and len(measurements) == 12
+
+
+class FakeScale:
+    """A scale that shows what presses the sensor, until it stops sending."""
+
+    def __init__(self, sensor):
+        self.gauge = ForceGauge("scale", now_s=time.monotonic())
+        self._sensor = sensor
+        self.silent_until = 0
+
+    def poll(self):
+        if time.monotonic() >= self.silent_until:
+            self.gauge.note_force(time.monotonic(), self._sensor.force_n)
+
+
+def test_scale_gives_the_forces(sensor, path):
+    finished, shown, measurements = run(sensor, path, scale=FakeScale(sensor))
+    assert finished and "press Enter" in shown
+    assert [each.force_n for each in measurements[1:6]] == [1, 2, 4, 6, 8]
+
+
+def test_force_typed_beside_a_scale_is_refused(sensor, path):
+    _, shown, measurements = run(sensor, path, ["3"], scale=FakeScale(sensor))
+    assert "must be empty: the scale measures" in shown and len(measurements) == 12
+
+
+def test_scale_that_stops_sending_is_reported_and_waited_for(sensor, path):
+    """A force of some seconds ago would be stored with the phases of now."""
+    scale = FakeScale(sensor)
+
+    def fall_silent(force_n, location_mm):
+        scale.silent_until = time.monotonic() + 2.5
+        return ""
+
+    def plug_in_again(force_n, location_mm):
+        time.sleep(max(0, scale.silent_until - time.monotonic()))
+        return ""
+
+    answers = ["", fall_silent, plug_in_again]
+    _, shown, measurements = run(sensor, path, answers, scale=scale)
+    assert shown.count("scale: has sent no force for 2 s; check its cable") == 1
+    assert [each.force_n for each in measurements[1:6]] == [1, 2, 4, 6, 8]
+
+
+def test_lines_are_read_while_other_work_goes_on():
+    reading, writing = os.pipe()
+    lines, calls = OperatorLines(reading), []
+    os.write(writing, b"2.5\r\nq")
+    assert lines.next(lambda: calls.append(1)) == "2.5"
+
+    def close():
+        calls.append(1)
+        if len(calls) == 3:
+            os.close(writing)
+
+    assert lines.next(close) == "q" and len(calls) >= 3
+    assert lines.next(lambda: None) is None
+    os.close(reading)

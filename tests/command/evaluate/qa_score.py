@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings against a force gauge: alignment in time, errors, and files that gauges write."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.gauges.comparison import TimedForces, compare_with_gauge
+from gnuradio.wiforce.gauges.file import GaugeRecord, read_gauge_file
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.writers import open_writer
+
+PERIOD_S, STD_N, OFFSET_S = 0.036, 0.1, 1234.567
+# Starts and ends of presses, which do not repeat regularly, and their forces.
+PRESSES = [(5.0, 7.0, 3.0), (9.5, 10.2, 2.0), (14.0, 17.0, 5.0), (19.0, 19.9, 1.5)]
+
+
+def force_at(time_s):
+    """The force of all presses: trapezoids that rise and fall in 0.2 s."""
+    total = np.zeros_like(time_s)
+    for start, end, force in PRESSES:
+        total += force * np.clip(np.minimum(time_s - start, end - time_s) / 0.2, 0, 1)
+    return total
+
+
+def readings(seed=1, gain=1.0):
+    """Readings with noise; the sensor feels nothing below 0.3 N."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.018, 25, PERIOD_S)
+    fine = times[:, None] + np.linspace(-0.5, 0.5, 21) * PERIOD_S
+    mean = force_at(fine).mean(axis=1)
+    touched = mean > 0.3
+    forces = np.where(touched, gain * mean + STD_N * rng.standard_normal(len(times)), 0.0)
+    return TimedForces(times, forces, np.full(len(times), STD_N), touched, times > 0.5)
+
+
+def gauge(sign=1, zero=0.0, noise=0.01, seed=2):
+    rng = np.random.default_rng(seed)
+    times = np.arange(-4, 30, 0.0071)
+    forces = sign * force_at(times) + zero + noise * rng.standard_normal(len(times))
+    return GaugeRecord(times + OFFSET_S, forces)
+
+
+@pytest.mark.parametrize(("sign", "zero"), [(1, 0.0), (-1, 0.4)])
+def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero):
+    found = compare_with_gauge(readings(), gauge(sign, zero))
+    # The slopes of 8 edges of 10 to 25 N/s hold some 60 readings of 0.1 N: 1 to 2 ms.
+    assert found.offset_s == pytest.approx(OFFSET_S, abs=4e-3)
+    assert abs(found.offset_s - OFFSET_S) < 4 * found.offset_std_s < 0.02
+    assert found.sign == sign and found.zero_n == pytest.approx(zero, abs=0.005)
+    assert found.other_offset_s is None and abs(found.correlation) > 0.99
+
+
+def test_offset_std_is_the_spread_of_offsets():
+    """Nobody could judge whether two clocks agree."""
+    found = [compare_with_gauge(readings(seed), gauge(seed=seed + 50)) for seed in range(5)]
+    # 12 such runs spread by 1.0 ms.
+    assert np.mean([each.offset_std_s for each in found]) == pytest.approx(1e-3, rel=0.5)
+    assert np.std([each.offset_s for each in found]) < 2e-3
+
+
+def test_errors_are_those_of_the_readings():
+    found = compare_with_gauge(readings(), gauge())
+    count = len(found.error_n)
+    # Pressed groups between pressed ones; noise of the gauge may move the edge of one press.
+    times = readings().time_s[:, None] + np.linspace(-0.5, 0.5, 21) * PERIOD_S
+    pressed = force_at(times).mean(axis=1) >= 0.5
+    assert abs(count - np.sum(pressed[:-2] & pressed[1:-1] & pressed[2:])) <= 1
+    assert np.sqrt(np.mean(found.error_n**2)) == pytest.approx(STD_N, rel=4 / np.sqrt(2 * count))
+    assert np.mean(found.error_n) == pytest.approx(0, abs=4 * STD_N / np.sqrt(count))
+    assert found.coverage == pytest.approx(0.954, abs=4 * 0.21 / np.sqrt(count))
+    assert (found.flagged, found.missed, found.false) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("rows_without_force", [False, True])
+def test_holes_of_the_gauge_are_left_out(tmp_path, rows_without_force):
+    """A line drawn through a lost edge of a press was compared as if the gauge had recorded it."""
+    times = np.arange(0, 28, 0.025)
+    lost = (times > 5.5) & (times < 8.0) | (np.abs(times - 15) < 0.01)
+    forces = ["" if hole else f"{force_at(t):.4f}" for t, hole in zip(times, lost, strict=True)]
+    rows = [f"{t:.4f},{force}" for t, force in zip(times, forces, strict=True)]
+    if not rows_without_force:
+        rows = [row for row in rows if not row.endswith(",")]
+    (tmp_path / "cell.csv").write_text("\n".join(["time_s,force_n", *rows]))
+    own = readings()
+    found = compare_with_gauge(own, read_gauge_file(tmp_path / "cell.csv"))
+    assert np.sqrt(np.mean(found.error_n**2)) < 1.15 * STD_N
+    inside = (found.time_s > 5.52) & (found.time_s < 7.96) | (np.abs(found.time_s - 15) < 0.025)
+    assert not inside.any() and abs(found.offset_s) < 0.01
+    assert found.unrecorded == pytest.approx((8.0 - 5.5 + 0.05) / PERIOD_S, abs=5)
+
+
+def test_wrong_gain_of_readings_is_reported_and_does_not_move_the_offset():
+    found = compare_with_gauge(readings(gain=1.2), gauge())
+    assert found.gain == pytest.approx(1.2, abs=0.01)
+    assert found.offset_s == pytest.approx(OFFSET_S, abs=4e-3)
+    assert found.coverage < 0.5
+
+
+def test_flagged_missed_and_false_touches_are_counted_and_not_compared():
+    own = readings()
+    press = (own.time_s > 14.5) & (own.time_s < 16.5)
+    idle = (own.time_s > 11.5) & (own.time_s < 12.5)
+    clear, touched, force = own.clear.copy(), own.touched.copy(), own.force_n.copy()
+    clear[np.flatnonzero(press)[:5]] = False
+    touched[np.flatnonzero(press)[5:9]], force[np.flatnonzero(press)[5:9]] = False, 0.0
+    touched[np.flatnonzero(idle)[:3]], force[np.flatnonzero(idle)[:3]] = True, 2.0
+    found = compare_with_gauge(
+        TimedForces(own.time_s, force, own.force_std_n, touched, clear), gauge()
+    )
+    assert (found.flagged, found.missed, found.false) == (5, 4, 3)
+    assert len(found.error_n) == len(compare_with_gauge(own, gauge()).error_n) - 9
+
+
+def test_presses_that_repeat_are_said_to_be_ambiguous():
+    times = np.arange(0, 60, PERIOD_S)
+    own = 3.0 * (np.sin(2 * np.pi * times / 4) > 0.5)
+    steady = TimedForces(times, own, 0 * times + 0.1, own > 0, times >= 0)
+    fine = np.arange(-20, 80, 0.01)
+    found = compare_with_gauge(steady, GaugeRecord(fine, 3.0 * (np.sin(np.pi * fine / 2) > 0.5)))
+    assert found.other_offset_s is not None
+    assert (found.other_offset_s - found.offset_s) % 4 == pytest.approx(0, abs=0.04) or (
+        (found.other_offset_s - found.offset_s) % 4 == pytest.approx(4, abs=0.04)
+    )
+    given = compare_with_gauge(steady, GaugeRecord(fine, 3.0 * (np.sin(np.pi * fine / 2) > 0.5)),
+                               offset_s=0.0)  # fmt: skip
+    assert given.offset_s == 0 and given.offset_std_s == 0
+
+
+def test_presses_at_regular_times_with_own_forces_are_not_ambiguous():
+    """Users would be asked for an offset that is known."""
+
+    def force(time_s):
+        forces = np.array([3, 5, 2, 6, 3, 5, 4, 2, 6, 3], float)
+        press = np.clip(time_s // 4, 0, 9).astype(int)
+        inside = (time_s > 0) & (time_s < 40) & (time_s % 4 > 1) & (time_s % 4 < 2)
+        return forces[press] * inside
+
+    times, fine = np.arange(0, 40, PERIOD_S), np.arange(-5, 45, 0.01)
+    own = force(times)
+    regular = TimedForces(times, own, 0 * times + 0.1, own > 0, times >= 0)
+    found = compare_with_gauge(regular, GaugeRecord(fine, force(fine)))
+    assert found.other_offset_s is None and found.offset_s == pytest.approx(0, abs=0.01)
+
+
+def test_gauge_of_another_experiment_is_refused():
+    other = GaugeRecord(np.arange(0, 60, 0.01), np.random.default_rng(3).standard_normal(6000))
+    with pytest.raises(InputError, match="gauge: must agree with the readings: the correlation is"):
+        compare_with_gauge(readings(), other)
+
+
+def test_gauge_that_recorded_for_years_is_refused():
+    long = GaugeRecord(np.array([0.0, 1e9]), np.array([0.0, 5.0]))
+    with pytest.raises(InputError, match="gauge: must span at most 360000 s"):
+        compare_with_gauge(readings(), long)
+
+
+def test_few_slow_values_that_resemble_a_press_are_refused():
+    """A few values of a gauge can follow readings by chance; such figures are worthless."""
+    few = GaugeRecord(np.array([0.0, 8.0, 16.0, 24.0]), np.array([2.0, 3.0, 5.0, 1.0]))
+    with pytest.raises(InputError, match="gauge: must agree with the readings"):
+        compare_with_gauge(readings(), few)
+
+
+FILES = {
+    "time_s,force_n\n0,1\n0.5,2\n": ([0, 0.5], [1, 2]),
+    "Time (ms);Load [kgf]\n0;0,5\n250;1,5\n": ([0, 0.25], [0.5 * 9.80665, 1.5 * 9.80665]),
+    "Timestamp\tChannel\tFz (mN)\n1\ta\t1000\n2\ta\t2000\n": ([1, 2], [1, 2]),
+    "time,force\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:01.5Z,3\n": ([0, 1.5], [1, 3]),
+    "t,force,comment\n0,1,\n0,2,\n1,3,released\n2,,\n": ([0, 1], [2, 3]),
+}
+
+
+@pytest.mark.parametrize("text", FILES)
+def test_files_of_gauges_are_understood(text, tmp_path):
+    (tmp_path / "cell.csv").write_text(text)
+    record = read_gauge_file(tmp_path / "cell.csv")
+    times, forces = FILES[text]
+    assert record.time_s.tolist() == pytest.approx(times)
+    assert record.force_n.tolist() == pytest.approx(forces)
+
+
+BAD = {
+    "time_s,force_n\n0,1\n": "must hold two forces or more, got 1",
+    "time_s,force_n\n0,1\n2,1\n1,1\n": "row 4: time_s must not decrease",
+    "time_s,force_n\n0,1\n1,high\n": "row 3: force_n must be a finite number, got 'high'",
+    "time_s,force_n\n0,1\n1,inf\n": "row 3: force_n must be a finite number, got inf",
+    "time_s,force_n\nnan,1\n1,2\n2,3\n": "time_s must be given where there is a force",
+    "a,b\n0,1\n1,1\n": "no column sounds like a time (a, b); state it with --time-column",
+    "time,force,load\n0,1,1\n1,1,1\n": "several columns sound like a force (force, load)",
+    "time,force (psi)\n0,1\n1,1\n": "names an unknown unit of force; state it with --unit",
+    "force\n0\n": "must have columns of times and forces",
+    "": "is not a CSV file",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_files_that_are_no_gauges_are_refused(text, tmp_path):
+    (tmp_path / "cell.csv").write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_gauge_file(tmp_path / "cell.csv")
+    assert BAD[text] in str(refused.value)
+
+
+def test_score_compares_a_file_of_readings(tmp_path):
+    """A user wants figures and a picture, from readings that were made long ago."""
+    own, cell = readings(), gauge(-1, 0.2)
+    with open_writer(tmp_path / "r.csv") as writer:
+        for row in zip(own.time_s, own.force_n, own.touched, own.clear, strict=True):
+            time_s, force, touched, clear = row
+            values = (float(force), STD_N) if touched else (None, None)
+            flags = () if clear else ("reference",)
+            writer.write(Reading(float(time_s), "arm", int(touched), *values, flags=flags))
+    with open(tmp_path / "cell.csv", "w") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["time_s", "force_n"])
+        rows.writerows(zip(cell.time_s, cell.force_n.round(4), strict=True))
+    arguments = ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
+    done = run_command(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["offset_s"] == pytest.approx(OFFSET_S, abs=4e-3)
+    assert (report["gauge_sign"], report["gauge_zero_n"]) == (-1, pytest.approx(0.2, abs=0.005))
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+    with open(tmp_path / "o.csv") as stream:
+        errors = [float(row["error_n"]) for row in csv.DictReader(stream)]
+    assert len(errors) == report["compared"]
+    assert np.median(np.abs(errors)) == pytest.approx(report["median_error_n"], abs=1e-4)
+    text = run_command(*arguments)
+    assert "presses are negative, sign inverted" in text.stdout
+    for more, message in {
+        ("--sensor", "leg"): "--sensor: must be one of arm, got 'leg'",
+        ("--force-column", "x"): "--force-column: must be one of the columns of",
+        ("--scene", "demo"): "a file of readings needs none",
+        ("--unit", "mm"): "--unit: must be one of N, mN, g, kg, lb, oz, got 'mm'",
+    }.items():
+        refused = run_command(*arguments, *more)
+        assert refused.returncode == 2 and message in refused.stderr

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A guided calibration at the software N210, by a scripted person, against one with a VNA."""
+
+import csv
+import json
+import signal
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.guided.session_plan import (
+    DEFAULT_FORCES_N,
+    DEFAULT_LOCATIONS_MM,
+    RULER_STD_MM,
+)
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.sensor import load_sensor
+from guided_operator import GuidedOperator
+from live_runs import FRAMES, GAINS, SLOW, command, scene_of
+from software_usrp import SoftwareUsrp
+from wiforce_app.main import main
+
+SPEED = 4
+# Nothing of the sensor on the air is known to the reader: neither its contact nor its ports.
+TRUE_SENSOR = {
+    "name": "true",
+    "kind": "line",
+    "length_mm": 80.0,
+    "onset_force_n": 0.7,
+    "force_span_n": [0.7, 10.0],
+    "location_span_mm": [5.0, 75.0],
+    "permittivity": 1.0,
+    "provenance": {"source": "test", "date": "2026-01-31"},
+    "frequencies_hz": [900.0e6],
+    "port_offset_deg": [35.0, -60.0],
+    "contact": {"decay_length_mm": 4.6, "asymmetry": 0.55, "fade_mm": 8.0},
+}
+LOCATIONS, FORCES = (40.0, 60.0), (1.0, 2.0, 4.0, 6.0, 8.0)
+LONG_LOCATIONS = (20.0, 30.0, 40.0, 50.0, 60.0)
+LONG_FORCES = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0)
+
+
+class Bench:
+    """A device with the true sensor, and the command that calibrates it."""
+
+    def __init__(self, folder):
+        (folder / "true.yaml").write_text(yaml.safe_dump(TRUE_SENSOR))
+        scene = scene_of([], 400, 0.3, **SLOW)
+        # With this model the reader takes presses in the middle for motions of the tag.
+        scene["sensors"][0]["model"] = "wiforce-900mhz"
+        scene["simulation"] |= {"truth_model": "true.yaml", "duration_s": 1000}
+        (folder / "scene.yaml").write_text(json.dumps(scene))
+        self.true = load_sensor(folder / "true.yaml")
+        self._scene = folder / "scene.yaml"
+        self.device = SoftwareUsrp(self._scene, speed=SPEED)
+
+    def person(self, output, locations=LOCATIONS, forces=FORCES, **options):
+        words = ["--scene", self._scene, "--args", f"{self.device.args},{FRAMES}", *GAINS]
+        words += ["--locations", ",".join(map(str, locations))]
+        words += ["--forces", ",".join(map(str, forces)), "-o", output]
+        return GuidedOperator(self.device, ["calibrate", "--live", *words], **options)
+
+
+class Calibrated:
+    """A guided calibration that was killed once and continued."""
+
+    def __init__(self, bench, folder, locations, forces):
+        self.true, self.locations, self.forces = bench.true, locations, forces
+        self.table, self.sensor = folder / "arm.taps.csv", folder / "arm.yaml"
+        with bench.person(self.sensor, locations, forces) as person:
+            person.follow(prompts=4)
+            person.process.send_signal(signal.SIGKILL)
+            person.finish()
+        self.rows_before = self.rows()
+        with bench.person(self.sensor, locations, forces, seed=2, limit_s=600) as person:
+            person.follow()
+            self.status, self.shown = person.process.wait(), person.shown
+
+    def rows(self):
+        with open(self.table, newline="") as stream:
+            return list(csv.DictReader(stream))
+
+    def errors(self, model, noise_deg=0.15, count=400):
+        """Absolute errors of force and location, and how often they lie within two std."""
+        rng = np.random.default_rng(7)
+        force = rng.uniform(self.forces[0] + 0.5, self.forces[-1] - 0.5, count)
+        place = rng.uniform(self.locations[0], self.locations[-1], count)
+        phases = self.true.phases_deg(force, place) - self.true.untouched_deg()
+        phases += model.untouched_deg() + noise_deg * rng.standard_normal((count, 2))
+        found = model.invert(phases, noise_deg)
+        force_error = np.abs(found.force_n - force)
+        place_error = np.abs(found.location_mm - place)
+        within = np.mean(force_error < 2 * found.force_std_n)
+        return force_error, place_error, within, np.mean(place_error < 2 * found.location_std_mm)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    made = Bench(tmp_path_factory.mktemp("bench"))
+    yield made
+    if made.device.process.poll() is None:
+        made.device.stop()
+
+
+@pytest.fixture(scope="module")
+def calibrated(bench, tmp_path_factory, long_run):
+    plan = (LONG_LOCATIONS, LONG_FORCES) if long_run else (LOCATIONS, FORCES)
+    return Calibrated(bench, tmp_path_factory.mktemp("guided"), *plan)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1000)
+def test_guided_calibration_continues_after_it_was_killed(calibrated):
+    """An hour of work would be lost with the battery."""
+    assert calibrated.status == 0, calibrated.shown
+    assert len(calibrated.rows_before) >= 3
+    assert calibrated.rows()[: len(calibrated.rows_before)] == calibrated.rows_before
+    presses = [row for row in calibrated.rows() if row["location_mm"]]
+    assert len(presses) == len(calibrated.locations) * len(calibrated.forces)
+    assert (
+        f"arm.taps.csv: {len(calibrated.rows_before) - 1}; the session continues"
+        in calibrated.shown
+    )
+
+
+@pytest.mark.timeout(1000)
+def test_guided_sensor_reads_as_one_calibrated_with_a_vna(calibrated):
+    """The person's sensor would be worse than the sensor's own noise."""
+    model = load_sensor(calibrated.sensor)
+    table = measure_vna(calibrated.true, calibrated.locations, calibrated.forces, 0.2)
+    vna = calibrate(table, "vna")
+    force, place, force_within, place_within = calibrated.errors(model)
+    vna_force, vna_place, *_ = calibrated.errors(vna)
+    assert np.median(force) < np.median(vna_force) + 0.1
+    # A quarter of a millimetre is the error of the ruler.
+    assert np.median(place) < np.median(vna_place) + 0.4
+    assert force_within > 0.85 and place_within > 0.85
+    for name, errors in (("guided", (force, place)), ("VNA", (vna_force, vna_place))):
+        median, most = (np.quantile(errors, q, axis=1) for q in (0.5, 0.95))
+        print(
+            f"{name}: median error {median[0]:.3f} N, {median[1]:.3f} mm; "
+            f"95 % within {most[0]:.3f} N, {most[1]:.3f} mm"
+        )
+    print(f"guided: within two std {force_within:.1%} of forces, {place_within:.1%} of locations")
+
+
+@pytest.mark.timeout(1000)
+def test_table_of_a_guided_calibration_gives_the_same_sensor(calibrated, tmp_path):
+    """The measurements would serve only once."""
+    words = ["--frequency-hz", "900e6", "--ruler-std-mm", "0.3", "-o", tmp_path / "arm.yaml"]
+    status, _, said = command("calibrate", calibrated.table, *words)
+    assert status == 0, said
+    paths = tmp_path / "arm.yaml", calibrated.sensor
+    again, first = (yaml.safe_load(path.read_text()) for path in paths)
+    for content in (again, first):
+        del content["provenance"]["date"]
+    assert again == first
+
+
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["arm.yaml", "--scene", "demo", "--args", "addr=127.0.0.9"], "must end in .csv"),
+        (["--scene", "demo", "--args", "addr=127.0.0.9", "--sensor", "leg"], "scene's: arm, got"),
+        (["--scene", "demo", "--args", "addr=127.0.0.9", "--length-mm", "60"], "must be that of"),
+        (["--scene", "demo", "--args", "addr=127.0.0.9", "--locations", "20"], "two or more"),
+        (["--scene", "demo", "--args", "addr=127.0.0.9", "--forces", "1,2"], "at least 5"),
+        (["--scene", "demo"], "--args: must be given with --live"),
+        (["--scene", "demo", "--args", "a", "--kind", "vna"], "must be given without"),
+    ],
+)
+def test_guided_calibration_that_cannot_begin_leaves_no_file(tmp_path, capsys, words, rule):
+    assert main(["calibrate", "--live", *words, "-o", str(tmp_path / "arm.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert rule in said and said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_of_a_guided_calibration_need_live(tmp_path, capsys):
+    """They would be ignored without a word."""
+    assert main(["calibrate", "t.csv", "--sweeps", "2", "-o", str(tmp_path / "arm.yaml")]) == 2
+    assert "--sweeps needs --live" in capsys.readouterr().err
+
+
+def test_help_states_the_defaults_of_the_plan(capsys):
+    main(["calibrate", "--help-all"])
+    shown = "".join(capsys.readouterr().out.split())
+    for numbers in (DEFAULT_LOCATIONS_MM, DEFAULT_FORCES_N):
+        assert f"Default:{','.join(f'{number:g}' for number in numbers)}." in shown
+    assert f"with--live{RULER_STD_MM:g}." in shown
+
+
+@pytest.mark.long
+def test_interrupted_session_ends_in_order_and_is_kept(bench, tmp_path):
+    """The device would be left transmitting, or the work lost."""
+    with bench.person(tmp_path / "arm.yaml") as person:
+        person.follow(prompts=2)
+        person.process.send_signal(signal.SIGTERM)
+        assert person.finish() == 143
+    table = tmp_path / "arm.taps.csv"
+    assert f"presses stored in {table}: 1; the same command continues" in person.shown
+    assert len(table.read_text().splitlines()) == 3 and not (tmp_path / "arm.yaml").exists()
+
+
+def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
+    """The reader takes the released sensor for a touched one: nothing could be measured."""
+    with bench.person(tmp_path / "arm.yaml") as person:
+
+        def answer(*lines):
+            for line in lines:
+                person.type(line)
+                prompt = person.prompt()
+            return prompt
+
+        person.prompt()
+        person.press(4.0, 40.0)
+        answer("t", "t")
+        assert person.shown.count("tare: must be of the untouched sensor") == 1
+        person.release()
+        answer("")
+        assert "not stored: untouched sensor: must" in person.shown
+        prompt = answer("t", "t")
+        assert person.shown.count("reference was measured again") >= 2
+        for _ in range(2):
+            person.answer(prompt)
+            prompt = person.prompt()
+        assert "phases -172." in person.shown and "stored, 1 of 10" in person.shown
+
+
+# The last test, since the device is gone then.
+def test_device_that_disappears_ends_the_session_and_keeps_it(bench, tmp_path, long_run):
+    if not long_run:
+        pytest.skip("waits five seconds for the device; --long")
+    with bench.person(tmp_path / "arm.yaml") as person:
+        person.follow(prompts=2)
+        bench.device.process.kill()
+        assert person.finish() == 1
+    assert "has sent no samples for 5 s" in person.shown
+    assert "arm.taps.csv: 1" in person.shown
+    assert len((tmp_path / "arm.taps.csv").read_text().splitlines()) == 3

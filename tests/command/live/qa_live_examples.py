@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The examples with a USRP, run as shipped against the software one."""
+
+import csv
+import os
+import re
+import shlex
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+
+import pytest
+from live_runs import (
+    FRAMES,
+    SLOW,
+    SLOW_GROUP_S,
+    command,
+    free_ports,
+    rows_of,
+    scene_file,
+    wait_until,
+)
+from software_usrp import SoftwareUsrp
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A sensor that is pressed from 0.8 s on, at a low rate."""
+    folder = tmp_path_factory.mktemp("pressed")
+    return scene_file(folder, [(0.8, 4.0, 4.0, 45.0)], 400, 0.3, **SLOW)
+
+
+@pytest.fixture(scope="module")
+def device(scene):
+    device = SoftwareUsrp(scene, speed=2)
+    yield device
+    device.stop()
+
+
+README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+
+
+def test_readme_live_line_reads_from_the_device_that_emulate_starts(device, scene, tmp_path):
+    """The first command that a user with a radio types."""
+    lines = re.findall(r"^build/run gr-wiforce (emulate|live) (.+)$", README, re.MULTILINE)
+    assert [name for name, _ in lines] == ["emulate", "live"]
+    assert lines[0][1].startswith("demo &") and "--scene demo" in lines[1][1]
+    words = shlex.split(lines[1][1], comments=True)
+    (port,) = free_ports(1)
+    here = {"demo": str(scene), "addr=127.0.0.1": f"{device.args},{FRAMES}", "8080": str(port)}
+    assert set(here) < set(words)
+    options = ["-o", str(tmp_path / "out.csv"), "--duration", "2"]
+    done = subprocess.run(
+        [sys.executable, "-m", "wiforce_app.main", "live", *[here.get(w, w) for w in words]]
+        + options,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0 and "http://127.0.0.1:" in done.stderr, done.stderr
+    assert len(rows_of(tmp_path / "out.csv")) > 30
+
+
+def test_readme_lines_replace_the_file_by_a_radio(device, scene):
+    file, radio = (
+        code
+        for code in re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+        if "flowgraph" in code
+    )
+    kept = "\n".join(file.splitlines()[:-2])
+    assert "file_source" in file and "file_source" not in kept
+    program = f"{kept}\n{radio}".replace("addr=192.168.10.2", f"{device.args},{FRAMES}")
+    program = program.replace('"demo"', repr(str(scene)))
+    with running("-u", "-c", program, cwd=EXAMPLES / "headless") as process:
+        wait_until(lambda: sum(" N at " in line for line in process.lines) > 20)
+    assert process.returncode == 0
+    assert all("arm: " in line for line in process.lines if " s " in line)
+
+
+@contextmanager
+def running(*words, **options):
+    """A program that ends when Enter is pressed; what it prints goes to ``lines``."""
+    process = subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+    process.lines = []
+    reading = threading.Thread(target=lambda: process.lines.extend(process.stdout))
+    reading.start()
+    try:
+        yield process
+        process.stdin.write("\n")
+        process.stdin.close()
+        assert process.wait(timeout=60) == 0, process.lines
+    finally:
+        process.kill()
+        reading.join()
+
+
+def example(name, *arguments):
+    return running(EXAMPLES / "headless" / name, *arguments)
+
+
+def args_of(device):
+    return f"{device.args},{FRAMES}"
+
+
+def heard(device, seconds, limit=90):
+    """Waits until a device has sent so many seconds of samples."""
+    wait_until(lambda: device.command("status")["streaming_s"] > seconds, limit)
+
+
+def read(process, count, of="", limit=90):
+    """Waits until a program has printed so many readings of a device."""
+    wait_until(lambda: sum(line.startswith(of) for line in process.lines) > count, limit)
+
+
+def assert_pressed(lines):
+    """Readings as printed: the press is among them, and read right."""
+    pattern = r"[\d.]+ s arm: ([\d.]+) \+- [\d.]+ N at ([\d.]+) \+- [\d.]+ mm$"  # without flags
+    pressed = [found for line in lines if (found := re.search(pattern, line.rstrip()))]
+    assert len(pressed) > 5
+    for number, true, limit in ((1, 4.0, 0.15), (2, 45.0, 0.5)):
+        assert median(float(line[number]) for line in pressed) == pytest.approx(true, abs=limit)
+
+
+def test_example_live_uhd_prints_the_press(device, scene):
+    with example("live_uhd.py", args_of(device), scene) as process:
+        read(process, 1.2 / SLOW_GROUP_S)
+    assert_pressed(process.lines)
+
+
+def test_example_chain_from_usrp_prints_the_readings_of_the_reader(device, scene):
+    script = Path(__file__).with_name("chain_beside_reader.py")
+    with running(script, args_of(device), scene) as process:
+        read(process, 1.2 / SLOW_GROUP_S)
+    assert_pressed(process.lines)
+
+
+def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
+    with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
+        heard(device, 1.4)
+    status, _, said = command(
+        "read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv"
+    )
+    assert status == 0, said
+    rows = rows_of(tmp_path / "press.csv")
+    assert len(rows) > 1.2 / SLOW_GROUP_S
+    assert any(row["touch"] == "1" for row in rows)
+
+
+def test_example_transmit_uhd_sends_and_receives_nothing(device, scene):
+    with example("transmit_uhd.py", args_of(device), scene):
+        wait_until(lambda: device.command("status")["tx_streaming"])
+        status = device.command("status")
+    assert not status["rx_streaming"] and status["tx_underflows"] == 0
+
+
+@pytest.mark.long
+def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, software_usrp, tmp_path):
+    untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
+    other = software_usrp(untouched, speed=2)
+    with example(
+        "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
+    ) as process:
+        read(process, 1.2 / SLOW_GROUP_S, of=device.args)
+        read(process, 1.2 / SLOW_GROUP_S, of=other.args)
+    first, second = (
+        [line for line in process.lines if line.startswith(which.args)] for which in (device, other)
+    )
+    assert_pressed(first)
+    assert not any("touch=1" in line for line in second)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "name", ["live_uhd", pytest.param("chain_from_usrp", marks=pytest.mark.long)]
+)
+def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
+    """As shipped but for its scene, which takes a fifth of the time."""
+    shipped = (EXAMPLES / f"{name}.grc").read_text()
+    assert shipped.count("    file: demo\n") == 1
+    flowgraph = tmp_path / f"{name}.grc"
+    flowgraph.write_text(shipped.replace("    file: demo\n", f"    file: {scene}\n"))
+    subprocess.run(
+        ["grcc", "-o", str(tmp_path), str(flowgraph)],
+        check=True,
+        capture_output=True,
+        timeout=100,
+    )
+    screenless = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+    words = (tmp_path / f"{name}.py", "--device", args_of(device))
+    process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=screenless)
+    try:
+        heard(device, 1.5, limit=200)
+        process.terminate()
+        assert process.wait(timeout=60) == 0
+    finally:
+        process.kill()
+    with open(tmp_path / "readings.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert any(row["touch"] == "1" and not row["flags"] for row in rows)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Warnings and summary of a live run, from counters alone."""
+
+from types import SimpleNamespace
+
+import pytest
+from gnuradio.wiforce.io.readings import GroupCounts
+from wiforce_app.live import monitor as session_monitor
+
+
+def session_in_words():
+    """What a monitor asks of a session."""
+    return SimpleNamespace(
+        gaps=0,
+        samples_lost=0,
+        frames_moved=0,
+        times_ignored=0,
+        samples_received=0,
+        time_s=1.0,
+        recording_failure=None,
+        alignment=SimpleNamespace(searches=0, offset=0),
+        start_s=None,
+        reader=SimpleNamespace(counts=GroupCounts(), findings=None),
+        clock_offsets_ppm={},
+    )
+
+
+def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
+    now = [0.0]
+    session = session_in_words()
+    monitor = session_monitor.SessionMonitor(session, now=lambda: now[0])
+    cases = (
+        (1, 0, ["frame timing shifted once; times may be off by a multiple of the frame length"]),
+        (3, 1, ["frame timing shifted 2 times; times", "ignored 1 implausible rx_time tag"]),
+        (3, 1, []),
+    )
+    for moved, ignored, warned in cases:
+        now[0] += 1.1
+        session.frames_moved, session.times_ignored = moved, ignored
+        monitor.look()
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == len(warned)
+        assert all(words in line for words, line in zip(warned, lines, strict=True))
+        assert not any("lost" in line for line in lines)
+    assert "frame timing shifted 3 times" in monitor.summary()
+    assert "\n" not in monitor.summary() and "lost" not in monitor.summary()
+    status = monitor.status()
+    assert (status["frames_moved"], status["times_ignored"]) == (3, 1)
+
+
+@pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
+def test_session_monitor_many_gaps_advises_larger_socket_buffers(
+    buffer, advised, tmp_path, monkeypatch, capsys
+):
+    limit = tmp_path / "rmem_max"
+    limit.write_text(f"{buffer}\n")
+    monkeypatch.setattr(session_monitor, "_BUFFER_LIMIT", limit)
+    now = [0.0]
+    session = session_in_words()
+    monitor = session_monitor.SessionMonitor(session, now=lambda: now[0])
+    for gaps, lost, warned in ((1, 100, False), (7, 600, True)):
+        now[0] += 1.1
+        session.gaps, session.samples_lost = gaps, 100 * gaps
+        monitor.look()
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and f"{lost} samples lost" in said
+        assert ("is too slow" in said) is warned
+        assert ("net.core.rmem_max" in said) is (warned and advised)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The check of a device before a measurement."""
+
+import json
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.planning.room.report import MeasuredTag
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.channel import AirChannel
+from live_runs import FRAMES, GAINS, command
+from wiforce_app.plan.check import Findings, advice_on
+
+
+def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
+    check = ["check", "--scene", slow_scene, "--args", f"{slow_device.args},{FRAMES}", "--json"]
+    status, out, said = command(*check, *GAINS)
+    assert (status, said) == (0, ""), said
+    found = json.loads(out)
+    # A scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
+    channel = AirChannel(load_scene(slow_scene))
+    assert found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
+    noise_dbfs = 20 * np.log10(channel.noise_std)
+    assert found["levels"]["noise_dbfs"] == pytest.approx(noise_dbfs, abs=0.3)
+    assert found["levels"]["dc_dbfs"] < -90 and found["levels"]["clipped"] == 0
+    assert found["delay_us"] == pytest.approx(5.12 + 2 * 0.4, abs=0.5)
+    (arm,) = found["sensors"]
+    assert arm["clock_offset_ppm"] == pytest.approx(40, abs=4)
+    assert arm["snr_db"] == pytest.approx([10, 10], abs=1)
+    assert max(arm["phase_error_deg"]) < 0.3
+    assert found["advice"] == []
+    assert found["room"] == []  # a quiet one
+    # Far too little, and a tag that is off.
+    slow_device.command("fault +0 off arm")
+    status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)
+    advice = " ".join(json.loads(out)["advice"])
+    assert status == 0 and "raise --rx-gain" in advice and "no tag detected" in advice
+
+
+def test_check_timing_shift_is_part_of_advice(slow_scene):
+    levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
+    findings = Findings("a device", {}, levels, frames_moved=2, sensors=[MeasuredTag("arm", 1.0)])
+    (advice,) = advice_on(findings, load_scene(slow_scene))
+    assert "frame timing shifted 2 times" in advice

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""SoapySDR drivers that throw, hang or state no number (soapy_player.cc)."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_runs import run_command
+from live_runs import SLOW, command, run_session, scene_file
+from wiforce_app.live import live
+from wiforce_app.main import main
+from wiforce_app.radio.device_lock import DeviceLock
+from wiforce_app.radio.request import DeviceLost
+from wiforce_app.radio.soapy import _text
+
+MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
+RATE, CARRIER = "radio.sample_rate_hz: ", "radio.center_frequency_hz: "
+
+# What the driver does, what is asked of it besides, and what is said of it.
+REFUSALS = [
+    ("throws=duplex:invalid", {}, "--args: ", "duplex failed"),
+    ("throws=agc:range", {}, "--args: ", "gain control can be switched off (agc failed)"),
+    ("throws=time", {}, "--args: ", "time failed"),
+    ("throws=rate", {}, RATE, "the device's driver accepts (rate failed), got 2500000"),
+    ("throws=frequency:invalid", {}, CARRIER, "(frequency failed), got 900000000"),
+    ("throws=frequency", {}, CARRIER, "(frequency failed), got 900000000"),
+    ("throws=gain:invalid", {"rx_gain_db": 10}, "--rx-gain: ", "(gain failed), got 10"),
+    ("throws=gain", {"tx_gain_db": 12}, "--tx-gain: ", "(gain failed), got 12"),
+    ("throws=antenna", {"rx_antenna": "B"}, "--antenna: ", "(antenna failed), got 'B'"),
+    ("nan=rate", {}, RATE, "states no number"),
+    ("nan=frequency", {}, CARRIER, "states no number"),
+    ("nan=gain", {"rx_gain_db": 10}, "--rx-gain: ", "states no range"),
+    ("throws=gain", {}, "", ""),  # not asked for
+    ("nan=gain", {}, "", ""),
+    ("bytes=1", {}, "", ""),
+]
+HANGING = """
+import os, time
+import numpy as np
+from gnuradio import blocks, gr
+from wiforce_app.radio.stream_start import start_flowgraph
+
+class Source(gr.sync_block):
+    def __init__(self):
+        gr.sync_block.__init__(self, "hanging", None, [np.int16])
+    def start(self):
+        time.sleep(60)
+
+flowgraph, source = gr.top_block(), Source()
+flowgraph.connect(source, blocks.null_sink(2))
+try:
+    start_flowgraph(flowgraph, lambda: {stopped}, "--args", "driver=x", limit_s=0.3)
+except ValueError as error:
+    os.write(2, str(error).encode())
+os._exit(0)
+"""
+
+
+@pytest.fixture(autouse=True)
+def module(monkeypatch):
+    if not MODULE.exists():
+        pytest.skip("not built: libsoapysdr-dev was missing")
+    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    radio = SLOW["radio"] | {"center_frequency_hz": 900e6}
+    return scene_file(tmp_path, [], 400, 0.3, **SLOW | {"radio": radio})
+
+
+def start(scene, fault, *options):
+    words = ["--scene", scene, "--driver", "soapy", "--args", f"driver=player,{fault}", *options]
+    return list(map(str, words))
+
+
+def test_soapy_driver_that_refuses_a_setting_is_refused_by_the_name_of_the_setting(scene):
+    """A driver's exception gave a traceback, or a device that is present counted as lost."""
+    cases = [
+        {"args": f"driver=player,n={number},{fault}", **settings}
+        for number, (fault, settings, *_) in enumerate(REFUSALS)
+    ]
+    refusals, said = run_session("opened", scene, *map(json.dumps, cases))
+    assert "Traceback" not in said
+    for found, (fault, _, where, words) in zip(refusals, REFUSALS, strict=True):
+        assert bool(found) == bool(words), (fault, found)
+        assert where in found and words in found, (fault, found)
+
+
+def test_soapy_driver_that_does_not_start_to_stream_ends_the_run(scene, tmp_path, long_run):
+    """GNU Radio waits for ever for a block that throws while it starts."""
+    kinds = ["receive", "activate:invalid"]
+    if long_run:
+        kinds += ["transmit:range", "activate"]
+    runs = [start(scene, f"throws={kind}", "--duration", 0.3) for kind in kinds]
+    statuses, said = run_session("refused", *map(json.dumps, runs))
+    assert statuses == [2] * len(runs), said
+    for line, kind in zip(said.splitlines(), kinds, strict=True):
+        reason = kind.split(":")[0]
+        assert f"--args: must name a device that can stream ({reason} failed), got" in line
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_start_of_a_driver_that_hangs_ends_in_bounded_time(stopped):
+    done = subprocess.run(
+        [sys.executable, "-c", HANGING.format(stopped=stopped)],
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    reason = "stopped before" if stopped else "has not started to stream within 0.3 s"
+    assert done.stderr.startswith("--args: must name a device that can stream (")
+    assert reason in done.stderr and done.stderr.endswith("got 'driver=x'")
+
+
+def test_live_refused_setting_is_final_with_reconnect(scene):
+    """Waiting for a device that is present would never end."""
+    options = start(scene, "throws=frequency", "--reconnect", "--duration", 0.3)
+    (status,), said = run_session("refused", json.dumps(options))
+    assert status == 2 and said.count("\n") == 1
+    assert "(frequency failed), got 900000000" in said and "kept" not in said
+
+
+@pytest.mark.long
+def test_check_driver_that_does_not_start_to_stream_is_refused(scene):
+    status, out, said = command("check", *start(scene, "throws=activate"))
+    assert (status, out) == (2, "") and said.count("\n") == 1
+    assert "(activate failed)" in said
+
+
+@pytest.mark.parametrize("readings", [0, 3])
+def test_live_lost_device_promises_only_readings_that_exist(scene, monkeypatch, capsys, readings):
+    def lose(session, request, outputs, *_):
+        outputs.readings = readings
+        raise DeviceLost("the device is lost")
+
+    monkeypatch.setattr(live, "_make_session", lambda *_: None)
+    monkeypatch.setattr(live, "_run", lose)
+    assert main(["live", "--scene", str(scene), "--args", "addr=1"]) == 1
+    end = "all readings until then are kept" if readings else "there are no readings"
+    assert capsys.readouterr().err == f"gr-wiforce: the device is lost; {end}\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("--args", "driver=\udcff"), ("--antenna", "\udcff"), ("--tx-args", "driver=\udcfe")],
+)
+def test_live_text_for_a_driver_that_is_no_utf8_is_refused(scene, option, text):
+    options = {"--args": "driver=player", option: text}
+    words = [word for pair in options.items() for word in pair]
+    done = run_command("live", "--scene", str(scene), "--driver", "soapy", *words)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"{option}: must be text in UTF-8, got '" in done.stderr
+
+
+def test_device_lock_takes_bytes_that_are_no_text():
+    """Serial numbers of devices, and names that a resolver does not take."""
+    for args in ("driver=\udcff", "addr=\udcff", "addr=a..b", f"addr={'a' * 70}"):
+        lock = DeviceLock(args, handover_s=0.0)
+        lock.take_serial("\udcff\udcfe")
+        lock.release()
+    assert _text("\udcff\udcfe") == r"\xff\xfe" and _text("N210") == "N210"

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""MCAP and Parquet files of readings, their ends, and their conversion."""
+
+import errno
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pandas
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io import output_file
+from gnuradio.wiforce.io.mcap_file import McapWriter
+from gnuradio.wiforce.io.mcap_rows import mcap_rows
+from gnuradio.wiforce.io.output_file import OutputFile
+from gnuradio.wiforce.io.parquet import ParquetWriter
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings_files import ReadingsFile
+from gnuradio.wiforce.io.writers import open_writer
+from mcap.reader import make_reader
+from pyarrow import parquet
+from ros_clients import bag_messages
+from wiforce_app.live.outputs import McapFile
+from wiforce_app.read.file_outputs import open_mcap
+
+RUN = {"run": "20260131T235959Z-abcdef"}
+
+
+def readings(count):
+    """Readings of all kinds: untouched, touched, unknown, flagged."""
+    rng = np.random.default_rng(5)
+    for group in range(count):
+        time_s, kind = 0.018 + 0.036 * group, group % 4
+        if kind == 0:
+            yield Reading(time_s, "arm", 0, None, None, None, None, 1.5, -2.5, 9.25, (), group, 0.0)
+        elif kind == 1:
+            values = (4 * rng.random(), 0.05, 80 * rng.random(), 0.2, *rng.uniform(-180, 180, 2))
+            yield Reading(time_s, "arm", 1, *values, 9.0, (), group, 0.125)
+        elif kind == 2:
+            yield Reading(time_s, "arm", None, flags=("gap",), group=group)
+        else:
+            yield Reading(time_s, "arm", 1, 4.0, 0.5, 45.0, 2.0, flags=("weak",), group=group)
+
+
+def written(path, count=20, also=("run", "time_utc")):
+    """A file of readings, with the columns of a live run."""
+    with open_writer(path, also=also) as writer:
+        for reading in readings(count):
+            utc = f"2026-01-31T23:59:{reading.group % 60:02d}.000000Z"
+            stamp = {**RUN, "time_utc": utc}
+            writer.write(reading, {name: stamp[name] for name in also})
+    return path
+
+
+def frame_of(path):
+    if path.suffix == ".parquet":
+        return pandas.read_parquet(path)
+    if path.suffix == ".jsonl":
+        return pandas.read_json(path, lines=True, convert_dates=False, precise_float=True)
+    return pandas.read_csv(path, keep_default_na=False, na_values={"touch": "", "force_n": ""})
+
+
+def same_values(one, other):
+    """Whether two files hold the same rows, as data frames have them."""
+    frames = [frame_of(path) for path in (one, other)]
+    for frame in frames:
+        for name in ("time_s", "force_n", "location_mm", "phase1_deg", "snr_db", "interference"):
+            frame[name] = pandas.to_numeric(frame[name])
+        frame["touch"] = frame["touch"].astype(float)
+    columns = ["time_s", "sensor", "touch", "force_n", "flags", "group", "run", "time_utc"]
+    pandas.testing.assert_frame_equal(*(frame[columns] for frame in frames), check_exact=True)
+    return len(frames[0])
+
+
+def test_parquet_values_equal_those_of_csv_and_join_with_others(tmp_path):
+    """Groups of rows change nothing; equal rounding lets frames be joined on time_s or group."""
+    files = [written(tmp_path / f"out.{kind}", 5000) for kind in ("csv", "parquet")]
+    assert same_values(*files) == 5000
+    frame = frame_of(files[1])
+    assert str(frame["group"].dtype) == "int64" and str(frame["force_n"].dtype) == "float64"
+    assert len(frame.merge(frame_of(files[0]), on=["time_s", "sensor", "group"])) == 5000
+    assert parquet.ParquetFile(files[1]).num_row_groups == 2
+
+
+def test_parquet_of_interrupted_run_is_valid(tmp_path):
+    path = tmp_path / "out.parquet"
+    with pytest.raises(KeyboardInterrupt), ParquetWriter(path) as writer:
+        for reading in readings(10):
+            writer.write(reading)
+        raise KeyboardInterrupt
+    assert len(pandas.read_parquet(path)) == 10
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "mcap"])
+def test_writer_that_is_refused_keeps_former_file(tmp_path, suffix):
+    path = tmp_path / f"out.{suffix}"
+    path.write_bytes(b"former")
+    writer = (ParquetWriter if suffix == "parquet" else McapWriter)(path)
+    with pytest.raises(KeyboardInterrupt), writer:
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"former"
+    with OutputFile(path, append=True):
+        with pytest.raises(InputError, match="is being written to by another process"):
+            writer.begin()
+
+
+@pytest.mark.parametrize("options", [["--append"], ["--rotate", "1h"]])
+def test_live_parquet_cannot_be_continued(tmp_path, options):
+    output = tmp_path / "out.parquet"
+    words = ["live", "--scene", "demo", "--args", "addr=127.0.0.9", "-o", output, *options]
+    done = run_command(*words)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "nothing can be appended to Parquet; use .csv or .jsonl" in done.stderr
+
+
+class FullDisk:
+    """Lets a file grow to so many bytes, and by the reserve once that is given back."""
+
+    def __init__(self, monkeypatch, room):
+        self._room = room
+        monkeypatch.setattr(output_file, "_reserved", lambda folder, size: self)
+        monkeypatch.setattr(output_file, "open", self._open, raising=False)
+
+    def _open(self, path, *_, **__):
+        disk, file = self, io.FileIO(path, "a")
+        self._path = path
+
+        class Limited(io.FileIO):
+            def write(self, data):
+                free = disk._room - os.path.getsize(path)
+                if free <= 0:
+                    raise OSError(errno.ENOSPC, "No space left on device")
+                return super().write(memoryview(data)[:free])
+
+        file.close()
+        return Limited(path, "a")
+
+    def close(self):
+        """What the reserve's space is given back by."""
+        self._room += 1_000_000
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "mcap"])
+def test_full_disk_ends_run_with_all_rows_in_a_valid_file(tmp_path, monkeypatch, suffix):
+    """The space held back holds what waits, and the end of the file."""
+    path = tmp_path / f"out.{suffix}"
+    FullDisk(monkeypatch, 10_000)
+    writer = (ParquetWriter if suffix == "parquet" else McapWriter)(path)
+    with pytest.raises(OutputError, match="disk full.*until then are kept"), writer:
+        for reading in readings(100_000):
+            writer.write(reading)
+    rows = writer.rows
+    assert 0 < rows < 20_000
+    if suffix == "parquet":
+        assert len(pandas.read_parquet(path)) == rows
+    else:
+        kept = len(bag_messages(path)["/wiforce/arm/reading"])
+        assert kept in (rows, rows + 1)  # the wrench of the last reading may be missing
+
+
+def test_mcap_at_limit_of_size_keeps_whole_chunks(tmp_path, monkeypatch):
+    """Where no space can be given back, the file has no index, but can be recovered."""
+    path = tmp_path / "out.mcap"
+    disk = FullDisk(monkeypatch, 20_000)
+    monkeypatch.setattr(disk, "close", lambda: None)
+    writer = McapWriter(path)
+    with pytest.raises(OutputError, match="No space left.*but those of the last seconds"), writer:
+        for reading in readings(100_000):
+            writer.write(reading)
+    assert writer.rows > 100 and len(list(mcap_rows(path))) > writer.rows - 50
+
+
+KILLED = """
+import os, signal, sys
+from gnuradio.wiforce.io.mcap_file import McapWriter
+from gnuradio.wiforce.io.readings import Reading
+writer = McapWriter(sys.argv[1])
+for group in range(200):
+    writer.write(Reading(0.018 + 0.036 * group, "arm", 1, 4.0, 0.1, 45.0, 0.2, group=group))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_mcap_of_killed_process_is_recovered_but_for_its_last_second(tmp_path):
+    path = tmp_path / "out.mcap"
+    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    assert run_command("export", path, "-o", tmp_path / "out.csv").returncode == 0
+    assert 200 - 1.2 / 0.036 < len(frame_of(tmp_path / "out.csv")) < 200
+
+
+def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
+    """Whatever a power failure leaves, what can be read is right."""
+    path, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    with McapWriter(path) as writer:
+        for reading in readings(100):
+            writer.write(reading)
+    data, whole = path.read_bytes(), list(mcap_rows(path))
+    assert len(whole) == 100
+    counts = []
+    for length in np.random.default_rng(3).integers(8, len(data), 40):
+        cut.write_bytes(data[:length])
+        rows = list(mcap_rows(cut))
+        assert rows == whole[: len(rows)]
+        counts.append(len(rows))
+    assert 0 in counts and len(set(counts)) > 2
+
+
+def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):
+    """What a reader that runs for weeks writes to: no run replaces the file of another."""
+    for _ in range(2):
+        output = McapFile(partial(open_mcap, str(tmp_path), [], {}, ["arm"]), most_bytes=30_000)
+        output.begin()
+        for reading in readings(1000):
+            output.take(reading, {})
+        output.close()
+    files = sorted(tmp_path.glob("*Z.mcap"))
+    groups = [m.group for path in files for m in bag_messages(path)["/wiforce/arm/reading"]]
+    assert groups == 2 * list(range(1000)) and len(files) >= 4
+
+
+def test_mcap_without_utc_counts_time_from_the_first_sample(tmp_path):
+    path = tmp_path / "out.mcap"
+    with McapWriter(path) as writer:
+        for reading in readings(8):
+            writer.write(reading)
+    with open(path, "rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert times == sorted(2 * [18_000_000 + 36_000_000 * group for group in range(8)])
+
+
+def test_mcap_reading_without_utc_has_the_time_of_the_one_before(tmp_path):
+    """The time axis of a viewer would begin in 1970 for one reading."""
+    path = tmp_path / "out.mcap"
+    with McapWriter(path) as writer:
+        for reading, utc in zip(readings(2), ("2026-01-31T23:59:59.000000Z", ""), strict=True):
+            writer.write(reading, {"time_utc": utc})
+    with open(path, "rb") as file:
+        times = {message.log_time for _, _, message in make_reader(file).iter_messages()}
+    assert times == {1769903999 * 10**9}
+
+
+@pytest.mark.parametrize("source", ["csv", "jsonl", "parquet"])
+@pytest.mark.parametrize("form", ["csv", "json", "parquet"])
+def test_export_keeps_every_value(tmp_path, source, form):
+    path = written(tmp_path / f"in.{source}")
+    output = tmp_path / f"out.{ {'json': 'jsonl'}.get(form, form) }"
+    done = run_command("export", path, "--to", form, "-o", output)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == f"gr-wiforce: wrote 20 readings to {output}\n"
+    assert same_values(path, output) == 20
+
+
+def test_export_to_mcap_and_back_keeps_every_byte(tmp_path):
+    path, back = written(tmp_path / "press.csv"), tmp_path / "back.csv"
+    assert run_command("export", path, "--to", "mcap").returncode == 0
+    assert run_command("export", tmp_path / "press.mcap", "-o", back).returncode == 0
+    assert back.read_text() == path.read_text()
+
+
+def test_export_from_mcap_keeps_surfaces(tmp_path):
+    """y became empty, and the torque of lines in the same table unknown, without a word."""
+    table = (
+        "time_s,sensor,touch,force_n,location_mm,flags,y_mm,y_std_mm,cov_x_y,device_time_s\n"
+        "0.018,low,1,2.0,45.0,,,,,3.5\n"
+        "0.018,skin,1,4.0,45.0,,12.5,0.4,,3.5\n"
+        "0.054,skin,0,,,,,,,\n"
+    )
+    (tmp_path / "a.csv").write_text(table)
+    for source, out in (("a.csv", "b.mcap"), ("b.mcap", "c.csv"), ("c.csv", "d.mcap")):
+        done = run_command("export", tmp_path / source, "-o", tmp_path / out)
+        assert done.returncode == 0 and "left out" not in done.stderr
+    rows = list(ReadingsFile(tmp_path / "c.csv").rows())
+    assert [row["y_mm"] for row in rows] == [None, 12.5, None]
+    assert [row["y_std_mm"] for row in rows] == [None, 0.4, None]
+    assert [row["device_time_s"] for row in rows] == [3.5, 3.5, None]
+    for name in ("b.mcap", "d.mcap"):
+        found = bag_messages(tmp_path / name)
+        torque = found["/wiforce/skin/wrench"][0].wrench.torque
+        assert (torque.x, torque.y) == pytest.approx((-0.05, 0.18))
+        torque = found["/wiforce/low/wrench"][0].wrench.torque
+        assert (torque.x, torque.y) == pytest.approx((0, 0.09))
+
+
+def test_export_to_mcap_warns_only_of_what_is_lost(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "time_s,sensor,y_mm,cov_x_y,cov_force_y,ok\n0.018,skin,12.5,0.1,,True\n"
+    )
+    done = run_command("export", tmp_path / "a.csv", "--to", "mcap")
+    assert "columns without a field in MCAP are left out: cov_x_y, ok\n" in done.stderr
+
+
+def test_export_to_unknown_suffix_names_those_that_exist(tmp_path):
+    path = written(tmp_path / "press.csv")
+    done = run_command("export", path, "-o", tmp_path / "press.json")
+    assert done.returncode == 2
+    assert "must end in .mcap or .parquet or .csv or .jsonl, got" in done.stderr
+
+
+def test_export_to_mcap_and_its_metadata(tmp_path):
+    path = written(tmp_path / "press.csv")
+    done = run_command("export", path, "--to", "mcap", "--scene", "demo")
+    assert done.returncode == 0
+    found = bag_messages(tmp_path / "press.mcap")
+    forces = [message.force_n for message in found["/wiforce/arm/reading"]]
+    frame = frame_of(path)
+    assert np.array_equal(forces, frame["force_n"], equal_nan=True)
+    assert found["/wiforce/arm/reading"][1].run == RUN["run"]
+    with open(tmp_path / "press.mcap", "rb") as file:
+        (described,) = [each.metadata for each in make_reader(file).iter_metadata()]
+    assert json.loads(described["wiforce:scene"])["reference_s"] == 0.5
+    assert sorted(tmp_path.iterdir()) == [path, tmp_path / "press.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "rule"),
+    [
+        ("in.txt", "", "readings must be in a .csv, .jsonl, .parquet or .mcap file"),
+        ("in.csv", "force_n\n1\n", "it has no column time_s"),
+        ("in.csv", "time_s,sensor\n0.1,arm\nx,arm\n", "row 2: is no reading"),
+        (
+            "in.csv",
+            "time_s,sensor\n0.1\n",
+            "line 2: must have as many fields as there are columns, 2, got 1",
+        ),
+        ("in.jsonl", '{"time_s": 0.1, "sensor": "arm"}\n{"time', "line 2: is not JSON"),
+        ("in.parquet", "PAR1", "is not a complete Parquet file"),
+        ("in.mcap", "MCAP", "is not an MCAP file"),
+        ("missing.mcap", None, "cannot be read"),
+        ("missing.csv", None, "cannot be read"),
+        ("missing.parquet", None, "cannot be read"),
+    ],
+)
+def test_export_of_broken_file_is_refused_in_one_line(tmp_path, name, content, rule):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    done = run_command("export", tmp_path / name, "-o", tmp_path / "out.csv")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert rule in done.stderr and str(tmp_path / name) in done.stderr
+    assert not (tmp_path / "out.csv").exists() and len(list(tmp_path.iterdir())) < 2
+
+
+def test_export_reads_parquet_of_several_captures_with_their_names(tmp_path):
+    path = written(tmp_path / "in.parquet", also=("run", "time_utc"))
+    table = parquet.read_table(path)
+    parquet.write_table(table.append_column("capture", [["day/1"] * 20]), path)
+    rows = list(ReadingsFile(path).rows())
+    assert rows[3]["capture"] == "day/1" and rows[3]["flags"] == "weak" and rows[2]["touch"] is None

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command: subcommands, one line per failure, exit status."""
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+import warnings
+
+import click
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from wiforce_app import main as app
+from wiforce_app.shell import blas
+
+
+def run_process(*arguments, **options):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
+    )
+
+
+@pytest.fixture
+def raising(monkeypatch):
+    """Install a subcommand `fail` that raises a given error."""
+
+    def install(error):
+        @click.command()
+        def fail():
+            raise error
+
+        monkeypatch.setattr(app.command, "get_command", lambda ctx, name: fail)
+
+    return install
+
+
+def test_help_lists_the_subcommands():
+    done = run_process("--help")
+    assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
+
+
+def helps(each, name):
+    """Commands below this one that are not groups, by name."""
+    if not hasattr(each, "list_commands"):
+        return {name: each}
+    context = click.Context(each, info_name=name)
+    below = [helps(each.get_command(context, sub), sub) for sub in each.list_commands(context)]
+    return {key: found for part in below for key, found in part.items()}
+
+
+def test_help_fits_on_a_screen_and_explains_all_options_on_request():
+    for name, each in helps(app.command, "gr-wiforce").items():
+        settings = app.command.context_settings
+        context = click.Context(each, info_name=name, terminal_width=80, **settings)
+        shown = each.get_help(context)
+        assert len(shown.splitlines()) <= 45, name
+        everything = each.full_help(context) if hasattr(each, "full_help") else shown
+        for parameter in each.params:
+            if isinstance(parameter, click.Option) and not parameter.hidden:
+                assert parameter.opts[-1] in shown, (name, parameter.opts)
+                assert re.search(rf"^  .*{parameter.opts[-1]}\b", everything, re.M), parameter.opts
+
+
+def test_list_shows_shipped_names_with_a_description():
+    from gnuradio.wiforce.scene import shipped_scenes
+    from gnuradio.wiforce.sensor import shipped_sensors
+
+    lines = run_command("list").stdout.splitlines()
+    shown = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
+    assert list(shown) == [*shipped_scenes(), *shipped_sensors()]
+    assert (
+        shown["walker"].startswith("A person walks")
+        and "simulated" in shown["line-900mhz-calibrated"]
+    )
+    assert run_command("list", "sensors").stdout.splitlines() == lines[lines.index("sensors") :]
+
+
+def test_version_option_prints_version_of_build():
+    from gnuradio.wiforce._config import VERSION
+
+    assert run_process("--version").stdout == f"gr-wiforce {VERSION}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["raed"], "No such command 'raed'. Did you mean 'read'?"),
+        (["--nonsense"], "No such option"),
+        (["simulate"], "simulate: Missing argument 'SCENE.yaml'"),
+        (["simulate", "a", "b", "c"], "unexpected extra argument"),
+        (["simulate", "a", "b", "--seed", "x"], "'x' is not a valid integer"),
+        (["simulate", "a", "b", "--datatype", "ci8"], "'ci8' is not one of"),
+        (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
+        (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
+        (["emulate", "--air", "cable", "--speed", "nan"], "--speed: must be positive and finite"),
+        (["emulate", "demo", "--air", "cable"], "SCENE: has no use with --air cable, got 'demo'"),
+        (
+            ["emulate", "demo", "--fault", "1 off leg"],
+            "--fault: sensor: must be one of the scene's",
+        ),
+        (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--control", "tcp://0.0.0.0:5556"],
+            "--control: needs --zmq-keys for an address beyond loopback",
+        ),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq-keys", "keys"],
+            "--zmq-keys: needs --zmq or --control",
+        ),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq", "5555", "--zmq-keys", "none"],
+            "none/server.key_secret: does not exist; `gr-wiforce keys FOLDER` makes keys",
+        ),
+        (["status", "5556", "--zmq-keys", "none"], "none: does not exist"),
+        (
+            ["status", "tcp://:5556"],
+            "ENDPOINT: must be a port from 1 to 65535, or tcp://ADDRESS:PORT",
+        ),
+        (["status", "tcp://*:5556"], "ENDPOINT: cannot be connected to (ADDRESS must be that of"),
+        (["keys", "none/keys"], "none/keys: cannot be written (folder does not exist)"),
+        (["keys", "/dev/null"], "/dev/null: must be a folder, but is a file"),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq", "tcp://nowhere.invalid:5555"],
+            "--zmq: cannot be bound (ADDRESS must be an IPv4 address of this machine",
+        ),
+        (
+            ["live", "--scene", "wifi_packets", "--args", "x"],
+            "--scene: must have no packets: a radio gives samples",
+        ),
+        (["live", "--scene", "demo", "--args", "x", "--tx-gain", "9dB"], "is not a valid number."),
+        (["read", "demo", "paper_900"], "demo: is a scene and not a capture; give it by --scene"),
+        (["survey", "demo"], "demo: is a scene and not a capture; give it by --scene"),
+        (["keys", "keys", "--client", "server"], "--client: must be letters"),
+        (["bench", "speed", "--only", "x"], "got 'x'"),
+        (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
+        (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
+    ],
+)
+def test_command_bad_usage_gives_one_line_and_status_2(tmp_path, arguments, message):
+    done = run_command(*arguments, cwd=tmp_path)  # elsewhere, there may be a folder demo
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("gr-wiforce: ") and message in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error, status, line",
+    [
+        (InputError("x.yaml: a.b", "must be 1", 2), 2, "gr-wiforce: x.yaml: a.b: must be 1, got 2"),
+        (InputError("x\x1b[1m\n", "is bad"), 2, "gr-wiforce: x [1m : is bad"),
+        (RuntimeError("deep\ntrouble"), 1, "gr-wiforce: RuntimeError: deep trouble"),
+        (KeyboardInterrupt(), 130, "gr-wiforce: interrupted"),
+    ],
+)
+def test_command_failure_gives_one_line_and_its_status(raising, capsys, error, status, line):
+    raising(error)
+    assert app.main(["fail"]) == status
+    assert capsys.readouterr().err.strip() == line
+
+
+def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
+    raising(RuntimeError("trouble"))
+    assert app.main(["--debug", "fail"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plan", "demo"], ["schema", "scene"]])
+def test_command_closed_pipe_ends_silently_as_by_sigpipe(arguments):
+    """A pipe into head must show no message, and a script must see that output is missing."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        ["gr-wiforce", *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_command_broken_pipe_that_is_not_standard_output_is_named(raising, capsys):
+    """click ends silently on any broken pipe, also on one to another process."""
+    raising(BrokenPipeError(32, "Broken pipe"))
+    assert app.main(["fail"]) == 1
+    assert "Broken pipe" in capsys.readouterr().err
+
+
+def test_command_full_standard_output_is_named():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            ["gr-wiforce", "list"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    message = "gr-wiforce: standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, message)
+
+
+def test_command_closed_standard_output_is_an_error():
+    """Otherwise the next opened file would get its descriptor, and the output."""
+    done = run_process("list", preexec_fn=lambda: os.close(1))
+    assert (done.returncode, done.stderr) == (
+        1,
+        "gr-wiforce: standard output: Bad file descriptor\n",
+    )
+
+
+def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
+    script = (
+        "from wiforce_app.shell.progress import progress\n"
+        "with progress('working', 4) as done: done(2); done(2)\n"
+    )
+    piped = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    assert (piped.stdout, piped.stderr) == (b"", b"")
+    terminal, end = pty.openpty()
+    subprocess.run([sys.executable, "-c", script], stderr=end, timeout=60, check=True)
+    os.close(end)
+    drawn = os.read(terminal, 10_000)
+    os.close(terminal)
+    assert b"working" in drawn and b"100%" in drawn
+
+
+def test_command_on_a_home_that_cannot_be_written_prints_its_own_lines_only(tmp_path):
+    """Matplotlib's advice on its own settings hid the line that mattered."""
+    path = tmp_path / "out.png"
+    code = (
+        "import sys, warnings; from wiforce_app import main; "
+        "main._silence_libraries(); warnings.warn('of NumPy'); "
+        "from wiforce_app.shell.plots import plot_readings; "
+        "from gnuradio.wiforce.io.readings import Reading; "
+        f"plot_readings([Reading(0.1, 'arm'), Reading(0.2, 'arm')], {str(path)!r})"
+    )
+    environment = {**os.environ, "HOME": "/nonexistent", "MPLCONFIGDIR": "/proc/none"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment
+    )
+    assert (done.returncode, done.stderr) == (0, "") and path.exists()
+
+
+def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
+    from gnuradio.wiforce.io.readings import Reading
+    from wiforce_app.shell.plots import plot_readings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plot_readings([Reading(0.1, "arm"), Reading(0.2, "arm")], tmp_path / "out.png")
+
+
+@pytest.mark.parametrize(
+    "arguments, status",
+    [
+        (("list", "sensors"), 0),
+        (("simulate", "same.yaml", "x"), 0),
+        (("plan", "bad.yaml"), 2),
+        (("--nonsense",), 2),
+    ],
+)
+def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, status):
+    """Most tests of the command start no process; they must find what a user's shell would."""
+    same = {"sensors": [{"name": "arm", "model": "line-900mhz"}], "simulation": {"duration_s": 0.1}}
+    found = []
+    for run in (run_process, run_command):
+        folder = tmp_path / run.__name__
+        folder.mkdir()
+        (folder / "bad.yaml").write_text("sensors: []\n")
+        (folder / "same.yaml").write_text(json.dumps(same))
+        done = run(*arguments, cwd=folder)
+        files = sorted(path.name for path in folder.iterdir())
+        found.append((done.returncode, done.stdout, done.stderr, files))
+    assert found[0] == found[1] and found[0][0] == status
+
+
+@pytest.mark.parametrize(
+    ("flags", "kernels"),
+    [("fpu sse2 avx2 fma", "Haswell"), ("fpu sse2 avx avx2", None), ("", None)],
+)
+def test_blas_settings_by_processor(tmp_path, flags, kernels):
+    cpuinfo = tmp_path / "cpuinfo"
+    cpuinfo.write_text(f"processor\t: 0\nflags\t\t: {flags}\n")
+    chosen = blas.settings(cpuinfo, tmp_path / "numpy")
+    assert chosen["OPENBLAS_NUM_THREADS"] == "1"
+    assert chosen.get("OPENBLAS_CORETYPE") == kernels
+    (tmp_path / "numpy.libs").mkdir()  # of a wheel
+    assert blas.settings(cpuinfo, tmp_path / "numpy") == {"OPENBLAS_NUM_THREADS": "1"}
+
+
+def test_command_uses_stated_kernels_of_blas():
+    environment = {name: value for name, value in os.environ.items() if "OPENBLAS" not in name}
+    command = [sys.executable, "-c", _ARCHITECTURE]
+    used = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    stated, *kernels = used.stdout.split()
+    assert stated == str(blas.settings().get("OPENBLAS_CORETYPE"))
+    # None where NumPy has another library; its own choice where nothing is stated.
+    assert kernels in (["Haswell"], []) or stated == "None"
+
+
+_ARCHITECTURE = """
+import os, wiforce_app, numpy, threadpoolctl
+print(os.environ.get("OPENBLAS_CORETYPE"))
+for library in threadpoolctl.threadpool_info():
+    if library["internal_api"] == "openblas":
+        print(library["architecture"])
+"""

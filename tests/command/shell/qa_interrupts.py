@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ctrl-C and SIGTERM: where they may end a command, and where files come first."""
+
+import os
+import signal
+
+import pytest
+from gnuradio.wiforce.errors import OutputError
+from gnuradio.wiforce.scene import load_scene
+from wiforce_app.read.file_outputs import FileOutputs
+from wiforce_app.shell.interrupts import Terminated, interrupt_by_exception, uninterrupted
+
+INTERRUPTIONS = [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)]
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Those of the command; afterwards those of pytest."""
+    kept = {number: signal.getsignal(number) for number, _ in INTERRUPTIONS}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupt_by_exception()
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+class Rows:
+    """An output that is interrupted, or fails, while it is written to or ended."""
+
+    def __init__(self, *signals, failure=None):
+        self.rows, self.closed = 0, False
+        self._signals, self._failure = signals, failure
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.closed = True
+
+    def write(self, reading):
+        for number in self._signals:
+            os.kill(os.getpid(), number)
+        if self._failure is not None:
+            raise self._failure
+        self.rows += 1
+
+
+def outputs_of(*writers):
+    """FileOutputs with other writers than those of files."""
+    outputs = FileOutputs(None, None, [], load_scene("demo"))
+    outputs._writers = list(writers)
+    return outputs
+
+
+@pytest.mark.parametrize("number, expected", INTERRUPTIONS)
+def test_interruption_of_a_row_waits_until_it_is_in_all_files(number, expected):
+    """MCAP lost all rows of its last chunk, while the CSV beside it had them."""
+    first, second = Rows(number), Rows()
+    with pytest.raises(expected) as found, outputs_of(first, second) as outputs:
+        outputs.write(None)
+    assert found.type is expected
+    assert (first.rows, second.rows) == (1, 1) and first.closed and second.closed
+
+
+def test_interruption_does_not_hide_that_a_file_is_full():
+    full = Rows(signal.SIGINT, failure=OutputError("out.csv", "disk full"))
+    second = Rows()
+    with pytest.raises(OutputError, match="disk full"), outputs_of(full, second) as outputs:
+        outputs.write(None)
+    assert second.rows == 1
+    with uninterrupted():
+        pass  # nothing waits any more
+
+
+def test_interruption_of_nested_blocks_waits_for_the_outermost():
+    done = []
+    with pytest.raises(KeyboardInterrupt), uninterrupted():
+        with uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+        done.append("outer")
+    assert done == ["outer"]
+
+
+def test_interruption_elsewhere_is_immediate():
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        pytest.fail("went on")
+
+
+def test_ignored_interruption_stays_ignored():
+    """A shell lets its background commands ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    interrupt_by_exception()
+    os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tasks in other processes: results, errors and processes that end too early."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from gnuradio.wiforce.errors import InputError, OutputError
+from wiforce_app.shell.task_process import run_in_child
+from wiforce_app.shell.workers import WorkerLost, run_tasks
+
+
+def square_or_fail(number):
+    """A task: its square, or an error for odd numbers."""
+    if number % 2:
+        raise InputError("number", "must be even", number)
+    return number**2, os.getpid()
+
+
+def end_process_once(folder):
+    """A task whose first attempt is killed, as by a system that is out of memory."""
+    mark = Path(folder) / "attempted"
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def end_process(_):
+    """A task that is killed whenever it is attempted."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def note_process(folder):
+    """A task that leaves a file named after its process, and takes long the second time."""
+    mark = Path(folder) / str(os.getpid())
+    if mark.exists():
+        time.sleep(60)
+    mark.touch()
+
+
+def note_process_and_stay(folder):
+    """A task that leaves a file named after its process, and takes long."""
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60)
+
+
+class _Unpicklable(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} {two}")
+
+
+def fail_oddly(_):
+    """A task whose error cannot be sent to another process."""
+    raise _Unpicklable(1, 2)
+
+
+def test_run_tasks_returns_each_result_and_error_once():
+    outcomes = {outcome.index: outcome for outcome in run_tasks(square_or_fail, range(6), 2)}
+    assert sorted(outcomes) == list(range(6))
+    assert [outcomes[i].get()[0] for i in (0, 2, 4)] == [0, 4, 16]
+    assert os.getpid() not in {outcomes[i].get()[1] for i in (0, 2, 4)}
+    with pytest.raises(InputError, match="number: must be even, got 3"):
+        outcomes[3].get()
+
+
+def test_run_tasks_repeats_task_whose_process_was_killed(tmp_path):
+    (outcome,) = run_tasks(end_process_once, [str(tmp_path)], 1)
+    assert outcome.get() == "done"
+
+
+def test_run_tasks_gives_up_task_that_always_kills_its_process():
+    """One poisonous capture must neither stop the others nor be tried for ever."""
+    (outcome,) = run_tasks(end_process, [0], 1)
+    with pytest.raises(WorkerLost, match="ended 3 times"):
+        outcome.get()
+
+
+def test_run_tasks_with_error_that_cannot_be_pickled_keeps_its_text():
+    (outcome,) = run_tasks(fail_oddly, [0], 1)
+    with pytest.raises(RuntimeError, match="_Unpicklable: 1 2"):
+        outcome.get()
+
+
+def test_output_error_survives_the_way_between_processes():
+    error = pickle.loads(pickle.dumps(OutputError("a.csv", "cannot be written (disk full)")))
+    assert str(error) == "a.csv: cannot be written (disk full)"
+
+
+def test_task_process_keeps_what_a_task_prints_apart_from_its_outcome():
+    """A library that prints would cost the readings of its capture."""
+    status, answer, errors = run_in_child(pickle.dumps((print, "noise")))
+    assert status == 0 and pickle.loads(answer) == ("result", None) and errors == b"noise\n"
+
+
+def test_task_process_ends_with_the_worker_of_a_cluster(tmp_path):
+    """It read on, and left its file when the command had removed all others."""
+    program = f"""
+import pickle, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from qa_workers import note_process_and_stay
+from wiforce_app.shell.task_process import run_in_child
+run_in_child(pickle.dumps((note_process_and_stay, {str(tmp_path)!r})))
+"""
+    with subprocess.Popen([sys.executable, "-c", program]) as worker:
+        while not (found := list(tmp_path.glob("[0-9]*"))):
+            time.sleep(0.01)
+        worker.kill()
+    deadline = time.monotonic() + 20
+    while (Path("/proc") / found[0].name).exists():
+        assert time.monotonic() < deadline, "the process is left"
+        time.sleep(0.05)
+
+
+def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):
+    """They kept their memory until the machine was started again."""
+    program = f"""
+import os, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from qa_workers import note_process
+from wiforce_app.shell.workers import run_tasks
+if __name__ == "__main__":
+    outcomes = run_tasks(note_process, [{str(tmp_path)!r}] * 3, 2)
+    next(outcomes)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    (tmp_path / "program.py").write_text(program)
+    with open(tmp_path / "errors", "w") as errors:
+        done = subprocess.run([sys.executable, tmp_path / "program.py"], stderr=errors)
+    assert done.returncode == -signal.SIGKILL
+    workers = [Path("/proc") / file.name for file in tmp_path.glob("[0-9]*")]
+    assert workers
+    deadline = time.monotonic() + 20
+    while any(worker.exists() for worker in workers):
+        assert time.monotonic() < deadline, "a worker is left"
+        time.sleep(0.05)
+    assert "Traceback" not in (tmp_path / "errors").read_text()
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://", "host:port", "127.0.0.1:8786/x"])
+def test_scheduler_that_is_no_address_is_refused(address):
+    with pytest.raises(InputError, match="--scheduler: must be an address as tcp://HOST:8786"):
+        list(run_tasks(square_or_fail, [2], scheduler=address))

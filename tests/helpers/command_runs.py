@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ``gr-wiforce`` command, run inside the process of the tests.
+
+A process of its own takes half a second of processor time to import the package. Only tests of a
+process start one: of signals, standard streams, limits, imports and live runs.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from contextlib import ExitStack, chdir, contextmanager
+
+from wiforce_app import main
+from wiforce_app.shell.log import log
+
+
+@contextmanager
+def _redirected(name):
+    """The file that replaces a standard stream, of Python and of libraries in C++."""
+    stream = getattr(sys, name)
+    number = {"stdout": 1, "stderr": 2}[name]
+    stream.flush()
+    kept = os.dup(number)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), number)
+        replaced = open(number, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+        setattr(sys, name, replaced)
+        try:
+            yield file
+        finally:
+            replaced.flush()
+            setattr(sys, name, stream)
+            os.dup2(kept, number)
+            os.close(kept)
+
+
+def _text(file):
+    file.seek(0)
+    return file.read().decode()
+
+
+def run_command(*arguments, cwd="."):
+    """Run the command as its entry function does.
+
+    Parameters
+    ----------
+    *arguments : object
+        Arguments of the command, converted to strings.
+    cwd : str or Path
+        Folder in which it runs.
+
+    Returns
+    -------
+    subprocess.CompletedProcess
+        With ``returncode``, ``stdout`` and ``stderr`` as text.
+    """
+    words = [str(argument) for argument in arguments]
+    with ExitStack() as conditions:
+        conditions.enter_context(chdir(cwd))
+        conditions.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")
+        output, errors = (conditions.enter_context(_redirected(n)) for n in ("stdout", "stderr"))
+        log.set_up()
+        status = main.main(words)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        return subprocess.CompletedProcess(words, status, _text(output), _text(errors))

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clocks of many tags: distances of all strong lines, and how many fit."""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.planning.advice import improve
+from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
+from gnuradio.wiforce.planning.clocks.proposals import propose_clocks
+from gnuradio.wiforce.planning.clocks.spacing import line_distances_hz, most_that_fit
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+from long_cases import cases
+
+WAVEFORM = sounding_waveform()
+STRONG = (1, 2, 4)
+
+
+def line_gap_hz(clocks_hz, tolerance_ppm):
+    """Least distance of strong lines of two tags, clocks at either end of their tolerance."""
+    errors = (1 - 1e-6 * tolerance_ppm, 1 + 1e-6 * tolerance_ppm)
+    return min(
+        abs(a * x * one - b * y * other)
+        for one, other in itertools.combinations(clocks_hz, 2)
+        for a, b, x, y in itertools.product(STRONG, STRONG, errors, errors)
+    )
+
+
+def bin_hz(group_length):
+    return 1 / (group_length * WAVEFORM.snapshot_period_s)
+
+
+def scene_of(clocks_hz, group_length, **sections):
+    sensors = [
+        {"name": f"s{i}", "model": "line-900mhz", "clock_hz": hz} for i, hz in enumerate(clocks_hz)
+    ]
+    return {"phase_group": {"snapshots": group_length}, "sensors": sensors, **sections}
+
+
+@pytest.mark.parametrize("group_length, tolerance_ppm", cases((1250, 500.0), long=((625, 100.0),)))
+def test_propose_clocks_sixteen_tags_keep_strong_lines_two_bins_apart(group_length, tolerance_ppm):
+    """Lines that meet because crystals are off by their tolerance would swap two sensors."""
+    start = time.process_time()
+    clocks = propose_clocks(16, WAVEFORM, group_length, tolerance_ppm=tolerance_ppm)
+    took_s = time.process_time() - start
+    assert len(set(clocks)) == 16
+    assert line_gap_hz(clocks, tolerance_ppm) >= 2 * bin_hz(group_length)
+    assert max(clocks) * 4 <= 0.9 * 0.5 / WAVEFORM.snapshot_period_s
+    assert assess_clocks(clocks, WAVEFORM, group_length, None, tolerance_ppm).worst_loss_db < 1.5
+    assert took_s < 30  # 2 s on an idle core
+
+
+def test_propose_clocks_sixteen_tags_are_accepted_by_the_plan_and_far_from_lamps():
+    """Clocks that the reader refuses, or that lamps disturb, are no proposal."""
+    clocks = propose_clocks(16, WAVEFORM, 1250)
+    planned = plan(scene_of(clocks, 1250))
+    assert max(planned.loss_db) < 1.0
+    lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
+    gaps = [np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG]
+    assert min(gaps) >= bin_hz(1250)
+
+
+def test_propose_clocks_twice_gives_the_same():
+    """A scene made from a proposal must not depend on the day it was made."""
+    first = propose_clocks(6, WAVEFORM, 625, taken=[1035.0])
+    assert propose_clocks(6, WAVEFORM, 625, taken=[1035.0]) == first
+
+
+@pytest.mark.parametrize("group_length", cases(125, long=(63, 250)))
+def test_propose_clocks_too_many_names_the_number_that_fits(group_length):
+    """A user must learn how many sensors are possible, and get them when asking for so many."""
+    with pytest.raises(InputError, match="longer phase groups") as caught:
+        propose_clocks(16, WAVEFORM, group_length)
+    fitting = int(str(caught.value).split("at most ")[1].split(":")[0])
+    clocks = propose_clocks(fitting, WAVEFORM, group_length)
+    assert len(clocks) == fitting >= 2
+    assert line_gap_hz(clocks, 100.0) >= bin_hz(group_length)
+    plan(scene_of(clocks, group_length))
+
+
+def test_propose_clocks_are_readable_beside_those_taken():
+    proposed = propose_clocks(2, WAVEFORM, 625, taken=[1000])
+    assert len(proposed) == 2
+    assert line_gap_hz([1000, *proposed], 100.0) >= 2 * bin_hz(625)
+    report = assess_clocks([1000, *proposed], WAVEFORM, 625)
+    assert report.readable and report.worst_loss_db < 1.2
+
+
+def test_propose_clocks_clutter_leaves_no_room_raises():
+    with pytest.raises(InputError, match="count: must be at most 0: .*, got 1"):
+        propose_clocks(1, WAVEFORM, 64, clutter_hz=2000)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_line_distances_equal_search_over_lines_and_errors(seed):
+    """The table decides for all pairs at once what a comparison of lines would."""
+    rng = np.random.default_rng(seed)
+    clocks = rng.uniform(200, 2100, 12)
+    found = line_distances_hz(clocks[:, None], clocks, 300.0)
+    for i, j in itertools.combinations(range(12), 2):
+        expected = line_gap_hz((clocks[i], clocks[j]), 300.0)
+        nominal = line_gap_hz((clocks[i], clocks[j]), 0.0)
+        # Within reach of the tolerance lines may coincide between its two ends.
+        assert found[i, j] == pytest.approx(expected) or found[i, j] == 0 < nominal < 5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_most_that_fit_equals_exhaustive_search(seed):
+    """If it found too few, sensors would be refused for which there is room."""
+    rng = np.random.default_rng(seed)
+    # Some of an octave of 12 places, those within two too near, around the circle.
+    places = np.arange(12)
+    apart = np.abs(places[:, None] - places)
+    conflicts = np.minimum(apart, 12 - apart) < 3
+    free = rng.random(12) < 0.6
+    best = max(
+        sum(chosen)
+        for chosen in itertools.product((False, True), repeat=12)
+        if not np.any(np.array(chosen) & ~free)
+        and not np.any(np.triu(conflicts, 1)[np.ix_(chosen, chosen)])
+    )
+    assert most_that_fit(conflicts, free) == best > 0
+
+
+@pytest.mark.parametrize("bins", [1.0, 2.0, 4.0])
+def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
+    """The claim behind the search: lower octaves make room for no further tag."""
+    from gnuradio.wiforce.planning.clocks.proposals import _candidates, _Search
+    from gnuradio.wiforce.planning.clocks.pulses import double_rate_pulses
+
+    grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
+    search = _Search(grid, [], (WAVEFORM, 250, double_rate_pulses(), 100.0, 0.0), ())
+    most = search.fitting(bins * bin_hz(250))
+    conflicts = line_distances_hz(grid[:, None], grid, 100.0) < bins * bin_hz(250)
+    rng = np.random.default_rng(1)
+    found = 0
+    for _ in range(400):  # random sets that cannot be extended, tight ones more often than not
+        free, size = np.ones(len(grid), bool), 0
+        while free.any():
+            fewest = np.where(free, (conflicts & free).sum(axis=1) + rng.random(len(grid)) * 4, 1e9)
+            free &= ~conflicts[np.argmin(fewest)]
+            size += 1
+        found = max(found, size)
+    assert 2 <= found <= most <= found + 1
+
+
+def test_command_plan_clocks_lists_clocks_that_can_be_planned(tmp_path):
+    """Designers of many sensors begin with their clocks, before they have a scene that works."""
+    (tmp_path / "many.yaml").write_text("sensors: [{name: arm, model: line-900mhz}]\n")
+    done = run_command("plan", tmp_path / "many.yaml", "--clocks", "12")
+    lines = done.stdout.splitlines()
+    clocks = [float(line.split()[1]) for line in lines if line.startswith("clock_hz: ")]
+    plan(scene_of(clocks, 625))
+    apart_hz = float(next(line for line in lines if "apart" in line).split(" lie ")[1].split()[0])
+    assert len(clocks) == 12 and apart_hz == pytest.approx(line_gap_hz(clocks, 100.0), rel=5e-3)
+
+
+def test_command_plan_more_clocks_than_fit_is_refused_in_one_line(tmp_path):
+    """The number that fits is what the user needs in order to go on."""
+    text = "sensors: [{name: arm, model: line-900mhz}]\nphase_group: {snapshots: 63}\n"
+    (tmp_path / "short.yaml").write_text(text)
+    done = run_command("plan", tmp_path / "short.yaml", "--clocks", "16")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "--clocks: must be at most 3: no more tags fit" in done.stderr
+
+
+def test_improve_names_clocks_for_all_tags_that_lamps_disturb():
+    """Changing one clock at a time does not help where all of them lie on lines of lamps."""
+    found = improve(plan(scene_of([1000.0, 1400.0, 800.0], 625)))
+    (all_at_once,) = [p.change for p in found if p.change.startswith("sensors[0..2].clock_hz: ")]
+    clocks = [float(hz) for hz in all_at_once.split(": ")[1].split(",")]
+    assert line_gap_hz(clocks, 100.0) >= 2 * bin_hz(625)
+    lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
+    assert min(np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG) >= bin_hz(625)

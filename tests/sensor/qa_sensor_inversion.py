@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inversion: the right press, its standard deviation, and flags."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import load_sensor
+from long_cases import cases
+from plain_search import Search
+from sensor_laws import LAWS, brute_force_inversion, wrap
+
+PLACES = (20, 30, 40, 50, 60)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_sensor("line-900mhz-calibrated")
+
+
+@pytest.fixture(scope="module")
+def both():
+    """One model of two carriers."""
+    tables = []
+    for mhz in (900, 2400):
+        line = load_sensor(f"line-{mhz}mhz")
+        tables.append(measure_vna(line, PLACES, np.arange(1, 8.1, 0.25), 0.2, seed=mhz))
+    joined = {
+        name: np.concatenate([getattr(table, name) for table in tables])
+        for name in ("row", "frequency_hz", "location_mm", "port", "force_n", "phase_deg", "press")
+    }
+    return calibrate(type(tables[0])("both", **joined), "both")
+
+
+def solutions(model, phases_deg, std_deg):
+    """Every press that explains one reading, by the plain search."""
+    return Search(model.inverter().forward).solutions(phases_deg, np.full(2, std_deg**2))
+
+
+def presses(count, seed=1, span=(1.5, 7.5), places=(21, 59)):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(*span, count), rng.uniform(*places, count), rng
+
+
+@pytest.mark.parametrize(
+    "name", cases("line-900mhz-calibrated", long=("wiforce-2400mhz", "paper-900mhz"))
+)
+def test_search_over_a_fine_grid_finds_nothing_nearer(name):
+    model = load_sensor(name)
+    forces = np.arange(0.95, 9.5, 0.01)
+    places = np.arange(15.0, 65.0, 0.05)
+    grid = model.phases_deg(forces[:, None], places)
+    force, place, rng = presses(12, seed=2)
+    phases = model.phases_deg(force, place) + rng.normal(0, 0.2, (12, 2))
+    for pair in phases:
+        found = solutions(model, pair, 0.2)
+        nearest = brute_force_inversion(pair, grid, forces, places)
+        away = np.hypot(*wrap(model.phases_deg(*nearest) - pair))
+        reached = np.hypot(*wrap(model.phases_deg(found.force_n[0], found.location_mm[0]) - pair))
+        # along a fold of the image a hundredth of a degree is no difference (std 0.2 deg)
+        assert reached <= away + 0.01
+        gaps = np.abs(found.force_n - nearest[0]) / 0.05 + np.abs(found.location_mm - nearest[1])
+        # the grid's point is one of the solutions, unless force is hardly observable there
+        assert gaps.min() < 1.5 or "force-unobservable" in model.invert(pair[None], 0.2).flags[0]
+
+
+def test_invert_compact_posterior_equals_search(model):
+    force, place, rng = presses(300)
+    phases = model.phases_deg(force, place) + rng.normal(0, 0.1, (300, 2))
+    found = model.invert(phases, 0.1)
+    for i in range(0, 300, 10):
+        exact = solutions(model, phases[i], 0.1)
+        # the posterior is compact here: its mode and the covariance there
+        assert found.force_n[i] == pytest.approx(exact.force_n[0], abs=1e-3)
+        assert found.location_mm[i] == pytest.approx(exact.location_mm[0], abs=1e-3)
+        assert found.covariance[i] == pytest.approx(exact.covariance[0], rel=0.01, abs=1e-4)
+
+
+def test_invert_batch_equals_single_readings(model):
+    force, place, rng = presses(60, span=(0.95, 9.5), places=(16, 64))
+    phases = model.phases_deg(force, place) + rng.normal(0, 0.5, (60, 2))
+    std = rng.uniform(0.1, 2.0, (60, 2))
+    batch = model.invert(phases, std)
+    for i in range(60):
+        one = model.invert(phases[i : i + 1], std[i])
+        for name in ("force_n", "force_std_n", "location_mm", "location_std_mm", "covariance"):
+            assert np.all(getattr(one, name)[0] == getattr(batch, name)[i])
+        assert one.flags[0] == batch.flags[i]
+
+
+def test_invert_phases_count_modulo_360(model):
+    force, place, rng = presses(40)
+    phases = model.phases_deg(force, place)
+    turned = phases + 360 * rng.integers(-3, 4, phases.shape)
+    plain, other = model.invert(phases, 0.1), model.invert(turned, 0.1)
+    assert other.force_n == pytest.approx(plain.force_n, abs=1e-9)
+    single = model.invert(turned[:1], 0.1)
+    assert single.location_mm[0] == pytest.approx(plain.location_mm[0], abs=1e-9)
+
+
+def test_invert_covariance_is_that_of_repeated_noise(model):
+    rng = np.random.default_rng(5)
+    std = np.array([0.2, 0.4])
+    phases = model.phases_deg(4.0, 33.0) + std * rng.standard_normal((4000, 2))
+    found = model.invert(phases, std)
+    spread = np.cov(found.force_n, found.location_mm)
+    own = model.model_std_deg(4.0, 33.0)
+    stated = found.covariance.mean(axis=0)
+    # the model's own error is stated as well: it is there even without noise
+    slopes = np.linalg.inv(
+        np.column_stack(
+            [
+                (model.phases_deg(4.01, 33.0) - model.phases_deg(3.99, 33.0)) / 0.02,
+                (model.phases_deg(4.0, 33.05) - model.phases_deg(4.0, 32.95)) / 0.1,
+            ]
+        )
+    )
+    expected = spread + slopes @ np.diag(own**2) @ slopes.T
+    assert stated == pytest.approx(expected, rel=0.1, abs=5e-4)
+
+
+def test_invert_outside_the_calibration_is_extrapolated(model):
+    phases = model.phases_deg([4.0, 9.3, 4.0, 4.0], [40.0, 40.0, 63.0, 17.0])
+    flags = model.invert(phases, 0.1).flags
+    assert flags[0] == () and all("extrapolated" in flag for flag in flags[1:])
+
+
+def test_invert_phases_of_no_press_are_inconsistent(model):
+    # two presses at once show their outer edges: a short wider than any press
+    outer = [model.phases_deg(6.0, 25.0)[0], model.phases_deg(6.0, 55.0)[1]]
+    impossible = [outer, np.array(model.untouched_deg()) + 40.0]
+    found = model.invert(impossible, 0.3)
+    assert all("inconsistent" in flags for flags in found.flags)
+    single = model.invert(impossible[:1], 0.3)
+    assert "inconsistent" in single.flags[0]
+
+
+def test_invert_noise_at_the_rim_is_not_inconsistent(model):
+    rng = np.random.default_rng(3)
+    phases = model.phases_deg(np.full(50, 1.0), np.linspace(20, 60, 50))
+    found = model.invert(phases + rng.normal(0, 0.5, phases.shape), 0.5)
+    assert sum("inconsistent" in flags for flags in found.flags) <= 2
+
+
+def test_invert_aliases_are_ambiguous_unless_one_is_calibrated():
+    # at 2.4 GHz locations 62.46 mm apart look alike
+    narrow = load_sensor("line-2400mhz-calibrated")
+    phases = narrow.phases_deg(4.0, 22.0)
+    assert narrow.invert(phases[None], 0.1).location_mm[0] == pytest.approx(22.0, abs=0.2)
+    assert "ambiguous" not in narrow.invert(phases[None], 0.1).flags[0]
+    line = load_sensor("line-2400mhz")
+    wide = calibrate(
+        measure_vna(line, (6, 20, 30, 40, 50, 60, 74), np.arange(1, 5.1, 0.25), 0.05), "wide"
+    )
+    for place in (9.0, 9.0 + 62.457):
+        found = solutions(wide, wide.phases_deg(2.0, place), 0.3)
+        assert len(found.force_n) >= 2
+        reading = wide.invert(wide.phases_deg(2.0, place)[None], 0.3)
+        assert "ambiguous" in reading.flags[0]
+        # whichever is given, the standard deviation reaches the other
+        assert abs(reading.location_mm[0] - place) <= 2 * reading.location_std_mm[0]
+
+
+@pytest.mark.parametrize("name", ["paper-900mhz", "paper-2400mhz"])
+@pytest.mark.parametrize("noise_deg", [0.2, 1.0, 3.0])
+def test_invert_unobservable_force_is_never_confident(name, noise_deg):
+    model, rng = load_sensor(name), np.random.default_rng(3)
+    force = rng.uniform(1.0, 7.9, 4000)
+    force = force[model.in_span(force, 40.0)]
+    phases = model.phases_deg(force, 40.0)
+    found = model.invert(phases + rng.normal(0, noise_deg, phases.shape), noise_deg)
+    unobservable = np.array(["force-unobservable" in flags for flags in found.flags])
+    error = np.abs(found.force_n - force)
+    assert np.mean(unobservable) >= 0.999
+    assert np.mean(error <= 2 * found.force_std_n) >= 0.99
+    assert not np.any(error[~unobservable] > 3 * found.force_std_n[~unobservable])
+
+
+@pytest.mark.parametrize("name, noise_deg", [("wiforce-900mhz", 0.5), ("paper-2400mhz", 1.0)])
+def test_invert_wide_posterior_gives_its_mean(name, noise_deg):
+    model, rng = load_sensor(name), np.random.default_rng(8)
+    force, place = rng.uniform(2, 7.5, 200), rng.uniform(*model.location_span_mm, 200)
+    phases = model.phases_deg(force, place) + rng.normal(0, noise_deg, (200, 2))
+    found = model.invert(phases, noise_deg)
+    wide = (found.force_std_n > 0.6) & ["ambiguous" not in flags for flags in found.flags]
+    forward = model.inverter().forward
+    forces = np.linspace(*forward.force_n[[0, -1]], 300)
+    places = np.linspace(*forward.location_mm[[0, -1]], 800)
+    expected = model.phases_deg(forces[:, None], places)
+    variance = model.model_std_deg(forces[:, None], places) ** 2 + noise_deg**2
+    for i in np.flatnonzero(wide)[:12]:
+        chi_squared = np.sum(wrap(phases[i] - expected) ** 2 / variance + np.log(variance), axis=-1)
+        weight = np.exp(0.5 * (chi_squared.min() - chi_squared)).sum(axis=1)
+        weight /= weight.sum()
+        mean = weight @ forces
+        std = np.sqrt(weight @ (forces - mean) ** 2)
+        assert found.force_n[i] == pytest.approx(mean, abs=0.1 * std)
+        assert found.force_std_n[i] == pytest.approx(std, rel=0.1)
+
+
+def test_invert_where_force_is_unobservable_is_flagged():
+    for name in ("paper-900mhz", "paper-2400mhz"):
+        model = load_sensor(name)
+        forces = np.linspace(2, 7.5, 12)
+        rng = np.random.default_rng(4)
+        phases = model.phases_deg(np.repeat(forces, 10), 40.0)
+        found = model.invert(phases + rng.normal(0, 2.0, phases.shape), 2.0)
+        flagged = ["force-unobservable" in flags for flags in found.flags]
+        assert np.mean(flagged) >= 0.9
+        error = np.abs(found.force_n - np.repeat(forces, 10))
+        assert np.mean(error <= 2 * found.force_std_n) >= 0.9
+        assert np.median(found.force_std_n) > 1.0
+    line = load_sensor("line-900mhz-calibrated")
+    clear = line.invert(line.phases_deg(np.linspace(2, 7.5, 12), 40.0), 0.2)
+    assert not any("force-unobservable" in flags for flags in clear.flags)
+
+
+def test_invert_known_location_is_kept(model):
+    force, place, rng = presses(400)
+    place = np.round(place, -1)
+    phases = model.phases_deg(force, place) + rng.normal(0, 0.3, (400, 2))
+    known = model.invert(phases, 0.3, location_mm=place)
+    free = model.invert(phases, 0.3)
+    assert known.location_mm == pytest.approx(place) and np.all(known.location_std_mm == 0)
+    # the two ends tell force and place nearly apart here: knowing the place gains some per cent
+    assert np.mean(known.force_std_n / free.force_std_n) < 1.0
+    gain = np.mean((known.force_n - force) ** 2) / np.mean((free.force_n - force) ** 2)
+    assert gain < 1.0
+    assert 0.9 <= np.mean(np.abs(known.force_n - force) <= 2 * known.force_std_n) <= 0.99
+    for i in range(5):
+        forces = np.arange(0.95, 9.5, 0.002)
+        away = wrap(phases[i] - model.phases_deg(forces, place[i])) ** 2
+        weight = 1 / (0.3**2 + model.model_std_deg(forces, place[i]) ** 2)
+        best = forces[np.argmin(np.sum(weight * away - np.log(weight), axis=1))]
+        assert known.force_n[i] == pytest.approx(best, abs=0.01)
+    with pytest.raises(InputError, match="location_mm: must lie from"):
+        model.invert(phases[:1], 0.3, location_mm=79.5)
+
+
+def test_invert_two_carriers_beat_either(both):
+    force, place, rng = presses(40, seed=7)
+    low = both.phases_deg(force, place, 900e6) + rng.normal(0, 1.0, (40, 2))
+    high = both.phases_deg(force, place, 2400e6) + rng.normal(0, 1.0, (40, 2))
+    fused = both.invert(np.hstack([low, high]), 1.0)
+    alone = [both.invert(low, 1.0, frequency_hz=900e6), both.invert(high, 1.0, frequency_hz=2400e6)]
+    error = np.abs(fused.force_n - force)
+    assert np.median(error) < min(np.median(np.abs(a.force_n - force)) for a in alone) * 1.1
+    assert np.mean(error <= 2 * fused.force_std_n) >= 0.85
+    assert np.all(fused.force_std_n <= 1.05 * np.minimum(*(a.force_std_n for a in alone)))
+    # phases of different presses at the two carriers fit none
+    mixed = np.hstack([low[:1], both.phases_deg(force[:1], place[:1] + 8.0, 2400e6)])
+    assert "inconsistent" in both.invert(mixed, 0.3).flags[0]
+
+
+def test_invert_phases_not_finite_give_no_force(model):
+    found = model.invert([[np.nan, 10.0], [10.0, np.inf], *model.phases_deg([4.0], [40.0])], 0.1)
+    assert np.all(np.isnan(found.force_n[:2])) and np.isfinite(found.force_n[2])
+    assert found.flags[:2] == [("inconsistent",)] * 2
+    assert np.isnan(model.invert([[np.nan, 1.0]], 0.1).force_n[0])
+
+
+def test_invert_without_std_assumes_one_degree(model):
+    phases = model.phases_deg([3.0, 5.0], [30.0, 50.0])
+    assert model.invert(phases).force_std_n == pytest.approx(model.invert(phases, 1.0).force_std_n)
+
+
+def test_invert_bad_arguments_are_refused(model):
+    with pytest.raises(InputError, match="phases_deg: must have 2 columns"):
+        model.invert([[1.0, 2.0, 3.0]])
+    for std in (-0.1, np.nan, np.inf):
+        with pytest.raises(InputError, match="std_deg: must be finite"):
+            model.invert([[1.0, 2.0]], std)
+        with pytest.raises(InputError, match="std_deg: must be finite"):
+            model.invert([[1.0, 2.0], [3.0, 4.0]], std)
+
+
+def test_invert_empty_batch_gives_empty_result(model):
+    assert model.invert(np.zeros((0, 2)), 0.1).force_n.shape == (0,)
+
+
+def test_invert_line_model_recovers_its_presses():
+    line = load_sensor("line-900mhz")
+    force, place, _ = presses(50, span=(1.2, 9.5), places=(16, 64))
+    found = line.invert(line.phases_deg(force, place), 0.01)
+    assert np.abs(found.force_n - force).max() < 0.02
+    assert np.abs(found.location_mm - place).max() < 0.01
+    other = LAWS[0].phases_deg(4.0, 40.0, 900e6)
+    assert np.isfinite(line.invert(other[None], 0.1).force_n[0])

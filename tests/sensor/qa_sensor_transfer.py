@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sensor models at another carrier than that of their calibration."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas
+import pytest
+from command_runs import run_command
+from gnuradio import wiforce
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.tables import read_vna_csv
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.planning.advice import warnings
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
+from gnuradio.wiforce.sensor.transfer import transfer_std_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from sensor_laws import LAWS, LENGTH_MM, untouched_deg, vna_rows
+
+FORCES_N = np.linspace(0.9, 8.0, 24)
+LIGHT_MM_S = 299_792_458_000.0
+
+
+@dataclass(frozen=True)
+class Connected:
+    """A sensor behind connectors: a lossless mismatch with a length of cable on either side.
+
+    Its ports have different ones, so nothing of them cancels between the ends.
+    """
+
+    law: object
+    reflection: float
+    cables_mm: tuple
+
+    def _seen_deg(self, phases_deg, frequency_hz):
+        """Phases of the line's reflections as the reader sees them; shape (..., 2)."""
+        seen = []
+        for port, (outer_mm, inner_mm) in enumerate(self.cables_mm):
+            round_trip = np.exp(
+                -4j * np.pi * frequency_hz / LIGHT_MM_S * np.array([outer_mm, inner_mm])
+            )
+            load = np.exp(1j * np.radians(phases_deg[..., port])) * round_trip[1]
+            rho = self.reflection  # s11 = rho, s22 = -rho, s21^2 = 1 - rho^2
+            seen.append(np.degrees(np.angle(round_trip[0] * (rho + load) / (1 + rho * load))))
+        return np.stack(seen, axis=-1)
+
+    def phases_deg(self, force_n, location_mm, frequency_hz):
+        return self._seen_deg(self.law.phases_deg(force_n, location_mm, frequency_hz), frequency_hz)
+
+    def untouched_deg(self, frequency_hz):
+        return self._seen_deg(np.full(2, untouched_deg(frequency_hz)), frequency_hz)
+
+
+def calibrated(sensor, carrier_hz, folder, rng):
+    """A calibration of five locations at one carrier, with a VNA's noise of 0.2 deg."""
+    rows = vna_rows(sensor, carrier_hz, FORCES_N, 0.2, rng)
+    untouched = sensor.untouched_deg(carrier_hz) + 0.05 * rng.standard_normal(2)
+    for port in (1, 2):
+        rows[port] = f"{carrier_hz / 1e6:.3f},,{port},0,{untouched[port - 1]:.4f}"
+    path = folder / "vna.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return calibrate(read_vna_csv(path, carrier_hz), "arm")
+
+
+@pytest.mark.parametrize("from_hz, to_hz", [(900e6, 915e6), (2400e6, 2440e6)])
+def test_transferred_model_holds_truth_within_two_sigma(from_hz, to_hz, tmp_path):
+    """Without the added uncertainty, connectors make readings at the new carrier falsely exact."""
+    rng = np.random.default_rng(915)
+    inside, alone, ratio = [], [], []
+    for seed in range(4):
+        cables = rng.uniform(5, 20, (2, 2))
+        sensor = Connected(LAWS[seed % 3], 0.07, tuple(map(tuple, cables)))
+        bench = calibrated(sensor, from_hz, tmp_path, rng)
+        moved = bench.at_carrier(to_hz)
+        force, location = rng.uniform(1.5, 7.5, 40), rng.uniform(22, 58, 40)
+        # As the receiver: the change against the untouched sensor, from the model's own phases.
+        change = sensor.phases_deg(force, location, to_hz) - sensor.untouched_deg(to_hz)
+        seen = moved.untouched_deg() + change + 0.1 * rng.standard_normal((40, 2))
+        for model, found in ((moved, inside), (replace(moved, transfer_std_deg=0.0), alone)):
+            read = model.invert(seen, 0.1)
+            clear = np.array(["ambiguous" not in flags for flags in read.flags])
+            force_error = np.abs(read.force_n - force) / read.force_std_n
+            place_error = np.abs(read.location_mm - location) / read.location_std_mm
+            found.append((force_error < 2)[clear])
+            found.append((place_error < 2)[clear])
+            if model is moved:
+                ratio.append(np.mean(force_error[clear] ** 2))
+    assert np.mean(np.concatenate(inside)) >= 0.9
+    assert np.mean(np.concatenate(alone)) < np.mean(np.concatenate(inside)) - 0.05
+    # Nor may it be inflated: stated at most three times what it is.
+    assert np.sqrt(np.mean(ratio)) > 1 / 3
+
+
+@pytest.mark.parametrize("to_hz", [868e6, 915e6, 980e6])
+def test_transferred_model_is_that_of_line_at_other_carrier(to_hz):
+    """Contact positions carry over in millimetres; anything else would be a systematic error."""
+    bench, air = load_sensor("line-900mhz-calibrated"), load_sensor("line-900mhz").at_carrier(to_hz)
+    force, location = np.meshgrid([1.5, 3.0, 6.0], [22.0, 35.0, 48.0])
+    error = bench.at_carrier(to_hz).phases_deg(force, location) - air.phases_deg(force, location)
+    own = bench.phases_deg(force, location) - load_sensor("line-900mhz").phases_deg(force, location)
+    # The calibration's own errors scale too, and nothing is added to them.
+    assert wrap_deg(error) == pytest.approx(to_hz / 900e6 * wrap_deg(own), abs=1e-6)
+    assert bench.at_carrier(to_hz).untouched_deg() == pytest.approx(
+        np.array(air.untouched_deg())
+        + to_hz
+        / 900e6
+        * (np.array(bench.untouched_deg()) - load_sensor("line-900mhz").untouched_deg())
+    )
+
+
+def test_transfer_turns_of_calibration_do_not_scale():
+    """Phases count modulo 360 deg: a calibration that is a turn higher is the same one."""
+    bench = load_sensor("line-900mhz-calibrated")
+    (carrier,) = bench.carriers
+    turned = replace(carrier, coefficients_deg=carrier.coefficients_deg - 720.0)
+    found = replace(bench, carriers=(turned,)).at_carrier(915e6).phases_deg(4.0, 33.0)
+    assert found == pytest.approx(bench.at_carrier(915e6).phases_deg(4.0, 33.0))
+
+
+def test_transfer_std_grows_with_distance_and_is_that_of_random_connectors():
+    """The stated uncertainty follows from a stated connector, at every distance."""
+    rng, rho, way_mm = np.random.default_rng(3), 0.07, LENGTH_MM + 30.0
+    previous = 0.0
+    for to_hz in (905e6, 915e6, 940e6, 980e6):
+        turn = 4 * np.pi * (to_hz - 900e6) * way_mm / LIGHT_MM_S
+        phase = 2 * np.pi * rng.random((2, 200_000))
+        ripple = 2 * rho * (np.sin(phase + turn) - np.sin(phase))
+        expected = np.degrees(np.std(ripple[0] - ripple[1]))
+        found = transfer_std_deg(LENGTH_MM, 1.0, 900e6, to_hz)
+        assert found == pytest.approx(expected, rel=0.01) and found > previous
+        previous = found
+    assert transfer_std_deg(LENGTH_MM, 1.0, 900e6, 900e6) == 0
+
+
+def test_transfer_there_and_back_is_the_calibration():
+    """Uncertainty belongs to the distance from the calibration, not to the number of files."""
+    bench = load_sensor("wiforce-900mhz")
+    back = bench.transferred(915e6).transferred(930e6).transferred(900e6)
+    assert back.transfer_std_deg == pytest.approx(0, abs=1e-9)
+    assert back.phases_deg(4.0, 33.0) == pytest.approx(bench.phases_deg(4.0, 33.0))
+
+
+def test_taps_at_new_carrier_replace_transfer_uncertainty(tmp_path):
+    """Some taps over the air are what users without a VNA at their carrier can measure."""
+    rng = np.random.default_rng(7)
+    sensor = Connected(LAWS[0], 0.07, ((12.0, 18.0), (9.0, 15.0)))
+    bench = calibrated(sensor, 900e6, tmp_path, rng)
+    moved = bench.at_carrier(915e6)
+
+    def seen(force, location):
+        change = sensor.phases_deg(force, location, 915e6) - sensor.untouched_deg(915e6)
+        return wrap_deg(moved.untouched_deg() + change + 0.1 * rng.standard_normal(change.shape))
+
+    force, location = (x.ravel() for x in np.meshgrid([1.2, 2.0, 4.0, 7.0], [20, 30, 40, 50, 60]))
+    rows = np.column_stack([seen(force, location), force, location])
+    path = tmp_path / "taps.csv"
+    header = "phase1_deg,phase2_deg,force_n,location_mm"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    done = run_command(
+        *("calibrate", path, "--refine", sensor_file(bench, tmp_path), "--frequency-hz", "915e6"),
+        *("-o", tmp_path / "refined.yaml"),
+    )
+    assert done.returncode == 0, done.stderr
+    refined = load_sensor(tmp_path / "refined.yaml")
+    assert refined.transfer_std_deg is None and refined.frequencies_hz == (915e6,)
+    force, location = rng.uniform(1.5, 6.5, 40), rng.uniform(22, 58, 40)
+    before, after = (model.invert(seen(force, location), 0.1) for model in (moved, refined))
+    errors = [np.median(np.abs(found.force_n - force)) for found in (before, after)]
+    assert errors[1] < 0.5 * errors[0]
+    assert np.median(after.force_std_n) < 0.7 * np.median(before.force_std_n)
+    assert np.mean(np.abs(after.force_n - force) < 2 * after.force_std_n) >= 0.85
+
+
+def test_transfer_beyond_a_tenth_is_refused():
+    """At twice the carrier, a calibration says nothing about connectors."""
+    for name in ("wiforce-900mhz", "line-900mhz"):
+        with pytest.raises(InputError, match=f"{name}: carrier must be within 10 % of 900 MHz"):
+            load_sensor(name, frequency_hz=2.4e9)
+
+
+def test_scene_transfers_its_models_and_plan_says_so():
+    """A scene at 915 MHz works with a sensor of 900 MHz, and its user learns what that costs."""
+    sensor = {"name": "arm", "model": "wiforce-900mhz", "clock_hz": 1035}
+    scene = {"radio": {"center_frequency_hz": 915e6}, "sensors": [sensor]}
+    found = warnings(plan(load_scene(scene)))
+    assert len(found) == 1 and "calibrated at 900 MHz: transferred to 915 MHz" in found[0]
+    model = plan(scene).sensors[0].model
+    assert model.model_std_deg(4.0, 33.0) == pytest.approx(
+        np.hypot(915 / 900 * load_sensor("wiforce-900mhz").model_std_deg(4.0, 33.0), 0.55), rel=0.01
+    )
+
+
+def sensor_file(model, folder):
+    write_sensor(model, folder / "bench.yaml")
+    return folder / "bench.yaml"
+
+
+def test_scene_at_915_mhz_is_read_with_calibration_of_900_mhz(tmp_path):
+    """From samples to force: simulator, plan and receiver must agree on the carrier's phases."""
+    content = load_scene("tabletop").as_dict()
+    content["radio"]["center_frequency_hz"] = 915e6
+    scene = load_scene(content)
+    wiforce.simulate(scene, tmp_path / "press")
+    read = wiforce.read(tmp_path / "press", scene)
+    truth = pandas.read_csv(tmp_path / "press.truth.csv")
+    both = read.merge(truth, on="time_s", suffixes=("", "_true"))
+    both = both[(both["flags"] == "") & (both["touch"] == 1) & (both["touch_true"] == 1)]
+    assert len(both) > 60
+    for value, std in (("force_n", "force_std_n"), ("location_mm", "location_std_mm")):
+        assert np.mean(np.abs(both[value] - both[f"{value}_true"]) < 2 * both[std]) >= 0.9
+    # Nothing but the calibration's own errors: without the transfer they would be about 0.8 mm.
+    assert np.median(np.abs(both["location_mm"] - both["location_mm_true"])) < 0.1
+
+
+def test_command_transfer_writes_sensor_that_scenes_load(tmp_path):
+    """Users without a VNA at their carrier start from this file."""
+    path = tmp_path / "arm.yaml"
+    done = run_command("transfer", "wiforce-2400mhz", "--frequency-hz", "2440e6", "-o", path)
+    assert done.returncode == 0, done.stderr
+    assert "calibrated at 2400 MHz, 1.5 deg added" in done.stdout
+    made, shipped = load_sensor(path), load_sensor("wiforce-2440mhz")
+    assert made.name == "arm" and made.transferred_from_hz == 2400e6
+    assert made.phases_deg(FORCES_N, 33.0) == pytest.approx(shipped.phases_deg(FORCES_N, 33.0))
+    assert made.model_std_deg(4.0, 33.0) == pytest.approx(shipped.model_std_deg(4.0, 33.0))
+    assert "2440 MHz are those at 2400 MHz" in made.provenance["assumed"][-1]
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("wiforce-900mhz", "--frequency-hz", "2.4e9", "-o", "s.yaml"), "within 10 % of 900 MHz"),
+        (("wiforce-900mhz", "--frequency-hz", "nan", "-o", "s.yaml"), "finite"),
+        (("wiforce-901mhz", "--frequency-hz", "915e6", "-o", "s.yaml"), "wiforce-901mhz"),
+        (("wiforce-900mhz", "--frequency-hz", "915e6", "-o", "s.txt"), "must end in .yaml"),
+    ],
+)
+def test_command_transfer_bad_input_fails_with_one_line(arguments, message):
+    """Every message must say what to change."""
+    done = run_command("transfer", *arguments)
+    assert done.returncode == 2 and message in done.stderr and len(done.stderr.splitlines()) == 1

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The software N210 as a guest on a machine: what it binds, ignores, and leaves behind."""
+
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+from gnuradio import blocks, gr, uhd
+from software_n210.air.cable import Cable
+from software_n210.console import ZmqControl
+from software_n210.device import Device
+
+CONTROL, TX = 49152, 49157
+PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
+HELLO = struct.pack(">III", 12, ord("a"), 7) + bytes(24)
+
+
+def emulate(*arguments):
+    """Exit status and standard error of a device that should refuse to start."""
+    command = [sys.executable, "-m", "wiforce_app.main", "emulate", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, input="")
+    return done.returncode, done.stderr
+
+
+def ask(address, request=HELLO):
+    """The reply to one control request."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.settimeout(5)
+        sock.sendto(request, (address, CONTROL))
+        return sock.recv(2000)
+
+
+def sockets_of(process):
+    """(protocol, local address, port) of every internet socket that a process holds."""
+    links = [os.readlink(f"/proc/{process}/fd/{fd}") for fd in os.listdir(f"/proc/{process}/fd")]
+    inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
+    found = []
+    for protocol in ("udp", "udp6", "tcp", "tcp6", "raw"):
+        for line in Path(f"/proc/{process}/net/{protocol}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[9] in inodes:
+                address, port = fields[1].split(":")
+                packed = int(address, 16).to_bytes(4, "little")
+                found.append((protocol, socket.inet_ntoa(packed), int(port, 16)))
+    return sorted(found)
+
+
+def test_device_sockets_bound_to_the_given_address_only(software_usrp):
+    device = software_usrp("--air", "cable")
+    assert sockets_of(device.process.pid) == [("udp", device.address, port) for port in PORTS]
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0", "192.168.10.2", "8.8.8.8", "::1", "localhost", ""])
+def test_device_address_outside_loopback_refused(address):
+    status, said = emulate("--air", "cable", "--bind", address)
+    assert status == 2 and said.count("\n") == 1
+    assert "--bind: must be a loopback address" in said and repr(address) in said
+
+
+def test_device_address_in_use_refused(software_usrp):
+    device = software_usrp("--air", "cable")
+    status, said = emulate("--air", "cable", "--bind", device.address)
+    assert status == 2 and said.count("\n") == 1 and "is in use" in said
+    assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        ([], "SCENE"),
+        (["nowhere.yaml"], "nowhere.yaml"),
+        (["--air", "cable", "--fault", "soon swap"], "--fault"),
+        (["--air", "cable", "--fault", "1 overflow many"], "overflow"),
+        (["--air", "cable", "--fault", "1 overflow 3 perhaps"], "stop"),
+        (["--air", "cable", "--fault", "1 lose -3"], "packets"),
+        (["--air", "cable", "--fault", "1 lose"], "packets"),
+        (["--air", "cable", "--fault", "1 melt"], "overflow"),
+        (["--air", "cable", "--fault", "1 off arm"], "scene"),
+        (["--air", "cable", "--control", "tcp://*:5555"], "--control"),
+        (["demo", "--air", "counter"], "SCENE"),
+    ],
+)
+def test_emulate_bad_usage_refused_in_one_line(arguments, words):
+    status, said = emulate(*arguments)
+    assert status == 2 and said.count("\n") == 1 and words in said, said
+
+
+def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp):
+    device = software_usrp("--air", "cable")
+    rng = np.random.default_rng(1)
+    junk = [b"", b"\0", b"\xff" * 7, rng.bytes(35), rng.bytes(37), rng.bytes(300), rng.bytes(9000)]
+    announcement = struct.pack(">II", 0, 0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for port in PORTS:
+            for datagram in junk:
+                stranger.sendto(datagram, (device.address, port))
+        # A data packet from somebody who never said hello.
+        stranger.sendto(struct.pack(">IIII", 0, 3, 1, 2), (device.address, TX))
+        # I2C: more than a message holds; registers and EEPROMs that don't exist.
+        for code, body in ((b"i", b"\x50\xff"), (b"i", b"\x13\x02"), (b"h", b"\x13\x03abc")):
+            ask_it = struct.pack(">III", 12, code[0], 1) + body.ljust(24, b"\0")
+            stranger.sendto(ask_it, (device.address, CONTROL))
+        stranger.sendto(announcement, (device.address, TX))
+        # What says more than it holds, then a second packet type, from a host that did.
+        for data in (struct.pack(">IIII", 0, 300, 1, 2), struct.pack(">IIII", 0, 0xF0000003, 1, 2)):
+            stranger.sendto(data, (device.address, TX))
+    assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
+    status = device.command("status")
+    # On TX whatever a stranger sends is foreign, on the GPS port nothing is looked at, and a
+    # control message of 37, 300 or 9000 bytes is only judged by its first 36.
+    assert status["foreign"] == len(junk) + 1
+    assert status["malformed"] >= 4 + 2 * len(junk) + 1 + 2
+    # It still is a device.
+    source = uhd.usrp_source(device.args, uhd.stream_args(cpu_format="sc16", channels=[0]))
+    source.set_samp_rate(12.5e6)
+    flowgraph = gr.top_block()
+    head, sink = blocks.head(4, 100_000), blocks.null_sink(4)
+    flowgraph.connect(source, head, sink)
+    flowgraph.run()
+    assert sink.nitems_read(0) == 100_000
+
+
+def test_devices_at_two_addresses_run_together(software_usrp):
+    devices = [software_usrp("--air", "counter") for _ in range(2)]
+    stream = uhd.stream_args(cpu_format="sc16", channels=[0])
+    sources = [uhd.usrp_source(device.args, stream) for device in devices]
+    flowgraph, sinks = gr.top_block(), []
+    for k, source in enumerate(sources):
+        source.set_samp_rate(5e6)
+        source.set_time_now(uhd.time_spec(10 * k))
+        source.set_start_time(uhd.time_spec(10 * k + 1))
+        sinks.append(blocks.vector_sink_s(2))
+        flowgraph.connect(source, blocks.head(4, 200_000), sinks[-1])
+    flowgraph.run()
+    for k, sink in enumerate(sinks):
+        low, high = np.array(sink.data()).reshape(-1, 2).T.astype(np.int64)
+        expected = (10 * k + 1) * 5e6 + np.arange(200_000)
+        assert np.array_equal((low & 0xFFFF) | high << 16, expected)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
+    device = software_usrp("--air", "cable")
+    device.process.send_signal(number)
+    _, said = device.process.communicate(timeout=10)
+    assert device.process.returncode == 0
+    assert said.startswith("stopped at ") and said.count("\n") == 1
+    for port in PORTS:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.bind((device.address, port))
+
+
+def test_device_closed_standard_input_ends_it(software_usrp):
+    device = software_usrp("--air", "cable")
+    device.process.stdin.close()
+    assert device.process.wait(timeout=30) == 0
+
+
+def test_device_fault_in_the_past_happens_at_once(software_usrp):
+    device = software_usrp("--air", "cable", faults=["0 swap"])
+    assert device.command("fault 0 late rx") == {"ok": True}
+    end = time.monotonic() + 10
+    while device.command("status")["faults"] < 2:
+        assert time.monotonic() < end
+    before = device.command("status")["device_time_s"]
+    while device.command("status")["device_time_s"] == before:
+        assert time.monotonic() < end
+
+
+def test_device_twenty_starts_and_stops_leave_nothing_open():
+    def once():
+        with closing(Device(Cable(0), "127.0.211.7")) as device:
+            loop = threading.Thread(target=device.run)
+            loop.start()
+            assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
+            device.stop()
+            loop.join(10)
+            assert not loop.is_alive()
+
+    once()
+    before = sorted(os.listdir("/proc/self/fd")), threading.active_count()
+    for _ in range(20):
+        once()
+    assert (sorted(os.listdir("/proc/self/fd")), threading.active_count()) == before
+
+
+def test_device_host_killed_stops_its_stream(software_usrp):
+    device = software_usrp("--air", "counter")
+    script = (
+        "import sys, time; from gnuradio import uhd, gr, blocks\n"
+        "u = uhd.usrp_source(sys.argv[1], uhd.stream_args(cpu_format='sc16', channels=[0]))\n"
+        "t, n = gr.top_block(), blocks.null_sink(4); t.connect(u, n); t.start()\n"
+        "while n.nitems_read(0) < 1000: time.sleep(0.01)\n"
+        "print('streaming', flush=True); time.sleep(60)\n"
+    )
+    host = subprocess.Popen([sys.executable, "-c", script, device.args], stdout=subprocess.PIPE)
+    while b"streaming" not in host.stdout.readline():
+        assert host.poll() is None
+    host.kill()
+    host.communicate()
+    ask(device.address)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            nobody.recv(1)
+    # It streams to nobody no more: device time goes on by the wall clock alone.
+    assert device.command("status")["rx_streaming"] is False
+
+
+class CountedAir(Cable):
+    """A cable that notes how many requests had been answered whenever the device's time moved."""
+
+    def __init__(self):
+        super().__init__(0)
+        self.answered, self.moves = 0, []
+
+    def forget(self, tick):
+        super().forget(tick)
+        self.moves.append(self.answered)
+
+
+def test_device_flood_of_requests_answered_without_stopping_time():
+    flood, air = 500, CountedAir()
+    with (
+        closing(Device(air, "127.0.211.8")) as device,
+        zmq.Context() as context,
+        context.socket(zmq.DEALER) as client,
+    ):
+        client.setsockopt(zmq.LINGER, 0)
+
+        class Console:
+            def answer(self, _):
+                air.answered += 1
+                if air.answered == flood:
+                    device.stop()
+                return "{}"
+
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        endpoint = f"tcp://127.0.0.1:{port}"
+        with closing(ZmqControl(Console(), device, endpoint)):
+            client.connect(endpoint)
+            for _ in range(flood):
+                client.send_multipart([b"", b"status"])
+            device.run()
+    assert air.answered == flood
+    assert max(np.diff(air.moves)) <= 10

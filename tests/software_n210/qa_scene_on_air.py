@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The scene on the air of the software N210: the same channel as `simulate`, at the same levels."""
+
+import json
+import socket
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, uhd
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.simulator import capture
+from software_n210.air.scene_air import SceneAir
+
+REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "wiforce-900mhz", "off_reflection": [0.1, -0.05]}],
+    "environment": {"moving_clutter_hz": 10},
+    "reference_s": 0.01,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 0.06,
+        "moving_clutter_db": 20,
+        "presses": [
+            {"start_s": 0.02, "rise_s": 0.01, "hold_s": 0.02, "force_n": 5, "location_mm": 30}
+        ],
+    },
+}
+
+EFFECTS = {
+    "bursts": {"share": 0.3},
+    "front_end": {"receiver_gain_db": 0.3, "transmitter_phase_deg": 2, "compression": 0.01},
+    "lamps": {},
+    "walker": {},
+    "tags": [{"clock_jitter_s": 1e-6, "drift_deg_per_sqrt_s": 30}],
+}
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    """A scene that has a bit of everything, as a file."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(json.dumps(SCENE))
+    return path
+
+
+def run(args, scene, count, path):
+    """What a host receives while it sends the scene's frames; int16, shape (count, 2)."""
+    stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
+    source, sink = uhd.usrp_source(args, stream), uhd.usrp_sink(args, stream)
+    for block in (source, sink):
+        block.set_samp_rate(scene.radio.sample_rate_hz)
+        block.set_center_freq(scene.radio.center_frequency_hz)
+        block.set_gain(15)
+    source.set_time_now(uhd.time_spec(0))
+    source.set_start_time(uhd.time_spec(1.0))
+    sink.set_start_time(uhd.time_spec(1.0))
+    frame = np.rint(scene.waveform().frame().view(float) * REFERENCE_AMPLITUDE * 32767)
+    frames = blocks.vector_source_s(frame.astype(int).tolist(), True, 2)
+    head, received = blocks.head(4, count), blocks.file_sink(4, str(path))
+    flowgraph = gr.top_block()
+    flowgraph.connect(frames, sink)
+    flowgraph.connect(source, head, received)
+    flowgraph.start()
+    while received.nitems_read(0) < count:
+        time.sleep(0.02)
+    flowgraph.stop()
+    flowgraph.wait()
+    received.close()
+    return np.fromfile(path, np.int16).reshape(-1, 2)
+
+
+def simulated(scene, count):
+    pieces = np.concatenate(list(capture(scene, AirChannel(scene), "ci16_le")))
+    return pieces.reshape(-1, 2)[:count]
+
+
+def test_scene_air_host_receives_what_simulate_writes(software_usrp, scene_file, tmp_path):
+    imperfect = SCENE | {"simulation": SCENE["simulation"] | EFFECTS}
+    scene_file.write_text(json.dumps(imperfect))
+    scene = load_scene(scene_file)
+    count = int(0.06 * 12.5e6) // 720 * 720
+    device = software_usrp(scene_file, "--delay-us", 0)
+    received = run(device.args, scene, count, tmp_path / "samples")
+    difference = np.abs(received.astype(int) - simulated(scene, count))
+    # One step of the 14-bit ADC is 4 codes; the host's rounding to 16 bits and the FPGA's scale
+    # word (4e-5 of the value) move a sample by a code each.
+    assert difference.max() <= 4 + 2
+    assert np.mean(difference > 2) < 0.1
+    status = device.command("status")
+    assert status["tx_underflows"] == status["tx_late_packets"] == 0
+
+
+class Connectors:
+    """A scene's air with the device around it replaced by plain values."""
+
+    def __init__(self, scene, delay_ticks=0):
+        self.air = SceneAir(scene, delay_ticks)
+        self.tuning = self.air.tuning = SimpleNamespace(
+            tx_gain_db=15.0,
+            rx_gain_db=15.0,
+            reference_gain_db=15.0,
+            tx_carrier_hz=900e6 + 0.02,  # as the driver leaves it, rounded to its CORDIC's step
+            to_receive_carrier=lambda samples, *_: samples,
+        )
+        self.chain = SimpleNamespace(stream_start=4000)
+
+    def send(self, samples, spacing=8):
+        self.air.transmit(4000, spacing, samples.astype(np.complex64))
+
+    def receive(self, count, first=0, spacing=8, chain=None):
+        """Codes I Q I Q, as the ADC gives them."""
+        tick = 4000 + first * spacing
+        samples = self.air.receive(chain or self.chain, tick, spacing, count)
+        return np.rint(samples.view(np.float32) * 32767).astype(int)
+
+
+@pytest.fixture
+def scene(scene_file):
+    return load_scene(scene_file)
+
+
+def frames(scene, count):
+    return np.tile(scene.waveform().frame(), count) * REFERENCE_AMPLITUDE
+
+
+def rms(codes):
+    return np.sqrt(np.mean(codes.astype(float) ** 2))
+
+
+def test_scene_air_delay_shifts_the_received_samples(scene):
+    device = Connectors(scene, delay_ticks=512)
+    device.send(frames(scene, 20))
+    delayed = device.receive(7200).reshape(-1, 2)
+    direct = AirChannel(scene).process(np.r_[np.zeros(64), np.tile(frames(scene, 1) * 2, 10)], 0)
+    assert np.abs(delayed - simulated_codes(direct[:7200])).max() <= 4
+
+
+def simulated_codes(samples):
+    return np.rint(samples.view(np.float32) * 8192).astype(int).reshape(-1, 2) * 4
+
+
+def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
+    levels = {}
+    for tx_db, rx_db in ((15, 15), (5, 15), (15, 5), (-100, 15), (-100, 5)):
+        device = Connectors(scene)
+        device.tuning.tx_gain_db, device.tuning.rx_gain_db = tx_db, rx_db
+        device.send(frames(scene, 20))
+        levels[tx_db, rx_db] = 20 * np.log10(rms(device.receive(7200)))
+    # The static path is far above the noise, so that both gains move it by their 10 dB. The
+    # noise follows the receive gain only; near one step of the ADC it can't follow exactly.
+    assert levels[5, 15] - levels[15, 15] == pytest.approx(-10, abs=0.05)
+    assert levels[15, 5] - levels[15, 15] == pytest.approx(-10, abs=0.05)
+    noise = AirChannel(scene).noise_std / np.sqrt(2) * 32768
+    quantized = np.sqrt(noise**2 + 4**2 / 12)
+    assert levels[-100, 15] == pytest.approx(20 * np.log10(quantized), abs=0.2)
+    assert levels[-100, 5] < levels[-100, 15] - 3
+
+
+def test_scene_air_high_gain_clips_at_full_scale(scene):
+    device = Connectors(scene)
+    device.tuning.rx_gain_db = 31.5
+    device.send(frames(scene, 20))
+    codes = device.receive(7200)
+    assert codes.max() == 8191 * 4 and codes.min() == -8192 * 4
+
+
+def test_scene_air_pieces_and_second_receiver_get_the_same_samples(scene):
+    whole, cut = Connectors(scene), Connectors(scene)
+    for device in (whole, cut):
+        device.send(frames(scene, 20))
+    expected = whole.receive(7200)
+    other = SimpleNamespace(stream_start=4000)
+    assert np.array_equal(whole.receive(7200, chain=other), expected)
+    parts = [cut.receive(count, first) for first, count in ((0, 1), (1, 999), (1000, 6200))]
+    assert np.abs(np.concatenate(parts) - expected).max() <= 4  # a rounding of the ADC
+
+
+def test_scene_air_new_session_starts_the_scene_again(scene):
+    device = Connectors(scene)
+    device.send(frames(scene, 20))
+    first = device.receive(7200)
+    device.air.restart()
+    device.send(frames(scene, 20))
+    assert np.array_equal(device.receive(7200), first)
+
+
+def test_scene_air_time_continues_during_a_pause(scene):
+    device, steady = Connectors(scene), AirChannel(scene)
+    device.receive(1000)
+    device.send(np.tile(frames(scene, 1), 700))
+    later = device.receive(7200, first=360_000)  # 28.8 ms: in the middle of the press
+    steady.restart(360_000)
+    direct = steady.process(2 * np.tile(frames(scene, 1), 10), 360_000)
+    # The two draw different noise: compare what stands out of it.
+    difference = later.reshape(-1, 2) - simulated_codes(direct)
+    noise = steady.noise_std / np.sqrt(2) * 32768
+    assert rms(difference[720:]) == pytest.approx(np.sqrt(2 * (noise**2 + 4**2 / 12)), rel=0.1)
+
+
+def test_scene_air_unknown_carrier_returns_noise_only(scene):
+    device = Connectors(scene)
+    device.tuning.tx_carrier_hz = 5.8e9
+    device.send(frames(scene, 20))
+    assert rms(device.receive(7200)) < 4 * AirChannel(scene).noise_std * 32768
+
+
+def test_scene_air_other_rate_keeps_the_level(scene):
+    slow, fast = Connectors(scene), Connectors(scene)
+    slow.send(frames(scene, 20), spacing=16)
+    fast.send(frames(scene, 20))
+    # The level is that of the occupied subcarriers, whatever the echoes do to each.
+    level = rms(slow.receive(7200, spacing=16)) / rms(fast.receive(7200))
+    assert level == pytest.approx(1, abs=0.05)
+
+
+def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):
+    device = Connectors(scene)
+    device.receive(1)
+    assert device.air.status()["sensors"]["arm"]["touch"] is False
+    device.air.press("arm", 4.0, 45.0)
+    pressed = {"touch": True, "force_n": 4.0, "location_mm": 45.0}
+    assert device.air.status()["sensors"]["arm"] == pressed
+    device.air.release("arm")
+    assert device.air.status()["sensors"]["arm"]["touch"] is False
+    tag = device.air._channel.sensors["arm"]
+    device.air.set_clock_offset("arm", -70.0)
+    assert tag.clock.offset_ppm(1 / 12.5e6) == pytest.approx(-70, abs=0.01)
+    device.air.switch_tag("arm", False)
+    assert not tag.on
+
+
+def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_file):
+    zmq = pytest.importorskip("zmq")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    device = software_usrp(scene_file, "--control", endpoint)
+    assert device.command("press arm 4.0 45.0") == {"ok": True}
+    assert device.command("status")["sensors"]["arm"]["force_n"] == 4.0
+    with zmq.Context() as context, context.socket(zmq.REQ) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        client.setsockopt(zmq.RCVTIMEO, 10_000)
+        client.connect(endpoint)
+        for line, ok in (("release arm", True), ("press leg 1 1", False), ("dance", False)):
+            client.send_string(line)
+            assert json.loads(client.recv_string())["ok"] is ok
+        client.send_string("status")
+        assert json.loads(client.recv_string())["sensors"]["arm"]["force_n"] == 0.0
+    for line in ("press arm 4", "press arm x 45", "press arm -1 45", "fault 1 off leg", "stop now"):
+        answer = device.command(line)
+        assert answer["ok"] is False and answer["error"]
+    assert device.command("fault 1e9 off arm") == {"ok": True}
+    assert device.command("stop") == {"ok": True}
+    assert device.stop()[0] == 0
