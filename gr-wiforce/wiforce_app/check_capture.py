@@ -12,11 +12,11 @@ from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_fra
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import second_antenna
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room_report import MeasuredTag, measure_tag
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .check_advice import advice_on_levels, advice_on_sensors
-from .room_report import Sensor, measure_tag, sensor_text
 
 # Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
 LEVEL_FRAMES = 4000
@@ -140,7 +140,7 @@ def report(found):
         ]
     lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
     lines += level_lines(found["levels"])
-    lines += [f"{tag['name']:10s} {sensor_text(Sensor(**tag))}" for tag in found["sensors"]]
+    lines += [f"{tag['name']:10s} {MeasuredTag(**tag)}" for tag in found["sensors"]]
     lines += [f"advice     {text}" for text in found["advice"] or ["none, ready to be read"]]
     lines += [f"note       {text}" for text in found["notes"]]
     return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
