@@ -133,9 +133,11 @@ def find_states(
         if apart is None:
             break
         own[apart] = own.max() + 1
+    tagless = relative / units[own]
+    own = _merged(tagless, own, step)
     if closed is not None:
         # Divisions were made while those after them were still taken for a tag.
-        own = _nearest(relative / units[own], np.arange(len(rows)), own, np.arange(len(rows)))
+        own = _nearest(tagless, np.arange(len(rows)), own, np.arange(len(rows)))
     own = _without_room(against[rows].reshape(len(rows), -1, len(others)), own)
     own = np.unique(own, return_inverse=True)[1]
     label[rows] = own
@@ -223,6 +225,23 @@ def _parts(relative: Array) -> Iterator[tuple[float, Array]]:
             between = np.count_nonzero(np.abs(ranked - center) < step / 8)
             if between <= _BETWEEN * min(middle, len(ranked) - middle):
                 yield step, order[:middle] if 2 * middle < len(order) else order[middle:]
+
+
+def _merged(against: Array, label: Array, step: float) -> Array:
+    """Labels without states that are nearer to one another than a step.
+
+    A division is measured to the middle of all that is left. Where that is several states, a tag
+    may divide one of them that is far from this middle.
+    """
+    while True:
+        states = np.unique(label)
+        means = np.array([against[label == state].mean(axis=0) for state in states])
+        apart = np.linalg.norm(means[:, None] - means, axis=2) / np.linalg.norm(means, axis=1)
+        np.fill_diagonal(apart, np.inf)
+        one, other = np.unravel_index(np.argmin(apart), apart.shape)
+        if apart[one, other] >= step:
+            return np.unique(label, return_inverse=True)[1]
+        label = np.where(label == states[one], states[other], label)
 
 
 def _nearest(against: Array, rows: Array, label: Array, others: Array) -> Array:
