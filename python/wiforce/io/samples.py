@@ -126,7 +126,27 @@ def likely_datatype(path: str | Path) -> str | None:
         start = file.read(_LOOKED_AT)
     if len(start) < 8 or not start.translate(None, string.printable.encode()):
         return None
-    values = np.abs(np.frombuffer(start[: len(start) // 4 * 4], "<f4"))
+    values = np.frombuffer(start[: len(start) // 4 * 4], "<f4")
+    return "cf32_le" if usual_share(values) > _USUAL_SHARE else "ci16_le"
+
+
+def usual_share(values: ArrayLike) -> float:
+    """Share of floats that have a size which samples have.
+
+    Parameters
+    ----------
+    values : array_like of float
+        I and Q.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> usual_share([0.5, 0.0, -1000.0, 1e30])
+    0.75
+    """
+    sizes = np.abs(np.asarray(values))
     with np.errstate(invalid="ignore"):
-        usual = (values == 0) | ((values > _SMALLEST) & (values < _LARGEST))
-    return "cf32_le" if np.mean(usual) > _USUAL_SHARE else "ci16_le"
+        return float(np.mean((sizes == 0) | ((sizes > _SMALLEST) & (sizes < _LARGEST))))
