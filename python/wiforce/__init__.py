@@ -49,7 +49,7 @@ _MODULES = {
     "plan_for_capture": "captures",
     "read": "captures",
     "score": "sensor.gauge_score",
-    "simulate": "simulation.simulator",
+    "simulate": "captures",
     "calibrate": "sensor",
     "survey": "captures",
     "phase_bound_deg": "signal.bound",

@@ -49,13 +49,9 @@ class GrowingCapture:
         self._source = capture_stream(capture, datatype, plan.waveform.sample_rate_hz)
         _on_interrupt(self._source.ended.set)
         self._reader = wiforce.reader(
-            plan,
-            self._source.item_type,
-            frame_offset,
-            tracked,
-            on_reading=self._readings.put,
-            on_warning=log.warning,
+            plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
         )
+        self._reader.groups.on_warning = log.warning
 
     def __iter__(self):
         flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)

@@ -76,8 +76,8 @@ class LiveSession:
             input_type="sc16" if antennas == 1 else "folded",
             tracked=tracked,
             on_reading=on_reading,
-            on_warning=_reported_by_command,
         )
+        self.reader.groups.on_warning = _reported_by_command
         self.reader.stream.on_groups = self._latest.append
         self.recorders = []
         if recording is not None:

@@ -262,10 +262,11 @@ static py::object kept_with(std::shared_ptr<gr::basic_block> block, py::object o
             }
             block.reset();
         });
-    // What a cast does, but for two things: it would find the gateway, which holds the block
-    // already, and it would replace the pointer by that of shared_from_this().
+    // What a cast does, but for two things: it would find the gateway, which holds the
+    // block already, and it would replace the pointer by that of shared_from_this().
     auto* const type = internal::get_type_info(typeid(gr::basic_block));
-    auto result = py::reinterpret_steal<py::object>(internal::make_new_instance(type->type));
+    auto result =
+        py::reinterpret_steal<py::object>(internal::make_new_instance(type->type));
     auto* const instance = reinterpret_cast<internal::instance*>(result.ptr());
     instance->owned = true;
     auto value = instance->get_value_and_holder();

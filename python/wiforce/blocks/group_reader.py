@@ -36,16 +36,16 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         Follow each press over time instead of inverting each group by itself.
     on_reading : callable, optional
         Called with every :class:`Reading` in the block's thread.
-    on_warning : callable, optional
-        Called with every sentence on what keeps the stream from being read; by default GNU Radio's
-        log.
     frame_offset : int
-        Samples before the first frame, for these sentences.
+        Samples before the first frame, for warnings.
 
     Attributes
     ----------
     stream : StreamReader
     watch : StreamWatch
+    on_warning : callable
+        Called with every sentence on what keeps the stream from being read; GNU Radio's log unless
+        it is set.
 
     Raises
     ------
@@ -64,11 +64,10 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         plan: Plan,
         tracked: bool = False,
         on_reading: Callable[[Reading], None] | None = None,
-        on_warning: Callable[[str], None] | None = None,
         frame_offset: int = 0,
     ) -> None:
         self.stream = StreamReader(plan, tracked)
-        self._on_warning = gr.log.warn if on_warning is None else on_warning
+        self.on_warning: Callable[[str], None] = gr.log.warn
         environment = plan.require_scene().environment
         sampled = environment.receive_antennas == 1 and environment.reader_clock == "shared"
         self.watch = StreamWatch(plan, "reader", self._warn, frame_offset, sampled)
@@ -109,7 +108,7 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         return {s.name: self.stream.reference_problem(s.name) for s in self.stream.plan.sensors}
 
     def _warn(self, sentence: str) -> None:
-        self._on_warning(sentence)
+        self.on_warning(sentence)
         self.message_port_pub(pmt.intern(names.WARNINGS), pmt.to_pmt({names.TEXT: sentence}))
 
 

@@ -48,15 +48,14 @@ class reader(Kept, gr.hier_block2):
         Follow each press over time instead of inverting each group by itself.
     on_reading : callable, optional
         Called with every :class:`io.readings.Reading`.
-    on_warning : callable, optional
-        Called with every text on the port ``warnings``, instead of GNU Radio's log.
 
     Attributes
     ----------
     fold : block or None
         The block that folds samples; None for folded vectors.
     groups : block
-        The inner block, with the :class:`StreamReader`.
+        The inner block, with the :class:`StreamReader`. Its attribute ``on_warning`` is called with
+        every text on the port ``warnings``, and is GNU Radio's log unless it is set.
 
     Raises
     ------
@@ -79,7 +78,6 @@ class reader(Kept, gr.hier_block2):
         frame_offset: int = 0,
         tracked: bool = False,
         on_reading: Callable[[Reading], None] | None = None,
-        on_warning: Callable[[str], None] | None = None,
     ) -> None:
         if input_type not in (*_ITEM_BYTES, "folded"):
             rule = f"must be one of {', '.join((*_ITEM_BYTES, 'folded'))}"
@@ -117,7 +115,7 @@ class reader(Kept, gr.hier_block2):
             )
         # Python pauses now and then: the samples must not wait for it.
         enlarge_output_buffer(first, math.ceil(_BUFFERED_S / settings.group_period_s))
-        self.groups = group_reader(settings, tracked, on_reading, on_warning, frame_offset)
+        self.groups = group_reader(settings, tracked, on_reading, frame_offset)
         if self.fold is not None:
             self.groups.stream.mean_frame = self.groups.watch.mean_frame = self.fold.mean_frame
             self.groups.watch.frames = self.fold.snapshots
