@@ -51,6 +51,11 @@ class PacketCapture:
     lamp: float = 0.0  # amplitude of a path that a lamp modulates, on mains of 60.01 Hz
     walker: float = 0.0  # amplitude of a path by way of a person, with a Doppler up to 20 Hz
     stamp_s: float = 0.0  # standard deviation of the errors of the times that are reported
+    stamp_grid_s: float = 0.0  # reported times are multiples of this
+    clock_back_s: float = 0.0  # by which the clock of the times steps back in the middle
+    flip_s: float = 0.0  # mean time after which the last antenna's phase jumps
+    flip_phases: int = 2  # that it takes, evenly spaced
+    strangers: float = 0.0  # share of packets that come by other paths
     time_s: np.ndarray = field(init=False, repr=False)
     channel: np.ndarray = field(init=False, repr=False)
     subcarrier_hz: np.ndarray = field(init=False, repr=False)
@@ -87,6 +92,13 @@ class PacketCapture:
         if self.drift_deg:
             swing = np.radians(self.drift_deg) * np.sin(2 * np.pi * since / 17)
             received[:, :, -1] *= np.exp(1j * swing)[:, None]
+        if self.flip_s:
+            jumps = rng.random(len(since)) < np.gradient(since) / self.flip_s
+            turns = np.cumsum(jumps * rng.integers(1, self.flip_phases, len(since)))
+            received[:, :, -1] *= np.exp(2j * np.pi * turns / self.flip_phases)[:, None]
+        if self.strangers:
+            others = rng.random(len(since)) < self.strangers
+            received[others] = self.static * self._paths(rng, 9, 40e-9, shape, first=1.2)
         received *= self._packet_factors(rng)
         if self.chain_gain_db:
             steps = 10 ** (
@@ -97,6 +109,10 @@ class PacketCapture:
         self.time_s, self.channel = self.time_s[again], received[again].astype(np.complex64)
         if self.stamp_s:
             self.time_s = np.sort(self.time_s + self.stamp_s * rng.normal(size=len(self.time_s)))
+        if self.stamp_grid_s:
+            self.time_s = np.rint(self.time_s / self.stamp_grid_s) * self.stamp_grid_s
+        if self.clock_back_s:
+            self.time_s[len(self.time_s) // 2 :] -= self.clock_back_s
 
     def _times(self, rng):
         count = int(1.3 * self.duration_s / self.interval_s)

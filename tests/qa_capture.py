@@ -145,9 +145,8 @@ def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
     raw = tmp_path / "raw.dat"
     raw.write_bytes(bytes(8000))
     rule = r"no raw\.dat\.sigmf-meta; for raw samples, give their type .--datatype ci16_le or"
-    with pytest.raises(InputError, match=rule) as caught:
+    with pytest.raises(InputError, match=rule):
         open_capture(raw)
-    assert str(caught.value).endswith("`read` takes files of CSI tools with --csi-tool")
     with pytest.raises(InputError, match=r"raw\.dat: holds no scene; name one"):
         load_capture_scene(open_capture(raw, "cf32_le"))
 

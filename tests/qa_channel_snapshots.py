@@ -114,10 +114,9 @@ def test_the_command_says_what_is_wrong_in_one_line(tmp_path):
 
 def test_commands_for_samples_say_that_the_file_holds_snapshots(tmp_path):
     np.savez(tmp_path / "a.npz", **arrays_of())
-    for command in ("check", "survey"):
-        done = run_command(command, "a.npz", cwd=tmp_path)
-        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-        assert "a.npz: holds channel snapshots, which only `read` takes" in done.stderr
+    done = run_command("survey", "a.npz", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "a.npz: holds channel snapshots, which only `read` and `check` take" in done.stderr
     done = run_command("read", "a", "--scene", "wifi_packets", cwd=tmp_path)
     assert (
         done.returncode == 2 and "a: no such capture; channel snapshots are in a.npz" in done.stderr

@@ -23,5 +23,6 @@ def test_every_tag_and_port_has_a_row_in_the_table():
         row.split("|")[1] for row in table.split("\n## ")[0].splitlines() if row.startswith("| `")
     ]
     found = {name for row in rows for name in re.findall("`(.*?)`", row)}
-    # Keys of the messages on the port `tare`.
-    assert found == {v for k, v in vars(names).items() if k.isupper()} - {names.FORCE}
+    # Keys of the messages on the ports `tare` and `warnings`.
+    keys = {names.FORCE, names.TEXT}
+    assert found == {v for k, v in vars(names).items() if k.isupper()} - keys

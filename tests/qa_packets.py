@@ -186,7 +186,7 @@ def test_simulated_scene_is_read_by_the_command(tmp_path):
     done = run_command("simulate", "wifi_packets", "a", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "a.truth.csv").exists()
     done = run_command("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "repeated packets" in done.stderr
+    assert done.returncode == 0 and "repeated packet" in done.stderr
     rows = (tmp_path / "a.csv").read_text().splitlines()
     truth = (tmp_path / "a.truth.csv").read_text().splitlines()
     assert [r.split(",")[:2] for r in rows] == [t.split(",")[:2] for t in truth]

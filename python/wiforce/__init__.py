@@ -49,7 +49,7 @@ _MODULES = {
     "plan_for_capture": "captures",
     "read": "captures",
     "score": "gauges.score",
-    "simulate": "simulation.simulator",
+    "simulate": "captures",
     "calibrate": "calibration.calibrate",
     "survey": "captures",
     "phase_bound_deg": "signal.bound",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,11 +33,53 @@ from .planning.room.report import (
     skipped_of,
 )
 from .recording import RecordingReader
-from .scene import Scene, scene_of
+from .scene import Scene, load_scene, scene_of
+from .simulation.simulator import simulate as write_simulated
 from .snapshot_recording import SnapshotReader
 
 if TYPE_CHECKING:
     import pandas
+
+
+def simulate(
+    scene: str | Path | dict[str, Any] | Scene,
+    name: str | Path,
+    datatype: str = "ci16_le",
+    progress: Callable[[int], object] | None = None,
+    overwrite: bool = True,
+) -> list[Path]:
+    """Write the capture of a scene and its truth, for each receive antenna.
+
+    Scenes that could not be read are refused, such as those with a clock whose lines alias onto
+    one another.
+
+    Parameters
+    ----------
+    scene, name, datatype, progress, overwrite
+        As for :func:`.simulation.simulator.simulate`.
+
+    Returns
+    -------
+    list of Path
+        Data, truth, metadata, antenna by antenna.
+
+    Raises
+    ------
+    InputError
+        As :func:`plan` and :func:`.simulation.simulator.simulate`.
+
+    Examples
+    --------
+    >>> scene = {
+    ...     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+    ...     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04},
+    ... }
+    >>> [path.name for path in simulate(scene, "short")]
+    ['short.sigmf-data', 'short.truth.csv', 'short.sigmf-meta']
+    """
+    scene = load_scene(scene)
+    plan_of(scene)
+    return write_simulated(scene, name, datatype, progress, overwrite)
 
 
 def read(

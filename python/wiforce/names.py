@@ -21,6 +21,10 @@ INCOMPLETE = "incomplete"
 READINGS = "readings"
 TARE = "tare"
 TARE_STATE = "tare_state"
+WARNINGS = "warnings"
 
 # Keys of the dicts on the port "tare"
 FORCE = "force"
+
+# Key of the dicts on the port "warnings"
+TEXT = "text"

@@ -4,25 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from .errors import InputError
-from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
+from .estimation.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
 from .estimation.groups import Array
-from .estimation.packet_groups import Division, PacketGroups, whole_groups
+from .estimation.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
+from .estimation.packet_groups import PacketGroups, whole_groups
+from .estimation.tag_parts import SolvedTags
 from .io.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
-from .planning.packets.plan import fitted_plan, tag_ratios
+from .planning.packets.plan import fitted_plan, solved_tags
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .press.evidence import Suspicion
 from .receiver import Receiver
 from .signal.timed_weights import TimedTable
 
+# Rounds in which packets are divided and tags are solved for, at most, and the change of the tags'
+# part, against what is unknown of it, at which they end: it then adds 5 % to that.
+_MOST_ROUNDS, _SETTLED = 6, 0.3
 # Groups that are passed to the receiver at once.
 _BATCH = 16
 # A mean interval that differs from the scene's by this factor is a mistake: losses of the packets
@@ -81,37 +85,64 @@ class SnapshotReader:
             )
             raise InputError(recording.path, rule, self.groups)
         scene = plan.require_scene()
-        untouched = time_s < scene.reference_s
-        free = scene.environment.reader_clock == "free"
+        self._states: AntennaStates | None = None
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
-            channel = _without_oscillator(recording, untouched, plan.group_period_s, free)
-            self.plan = self._fitted(plan, time_s, channel)
-            others = recording.antennas - 1
-            division = Division(channel[untouched].mean(axis=0), others) if free else None
-            table = self.plan.table
-            assert isinstance(table, TimedTable)  # as _check requires packets
-            self.source = PacketGroups(table, time_s, channel, division)
-            if free:
-                ratios = tag_ratios(self.plan, self.source, recording.antennas)
-                self.plan = replace(self.plan, tag_ratios=ratios)
+            if scene.environment.reader_clock == "free":
+                self._read_antennas(plan, time_s)
+            else:
+                packets = undivided(recording.channel)
+                self.plan = self._fitted(plan, time_s, packets)
+                self.source = PacketGroups(_table_of(self.plan), time_s, packets)
         self.receiver = Receiver(self.plan, tracked, derotated=False)
+
+    def _read_antennas(self, plan: Plan, time_s: Array) -> None:
+        """Divide by the oscillator and the receiver chains, and solve for the tags in that."""
+        recording, scene = self._recording, plan.require_scene()
+        untouched = time_s < scene.reference_s
+        hertz = recording.subcarrier_hz
+
+        def solve(channels: PacketChannels, parts: TagParts | None) -> _Round:
+            packets = channels.divide(parts)
+            fitted = self._fitted(plan, time_s, packets)
+            mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
+            bent = PacketGroups(_table_of(fitted), time_s, packets, mean, bent=True)
+            solved = solved_tags(fitted, bent, packets, time_s, self.groups, channels.response)
+            return _Round(channels, fitted, packets, mean, solved)
+
+        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps.
+        starts: list[_Round] = []
+        for step in (TAG_STEP, LEAST_STEP):
+            channels = PacketChannels(
+                recording.channel, time_s, untouched, hertz, plan.group_period_s, step
+            )
+            if not starts or channels.states.count > starts[0].channels.states.count:
+                starts.append(solve(channels, None))
+        now = max(starts, key=lambda start: start.solved.snr)
+        for _ in range(_MOST_ROUNDS):
+            parts = now.solved.parts
+            now = solve(now.channels, parts)
+            change, uncertain = now.solved.change_since(parts), now.solved.uncertain
+            if all(c <= _SETTLED * u for c, u in zip(change, uncertain, strict=True)):
+                break
+        self._states = now.channels.states
+        self.source = PacketGroups(_table_of(now.plan), time_s, now.packets, now.untouched)
+        ratios = np.hypot(uncertain, change)
+        self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
 
     @property
     def notes(self) -> list[str]:
         """What was left out of the file, a sentence each."""
         recording, interval = self._recording, self._interval_note(self.plan)
         found = [interval] if interval else []
-        if recording.repeated:
-            found.append(f"dropped {_count(recording.repeated, 'repeated packet')}")
-        if recording.unusable:
-            count = _count(recording.unusable, "packet")
-            found.append(f"dropped {count} without finite values")
+        found += recording.notes
+        if self._states is not None and self._states.foreign:
+            found.append(f"left out {self._states.foreign} x {FOREIGN}")
         return found
 
-    def _fitted(self, plan: Plan, time_s: Array, channel: Array) -> Plan:
+    def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
         try:
-            return fitted_plan(plan, self._recording.subcarrier_hz, time_s, channel)
+            return fitted_plan(plan, self._recording.subcarrier_hz, time_s, packets)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
             note = self._interval_note(plan)
@@ -159,8 +190,20 @@ class SnapshotReader:
         yield self.receiver.finish(self.groups)
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
+def _table_of(plan: Plan) -> TimedTable:
+    assert isinstance(plan.table, TimedTable)  # as _check requires packets
+    return plan.table
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Packets as they were divided in a round, and the tags in them."""
+
+    channels: PacketChannels
+    plan: Plan
+    packets: DividedPackets
+    untouched: Array
+    solved: SolvedTags
 
 
 def _check(recording: ChannelSnapshots, plan: Plan) -> None:
@@ -180,16 +223,3 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
     if carrier_hz is not None and abs(carrier_hz - stated) > 1.0:
         rule = f"center_frequency_hz must be that of the scene ({stated:.9g})"
         raise InputError(recording.path, rule, carrier_hz)
-
-
-def _without_oscillator(
-    recording: ChannelSnapshots, untouched: Array, period_s: float, free: bool
-) -> Array:
-    """Channels of each packet without phase and gain of the receiver; shape (n, channels)."""
-    channel: Any = recording.channel
-    if not free:
-        return np.asarray(channel.reshape(len(channel), -1))
-    time_s = recording.time_s - recording.time_s[0]
-    channel = without_drift(without_gain_steps(channel), time_s, untouched, period_s)
-    combination = AntennaCombination(channel[untouched], recording.subcarrier_hz)
-    return combination.process(channel)

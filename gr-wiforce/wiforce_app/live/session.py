@@ -32,6 +32,10 @@ _BEHIND_S = 1.0
 _FREE_SEARCHED_FRAMES = 50
 
 
+def _reported_by_command(sentence: str) -> None:
+    """Take no notice: the command itself reports levels, frames and tags that are missing."""
+
+
 class LiveSession:
     """Reads the samples of one device, however often it is lost and found.
 
@@ -72,6 +76,7 @@ class LiveSession:
             tracked=tracked,
             on_reading=on_reading,
         )
+        self.reader.groups.on_warning = _reported_by_command
         self.reader.stream.on_groups = self._latest.append
         self.recorders = []
         if recording is not None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change.
 
-For a device; a capture's files are checked in :mod:`.check_capture`.
+For a device; files are checked in :mod:`.check_file`.
 """
 
 import json
@@ -25,8 +25,10 @@ from ..radio.request import DeviceLost
 from ..read.stream_events import describe_events
 from ..shell.exit_status import FAILED
 from ..shell.log import log
-from ..shell.options import optional_radio_options, sample_type
-from .check_capture import LEVEL_FRAMES, check_capture, level_lines, report
+from ..shell.options import csi_file, csi_options, optional_radio_options, sample_type
+from .check_advice import advice_on_levels, advice_on_sensors
+from .check_capture import LEVEL_FRAMES, level_lines
+from .check_file import check_file
 
 _SEARCHES = 16
 _AFTER_REFERENCE_S = 0.7
@@ -51,25 +53,31 @@ class Findings:
 
 
 @click.command()
-@click.argument("capture", type=click.Path(), required=False)
+@click.argument("file", type=click.Path(), required=False)
 @optional_radio_options
 @sample_type
+@csi_options
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def check(capture, scene_path, args, datatype, as_json, **radio):
+def check(file, scene_path, args, datatype, csi_tool, mac, second_antenna, as_json, **radio):
     """Measure levels, noise, delay and the tags' clocks, and advise what to change.
 
     With --args and --scene the check receives from a device; no sensor may be pressed meanwhile.
-    With a CAPTURE instead it verifies the files: checksum, length, gaps, frames and levels.
+    With a FILE instead it says what the file is, whether a tag is seen in it, and what to change
+    first: channel snapshots (.npz, or a file of a CSI tool) and captures of samples. Where the
+    scene of a capture is known, checksum, length, gaps, frames and levels are verified.
     """
-    if capture is not None:
+    csi = csi_file(csi_tool, mac, second_antenna)
+    if file is not None:
         if args is not None:
-            raise click.UsageError("CAPTURE and --args exclude each other")
-        _check_files(capture, scene_path, datatype, as_json)
+            raise click.UsageError("FILE and --args exclude each other")
+        found, text = check_file(file, scene_path, datatype, csi)
+        click.echo(json.dumps(found, indent=2) if as_json else text)
         return 0
-    if datatype is not None:
-        raise click.UsageError("--datatype is that of a recording: give a CAPTURE as well")
+    if datatype is not None or csi is not None:
+        option = "--csi-tool" if datatype is None else "--datatype"
+        raise click.UsageError(f"{option} is that of a recording: give a FILE as well")
     if args is None or scene_path is None:
-        raise click.UsageError("give --scene and --args for a device, or a CAPTURE")
+        raise click.UsageError("give --scene and --args for a device, or a FILE")
     scene = load_scene(scene_path)
     request = radio_request(args, scene, **radio)
     try:
@@ -90,11 +98,6 @@ def check(capture, scene_path, args, datatype, as_json, **radio):
     else:
         click.echo(_text(findings))
     return 0
-
-
-def _check_files(capture, scene_path, datatype, as_json):
-    found = check_capture(capture, scene_path, datatype)
-    click.echo(json.dumps(found, indent=2) if as_json else report(found))
 
 
 def _receive(scene, request):
@@ -161,21 +164,10 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
         ]
     return [
         *outside_band(scene),
-        *_advice_on_levels(findings.levels),
+        *advice_on_levels(findings.levels),
         *_advice_on_loss(findings),
-        *(text for sensor in scene.sensors for text in _advice_on_sensor(findings, sensor)),
+        *advice_on_sensors(findings.sensors, scene),
     ]
-
-
-def _advice_on_levels(levels):
-    peak = levels["peak_dbfs"]
-    if levels["clipped"] or peak > -1:
-        yield f"the receiver is almost saturated (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
-    elif peak < -20:
-        more = f"raise --rx-gain by {-6 - peak:.0f} dB"
-        yield f"the receive level is low (peak {peak:.1f} dBFS): {more}"
-    if levels["dc_dbfs"] > -20:
-        yield f"the DC offset is high ({levels['dc_dbfs']:.1f} dBFS): calibrate the device"
 
 
 def _advice_on_loss(findings):
@@ -184,28 +176,6 @@ def _advice_on_loss(findings):
         yield f"{findings.samples_lost} samples were lost: {remedy}"
     for event in describe_events(findings.frames_moved, findings.times_ignored):
         yield f"{event}: {remedy}"
-
-
-def _advice_on_sensor(findings, sensor):
-    tag = next(found for found in findings.sensors if found.name == sensor.name)
-    if tag.clock_offset_ppm is None:
-        yield (
-            f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: check that it is on and "
-            "near enough, and clock_hz in the scene"
-        )
-        return
-    if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
-        yield (
-            f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
-            "clock_tolerance_ppm in the scene"
-        )
-    errors = tag.phase_error_deg
-    if None in errors or max(errors, default=0) > 1.5:
-        error = "unknown" if None in errors else f"{max(errors):.1f} deg"
-        yield (
-            f"{sensor.name}: the expected phase error is {error}: raise "
-            "--tx-gain, move the antennas closer, or use longer phase groups"
-        )
 
 
 def _text(findings):

@@ -4,12 +4,19 @@
 import hashlib
 from dataclasses import asdict
 
+import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import second_antenna
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
+from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
+
+from .check_advice import advice_on_levels, advice_on_sensors
 
 # Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
 LEVEL_FRAMES = 4000
@@ -27,6 +34,12 @@ def check_capture(path, scene_path, datatype=None):
         The capture's own scene by default.
     datatype : str, optional
         ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    dict
+        ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``, ``advice``,
+        ``notes``, ``warnings``.
 
     Raises
     ------
@@ -46,12 +59,29 @@ def check_capture(path, scene_path, datatype=None):
     place = require_frames(capture, waveform)
     first = first_frame(capture, waveform, place)
     samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
+    levels = asdict(measure_levels(samples, waveform))
+    tags, reason = _tags(capture, scene)
     return {
         "files": files,
         "first_frame": first,
-        "levels": asdict(measure_levels(samples, waveform)),
+        "levels": levels,
+        "sensors": [asdict(tag) for tag in tags],
+        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene)],
+        "notes": reason,
         "warnings": [*differences, *_warnings(antennas, files)],
     }
+
+
+def _tags(capture, scene):
+    """The scene's tags in the first groups of a capture; where there are none, the reason."""
+    groups = []
+    try:
+        reader = RecordingReader(capture, plan(scene), on_groups=groups.append)
+        next(iter(reader))
+    except InputError as error:
+        return [], [f"tags were not looked for: {error}"]
+    seen = groups[0] if groups else Groups(np.zeros(0, np.int64))
+    return [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)], []
 
 
 def _file(capture, radio):
@@ -111,6 +141,9 @@ def report(found):
         ]
     lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
     lines += level_lines(found["levels"])
+    lines += [f"{tag['name']:10s} {MeasuredTag(**tag)}" for tag in found["sensors"]]
+    lines += [f"advice     {text}" for text in found["advice"] or ["none, ready to be read"]]
+    lines += [f"note       {text}" for text in found["notes"]]
     return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
 
 

@@ -48,6 +48,7 @@ class GrowingCapture:
         self._reader = wiforce.reader(
             plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
         )
+        self._reader.groups.on_warning = log.warning
 
     def __iter__(self):
         flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)

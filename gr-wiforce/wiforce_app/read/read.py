@@ -8,6 +8,8 @@ from ..shell.grouped_help import GroupedHelp
 from ..shell.options import (
     IntegerRange,
     capture_scene,
+    csi_file,
+    csi_options,
     mcap_output,
     refuse,
     refuse_scenes,
@@ -42,12 +44,7 @@ from ..shell.options import (
     help="Write a picture of the readings (PNG, PDF or SVG).",
 )
 @sample_type
-@click.option(
-    "--csi-tool",
-    metavar="TOOL",
-    help="The file is one of channel snapshots by a CSI tool: intel, atheros, esp32 or "
-    "nexmon/CHIP/MHZ.",
-)
+@csi_options
 @click.option(
     "--frame-offset",
     type=IntegerRange(0),
@@ -83,10 +80,9 @@ def read(
     (.npz), a folder that is searched for these, or a pattern such as 'day*/press*'. Several
     captures are read in parallel; a run that is repeated reads those that are new or have changed.
     """
-    if settings["csi_tool"] is not None:
-        from gnuradio.wiforce.io.csi_tools import check_tool
-
-        check_tool(settings["csi_tool"])
+    settings["csi"] = csi_file(
+        settings.pop("csi_tool"), settings.pop("mac"), settings.pop("second_antenna")
+    )
     refuse_scenes(captures)
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
@@ -95,7 +91,7 @@ def read(
 
         return read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
     of_one = {"--mcap": mcap, "--plot": plot_path, "--follow": follow}
-    refuse({**of_one, "--csi-tool": settings.pop("csi_tool")}, "takes one capture")
+    refuse({**of_one, "--csi-tool": settings.pop("csi")}, "takes one capture")
     from .read_many import read_many
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)

@@ -2,6 +2,7 @@
 """``gr-wiforce read`` of one capture, into files or to standard output."""
 
 from gnuradio.wiforce.io.capture_files import is_snapshots
+from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
@@ -10,22 +11,17 @@ from ..shell.log import log
 from ..shell.options import refuse
 from ..shell.progress import progress
 from .file_outputs import FileOutputs
-from .recordings import open_reader, open_recording, warn_of_end, warn_of_start
+from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
 
 
 def read_one(
-    capture, scene_path, output, mcap, plot_path, follow, datatype, csi_tool, frame_offset, tracked
+    capture, scene_path, output, mcap, plot_path, follow, datatype, csi, frame_offset, tracked
 ):
-    if csi_tool is not None or is_snapshots(capture):
-        refuse(
-            {
-                "--datatype": datatype,
-                "--frame-offset": frame_offset is not None,
-                "--follow": follow,
-            },
-            "is for captures of samples, not for channel snapshots",
-        )
-    recording = open_recording(capture, datatype, csi_tool)
+    if is_snapshots(capture):
+        refuse({"--datatype": datatype}, SAMPLES_ONLY)
+    recording = open_recording(capture, datatype, csi)
+    if isinstance(recording, ChannelSnapshots):
+        refuse({"--frame-offset": frame_offset is not None, "--follow": follow}, SAMPLES_ONLY)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]

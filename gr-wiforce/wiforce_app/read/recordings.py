@@ -4,6 +4,7 @@
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import is_snapshots
 from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
+from gnuradio.wiforce.io.csi_format import tool_of
 from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
@@ -11,26 +12,31 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
 
 from ..shell.log import log
+from ..shell.options import refuse
 from .room_news import RoomNews
 from .stream_events import describe_events
 
+# Why an option does not go with channel snapshots.
+SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"
 
-def open_recording(path, datatype, csi_tool=None):
+
+def open_recording(path, datatype, csi=None):
     """A capture of samples, or a file of channel snapshots.
 
     Parameters
     ----------
     datatype : str or None
         Of raw samples, whatever the name of their file is.
-    csi_tool : str, optional
-        That has written the file.
+    csi : dict, optional
+        Arguments of ``open_csi``; by default, files of CSI tools are found by their first bytes.
     """
-    if csi_tool is not None:
+    if datatype is None and csi is None and is_snapshots(path):
+        return open_snapshots(path)
+    if csi is not None or (datatype is None and tool_of(path) is not None):
         from gnuradio.wiforce.io.csi_tools import open_csi
 
-        return open_csi(path, csi_tool)
-    if datatype is None and is_snapshots(path):
-        return open_snapshots(path)
+        refuse({"--datatype": datatype}, SAMPLES_ONLY)
+        return open_csi(path, **(csi or {}))
     return open_capture(path, datatype)
 
 

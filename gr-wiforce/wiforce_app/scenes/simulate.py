@@ -29,6 +29,7 @@ from ..shell.progress import progress
 def simulate(scene, name, datatype, seed, force):
     """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
     presses as NAME.truth.csv. Of a scene with packets, write their channels as NAME.npz."""
+    from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import load_scene
     from gnuradio.wiforce.simulation import simulator
     from gnuradio.wiforce.simulation.truth_file import frame_count
@@ -37,6 +38,7 @@ def simulate(scene, name, datatype, seed, force):
     if seed is not None:
         simulation = dataclasses.replace(scene.simulation, seed=seed)
         scene = dataclasses.replace(scene, simulation=simulation)
+    plan(scene)  # what cannot be read is refused before it is simulated
     if scene.packets:
         return _simulate_packets(scene, name, force)
     samples = frame_count(scene) * scene.sounding.frame_length

@@ -151,6 +151,41 @@ def optional_radio_options(command):
     return command
 
 
+def csi_options(command):
+    """Add the options of files that a CSI tool has written."""
+    for option in (
+        click.option(
+            "--second-antenna",
+            type=click.Path(),
+            metavar="FILE",
+            help="Lines of a second ESP32 on the same crystal (esp-crab).",
+        ),
+        click.option(
+            "--mac",
+            help="Sender whose packets are used, for esp32 and nexmon. Default: the most "
+            "frequent one.",
+        ),
+        click.option(
+            "--csi-tool",
+            metavar="TOOL",
+            help="The CSI tool that has written the file: intel, atheros, esp32 or "
+            "nexmon/CHIP/MHZ. Default: found by the file.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def csi_file(tool, mac, second):
+    """Arguments of ``open_csi`` by these options; None without any."""
+    if tool is not None:
+        from gnuradio.wiforce.io.csi_tools import check_tool
+
+        check_tool(tool, mac, second)
+    given = {"tool": tool, "mac": mac, "second": second}
+    return given if any(given.values()) else None
+
+
 def web_options(required=False):
     """Add the options of a page in the browser.
 

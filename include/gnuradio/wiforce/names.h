@@ -25,8 +25,12 @@ constexpr char INCOMPLETE[] = "incomplete";
 constexpr char READINGS[] = "readings";
 constexpr char TARE[] = "tare";
 constexpr char TARE_STATE[] = "tare_state";
+constexpr char WARNINGS[] = "warnings";
 
 // Keys of the dicts on the port "tare"
 constexpr char FORCE[] = "force";
+
+// Key of the dicts on the port "warnings"
+constexpr char TEXT[] = "text";
 
 } // namespace gr::wiforce::names

@@ -247,6 +247,36 @@ static bool input_has_ended(const gr::block& block)
     return input->done() && input->items_available() == 0;
 }
 
+// A flowgraph holds the C++ part of its blocks only. This pointer to it holds the Python
+// part as well, which the C++ part calls and does not own.
+static py::object kept_with(std::shared_ptr<gr::basic_block> block, py::object owner)
+{
+    namespace internal = py::detail;
+    auto* const pointer = block.get();
+    std::shared_ptr<gr::basic_block> kept(
+        pointer,
+        [block = std::move(block), owner = owner.release()](gr::basic_block*) mutable {
+            if (Py_IsInitialized()) {
+                py::gil_scoped_acquire lock;
+                owner.dec_ref();
+            }
+            block.reset();
+        });
+    // What a cast does, but for two things: it would find the gateway, which holds the
+    // block already, and it would replace the pointer by that of shared_from_this().
+    auto* const type = internal::get_type_info(typeid(gr::basic_block));
+    auto result =
+        py::reinterpret_steal<py::object>(internal::make_new_instance(type->type));
+    auto* const instance = reinterpret_cast<internal::instance*>(result.ptr());
+    instance->owned = true;
+    auto value = instance->get_value_and_holder();
+    value.value_ptr() = pointer;
+    new (std::addressof(value.holder<std::shared_ptr<gr::basic_block>>()))
+        std::shared_ptr<gr::basic_block>(std::move(kept));
+    value.set_holder_constructed();
+    return result;
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
@@ -261,6 +291,12 @@ PYBIND11_MODULE(wiforce_python, m)
           &rx_time_or_none,
           "value"_a,
           "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
+    m.def("kept_with",
+          &kept_with,
+          "block"_a,
+          "owner"_a,
+          "A block for a flowgraph, which keeps a Python object as long as it keeps the "
+          "block.");
     m.def("input_has_ended",
           &input_has_ended,
           "block"_a,

@@ -10,12 +10,13 @@ from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
 from .argument_types import typed
 from .frame_settings import WaveformOrScene, frames_of
+from .kept import Kept
 from .noise_tags import NoiseTags, noise_value
 
 _NOISE = pmt.intern(names.NOISE)
 
 
-class antenna_ratio(gr.sync_block):
+class antenna_ratio(Kept, gr.sync_block):
     """The channel of one receive antenna over that of another, as folded vectors.
 
     For a transmitter and a receiver with separate clocks (``reader_clock: free``): the phase of the

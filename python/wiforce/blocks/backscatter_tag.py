@@ -14,6 +14,7 @@ from ..scene import Scene, load_scene
 from ..simulation.channel import AirChannel
 from .argument_types import typed
 from .frame_settings import scene_meant
+from .kept import Kept
 from .output_buffer import enlarge_output_buffer
 
 # The tag is pressed by calls, and rounding is the receiver's part.
@@ -21,7 +22,7 @@ _WITHOUT_EFFECT = ("presses", "truth_model", "adc_bits")
 _WORK_ITEMS = 16384  # as many samples at once as keep the cost of a call small
 
 
-class backscatter_tag(gr.sync_block):
+class backscatter_tag(Kept, gr.sync_block):
     """Adds the reflection of a pressed sensor, and noise, to the samples that pass.
 
     Input: complex transmit samples, as they are or behind a channel (of stock blocks, say).

@@ -4,8 +4,11 @@
 from pathlib import Path
 from typing import Any
 
+from gnuradio import gr
+
 from ..errors import InputError
 from ..estimation.recorded_groups import frame_settings
+from ..estimation.stream_problems import capture_problem
 from ..io.capture import Capture, open_capture
 from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source
@@ -22,6 +25,7 @@ def capture_source(
     """A ``recording_source`` for a capture of a scene.
 
     Output: one vector of a symbol's samples per frame, for a ``reader`` with the input ``folded``.
+    Where the capture does not begin with frames at ``frame_offset``, a warning names the cause.
 
     Parameters
     ----------
@@ -53,4 +57,8 @@ def capture_source(
         recording = open_capture(recording, datatype)
     scene = load_scene(scene)
     recording.check_against(scene)
-    return recording_source(**frame_settings(recording, scene.waveform(), frame_offset))
+    waveform = scene.waveform()
+    shared = scene.environment.receive_antennas == 1 and scene.environment.reader_clock == "shared"
+    if shared and (problem := capture_problem(recording, waveform, frame_offset)):
+        gr.log.warn(f"capture_source: {problem}")
+    return recording_source(**frame_settings(recording, waveform, frame_offset))

@@ -16,13 +16,14 @@ from ..estimation.groups import Array
 from ..io.capture import Capture, open_capture
 from ..io.samples import DATATYPES
 from .argument_types import typed
+from .kept import Kept
 from .stream_time import time_value
 
 # Interval at which the file is checked for new samples.
 _POLL_S = 0.1
 
 
-class capture_stream(gr.sync_block):
+class capture_stream(Kept, gr.sync_block):
     """Samples of a growing capture, with ``rx_time`` at its start and after every gap.
 
     A gap must be in the metadata before the samples after it are in the data, as

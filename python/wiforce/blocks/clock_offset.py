@@ -10,11 +10,12 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from . import state_tag
 from .argument_types import typed
+from .kept import Kept
 
 _STATE = pmt.intern(names.STATE)
 
 
-class clock_offset(gr.sync_block):
+class clock_offset(Kept, gr.sync_block):
     """Offset of every tag's clock against its nominal frequency.
 
     Input: vectors tagged ``state``, from ``end_separation`` or any block after it. Output: vectors

@@ -13,13 +13,14 @@ from ..gui.words import end_labels
 from ..planning.plan import Plan
 from ..wiforce_python import phase_group_doppler
 from .argument_types import typed
+from .kept import Kept
 
 # Lines that end 1 and end 2 have to themselves (paper, section 3.2).
 _LINES = (1, 4)
 _MISSING = pmt.intern(names.MISSING)
 
 
-class doppler_display(gr.hier_block2):
+class doppler_display(Kept, gr.hier_block2):
     """Shows the Doppler spectrum of each phase group, with the lines of the tags marked.
 
     Input: vectors of a symbol's samples, a snapshot each, from ``preamble_fold`` or
@@ -64,10 +65,11 @@ class doppler_display(gr.hier_block2):
             gr.io_signature(0, 0, 0),
         )
         self._sink = _SpectrumSink(self.widget, snapshots, width)
-        self.connect(self, phase_group_doppler.spectrum(snapshots, width), self._sink)
+        spectrum = phase_group_doppler.spectrum(snapshots, width)
+        self.connect(self._impl, spectrum, self._sink.gateway)
 
 
-class _SpectrumSink(gr.sync_block):
+class _SpectrumSink(Kept, gr.sync_block):
     """Passes the power of the latest complete group to a widget."""
 
     def __init__(self, widget: Spectrum, snapshots: int, width: int) -> None:

@@ -10,15 +10,17 @@ from gnuradio import gr
 from .. import names
 from ..gui import ForceDisplay
 from .argument_types import typed
+from .kept import Kept
 
 
-class force_display(gr.basic_block):
+class force_display(Kept, gr.basic_block):
     """Shows readings: every sensor with its press, force and location over time, SNR and flags.
 
     Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Message
     port ``tare_state`` (in): dicts as ``reader`` gives them, shown beside the tare button. Message
-    port ``tare`` (out): sent when the tare button is pressed. The attribute ``widget`` is the Qt
-    widget, to be put into a window; a QApplication must exist.
+    port ``warnings`` (in): dicts as ``reader`` gives them, shown until a reading has no flag.
+    Message port ``tare`` (out): sent when the tare button is pressed. The attribute ``widget`` is
+    the Qt widget, to be put into a window; a QApplication must exist.
 
     Parameters
     ----------
@@ -54,7 +56,9 @@ class force_display(gr.basic_block):
         self.widget = ForceDisplay(length_mm, force_span_n, history_s, strips_y_mm=strips_y_mm)
         self.message_port_register_in(pmt.intern(names.READINGS))
         self.message_port_register_in(pmt.intern(names.TARE_STATE))
+        self.message_port_register_in(pmt.intern(names.WARNINGS))
         self.message_port_register_out(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.WARNINGS), self._on_warning)
         self.set_msg_handler(pmt.intern(names.TARE_STATE), self._on_tare_state)
         self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
         self.widget.tare_requested.connect(self._on_tare)
@@ -66,6 +70,11 @@ class force_display(gr.basic_block):
     def _on_tare_state(self, message: Any) -> None:
         if pmt.is_dict(message):
             self.widget.show_tare(pmt.to_python(message))
+
+    def _on_warning(self, message: Any) -> None:
+        text = pmt.to_python(message).get(names.TEXT) if pmt.is_dict(message) else None
+        if isinstance(text, str):
+            self.widget.show_warning(text)
 
     def _on_tare(self) -> None:
         self.message_port_pub(pmt.intern(names.TARE), pmt.PMT_T)

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: aligns the start of a stream of samples with the first whole frame."""
 
+import pmt
 from gnuradio import gr
 
+from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
 from .argument_types import typed
 from .frame_search import FrameSearch, Tag
 from .frame_settings import WaveformOrScene, frames_of
+from .kept import Kept
+from .stream_watch import SearchWatch
 
 
-class frame_alignment(gr.basic_block):
+class frame_alignment(Kept, gr.basic_block):
     """Finds the offset of the first frame once, and drops the samples before it.
 
     A device delays its own transmit signal by a time that is constant during a run but unknown.
@@ -19,7 +23,9 @@ class frame_alignment(gr.basic_block):
     samples, and the first sample that is passed on has its ``rx_time``. Samples lost later (an
     overflow) are handled by the following blocks, which receive the time in its tag.
 
-    Input and output: samples, complex or complex 16-bit integers.
+    Input and output: samples, complex or complex 16-bit integers. After a second of samples without
+    frames, and at the end of a stream without any, a warning names the cause. Message port
+    ``warnings`` (out): the same, a dict with ``text``.
 
     Parameters
     ----------
@@ -79,6 +85,12 @@ class frame_alignment(gr.basic_block):
         gr.basic_block.__init__(self, "frame_alignment", in_sig=[item], out_sig=[item])
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self.search = FrameSearch(frames, search_frames)
+        self._watch = SearchWatch(frames, self._warn)
+        self.message_port_register_out(pmt.intern(names.WARNINGS))
+
+    def _warn(self, sentence: str) -> None:
+        gr.log.warn(sentence)
+        self.message_port_pub(pmt.intern(names.WARNINGS), pmt.to_pmt({names.TEXT: sentence}))
 
     @property
     def offset(self) -> int | None:
@@ -100,6 +112,8 @@ class frame_alignment(gr.basic_block):
         if search.offset is None:
             items = items[: search.wanted]
             search.take(items, self._tags_of(len(items)))
+            if search.offset is None:
+                self._watch.take(items)
             self.consume(0, len(items))
             return 0
         produced = search.put_out(self, out)
@@ -111,6 +125,11 @@ class frame_alignment(gr.basic_block):
             search.put_tags(self, produced)
         self.consume(0, count)
         return produced
+
+    def stop(self) -> bool:
+        if self.offset is None:
+            self._watch.end()
+        return True
 
     def _tags_of(self, count: int) -> list[Tag]:
         tags = self.get_tags_in_window(0, 0, count)

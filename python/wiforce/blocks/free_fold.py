@@ -10,6 +10,7 @@ from ..estimation.frame_follower import FrameFollower
 from ..estimation.groups import Array
 from ..signal.waveform import Waveform
 from .argument_types import typed
+from .kept import Kept
 from .noise_tags import noise_value
 from .stream_time import Timeline
 
@@ -21,7 +22,7 @@ _MOST_WAITING = 4096  # vectors
 _SATURATED_CODE = 32752
 
 
-class free_fold(gr.basic_block):
+class free_fold(Kept, gr.basic_block):
     """Folds the frames of a transmitter on a sample clock of its own.
 
     ``preamble_fold`` expects frames of a constant length. Here the length follows the transmitter

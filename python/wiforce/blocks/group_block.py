@@ -14,6 +14,7 @@ from .. import names
 from ..estimation.groups import Array, Groups
 from ..wiforce_python import input_has_ended
 from . import state_tag
+from .kept import Kept
 
 # Tags of each item, by name.
 Tags = Sequence[dict[str, Any]]
@@ -24,7 +25,7 @@ _NOTHING = Groups(np.zeros(0, np.int64))
 _PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 
 
-class GroupBlock(gr.basic_block):
+class GroupBlock(Kept, gr.basic_block):
     """Passes the groups that have arrived to ``take``, and sends the groups that it returns.
 
     Subclasses implement ``take(items, tags)``, with ``items`` the input's vectors and ``tags`` a

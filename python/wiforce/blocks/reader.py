@@ -18,6 +18,7 @@ from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from .argument_types import typed
 from .group_reader import group_reader
+from .kept import Kept
 from .output_buffer import enlarge_output_buffer
 
 # Groups that the receiver may leave waiting, in seconds of signal.
@@ -25,13 +26,15 @@ _BUFFERED_S = 2.0
 _ITEM_BYTES = {name: kind.sample_bytes for name, kind in ITEM_TYPES.items()}
 
 
-class reader(gr.hier_block2):
+class reader(Kept, gr.hier_block2):
     """Reads force and location from received samples.
 
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
     Message port ``tare`` (in): measure a new untouched reference; a dict with ``force`` true also
     while a sensor is touched. Message port ``tare_state`` (out): what became of it, a dict with
     ``state`` (``measuring``, ``complete``, ``refused``, ``failed``), ``reason`` and ``forced``.
+    Message port ``warnings`` (out): a dict with ``text``, a sentence that names what keeps the
+    samples from being read, once this has lasted for a second or the stream has ended.
 
     Parameters
     ----------
@@ -51,7 +54,8 @@ class reader(gr.hier_block2):
     fold : block or None
         The block that folds samples; None for folded vectors.
     groups : block
-        The inner block, with the :class:`StreamReader`.
+        The inner block, with the :class:`StreamReader`. Its attribute ``on_warning`` is called with
+        every text on the port ``warnings``, and is GNU Radio's log unless it is set.
 
     Raises
     ------
@@ -94,6 +98,7 @@ class reader(gr.hier_block2):
         )
         self.message_port_register_hier_out(names.READINGS)
         self.message_port_register_hier_out(names.TARE_STATE)
+        self.message_port_register_hier_out(names.WARNINGS)
         self.message_port_register_hier_in(names.TARE)
         self.fold = None
         length = settings.group_length
@@ -110,14 +115,18 @@ class reader(gr.hier_block2):
             )
         # Python pauses now and then: the samples must not wait for it.
         enlarge_output_buffer(first, math.ceil(_BUFFERED_S / settings.group_period_s))
-        self.groups = group_reader(settings, tracked, on_reading)
+        self.groups = group_reader(settings, tracked, on_reading, frame_offset)
         if self.fold is not None:
-            self.groups.stream.mean_frame = self.fold.mean_frame
+            self.groups.stream.mean_frame = self.groups.watch.mean_frame = self.fold.mean_frame
+            self.groups.watch.frames = self.fold.snapshots
             self.fold.expect_carrier(settings.center_frequency_hz)
-        self.connect(self, first, self.groups)
-        self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
-        self.msg_connect(self.groups, names.TARE_STATE, self, names.TARE_STATE)
-        self.msg_connect(self, names.TARE, self.groups, names.TARE)
+        # The inner connections hold C++ parts only: GNU Radio never destroys those of messages to
+        # the block itself, and a flowgraph keeps this object, which has the others.
+        own, groups = self._impl, self.groups.gateway
+        self.connect(own, first, groups)
+        for port in (names.READINGS, names.TARE_STATE, names.WARNINGS):
+            self.msg_connect(groups, port, own, port)
+        self.msg_connect(own, names.TARE, groups, names.TARE)
 
     @property
     def stream(self) -> StreamReader:

@@ -15,6 +15,7 @@ from ..estimation.groups import Array
 from ..io.reading_messages import as_reading
 from ..io.readings import Reading
 from .argument_types import typed
+from .kept import Kept
 
 _COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 # Readings that wait for a flowgraph that is blocked: several minutes of them.
@@ -24,7 +25,7 @@ _MOST_WAITING = 10_000
 _PAUSE_S = 0.005
 
 
-class readings_to_floats(gr.sync_block):
+class readings_to_floats(Kept, gr.sync_block):
     """Puts the force and the location of a sensor, and their uncertainty, into float streams.
 
     Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Outputs:

@@ -6,9 +6,10 @@ from gnuradio import gr
 
 from ..estimation.groups import Array
 from .argument_types import typed
+from .kept import Kept
 
 
-class sample_keeper(gr.sync_block):
+class sample_keeper(Kept, gr.sync_block):
     """Keeps the first complex 16-bit samples of its input, without ever ending the flowgraph.
 
     Parameters

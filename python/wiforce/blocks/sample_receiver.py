@@ -22,6 +22,7 @@ from ..io.sample_packets import (
 )
 from .argument_types import typed
 from .frame_search import FrameSearch, Tag
+from .kept import Kept
 from .resumed_time import ResumedTime
 from .stream_time import time_value
 
@@ -30,7 +31,7 @@ _WAIT = struct.pack("@ll", 0, round(1e6 * _WAIT_S))  # a timeval
 _DONE = -1
 
 
-class sample_receiver(gr.sync_block):
+class sample_receiver(Kept, gr.sync_block):
     """Reads complex 16-bit samples and their device tags from stream sockets.
 
     When a stream ends, the block waits for the next one. What passes between the two is a gap:

@@ -16,6 +16,7 @@ from ..estimation.groups import Array
 from ..io.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ..wiforce_python import rx_time_value
 from .argument_types import typed
+from .kept import Kept
 
 _WAIT = struct.pack("@ll", 0, 100_000)  # a timeval, 0.1 s
 # As far as the system allows: with a larger buffer, the processes wait for each other less often.
@@ -23,7 +24,7 @@ _BUFFER_BYTES = 1 << 20
 _DONE = -1
 
 
-class sample_sender(gr.sync_block):
+class sample_sender(Kept, gr.sync_block):
     """Writes complex 16-bit samples and their device tags to a stream socket.
 
     Parameters

@@ -18,12 +18,13 @@ from ..io.capture_files import recording_stem
 from ..io.samples import item_type_named
 from ..io.textfile import check_output, write_whole
 from .argument_types import typed
+from .kept import Kept
 from .stream_time import Timeline
 
 _RX_TIME = pmt.intern(names.RX_TIME)
 
 
-class sigmf_recorder(gr.sync_block):
+class sigmf_recorder(Kept, gr.sync_block):
     """Writes ``PATH.sigmf-data`` and ``PATH.sigmf-meta`` while samples come in.
 
     Samples are written as they arrive and the metadata is replaced as a whole, so that the

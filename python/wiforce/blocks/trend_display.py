@@ -9,9 +9,10 @@ from gnuradio import gr
 from ..estimation.groups import Array
 from ..gui import Trend
 from .argument_types import typed
+from .kept import Kept
 
 
-class trend_display(gr.sync_block):
+class trend_display(Kept, gr.sync_block):
     """Shows slow streams, for example one value per phase group, over the last seconds.
 
     Input: one float stream per label. The attribute ``widget`` is the Qt widget, to be put into a

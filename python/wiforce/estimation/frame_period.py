@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,9 @@ _FRACTION_SAME = 0.15
 _PRESENT = 0.3
 # Its least power over that of the strongest other signal.
 _LOUD = 0.03
+# Least likeness of frames without a guard, since any signal with the same period has their
+# coherence. Random symbols leave up to 0.3 to one another, static paths 0.6 or more to their own.
+_LIKE_SYMBOL = 0.4
 # Variance of the likeness: that of noise is 2e-4; that of a pure tone is rounding.
 _LEAST_VARIANCE = 1e-6
 
@@ -94,10 +98,17 @@ def find_frame_period(
     if len(samples) < waveform.preamble_length + 2 * waveform.symbol_length:
         return FramePeriod(None, False)
     likeness = _likeness(samples, symbol)
-    period, agrees = _period_in(_coherence_of_lags(likeness), waveform)
+    coherence = _coherence_of_lags(likeness)
+    strength, spread = _strength_of_periods(coherence, waveform.preamble_length)
+    period, agrees = _period_in(coherence, strength, spread, waveform)
+    least = 0.0
+    if period is None and waveform.frame_length < waveform.preamble_length + len(symbol):
+        spread, least = min(spread, _spread_without_guard(coherence, waveform)), _LIKE_SYMBOL
+        period, agrees = _period_in(coherence, strength, spread, waveform)
     if period is None:
         return FramePeriod(None, False)
-    return FramePeriod(period, agrees, round(float(_mean_frame(likeness, period).max()), 6))
+    found = round(float(_mean_frame(likeness, period).max()), 6)
+    return FramePeriod(period, agrees, found) if found >= least else FramePeriod(None, False)
 
 
 def symbol_of(waveform: Waveform) -> Array:
@@ -108,12 +119,13 @@ def symbol_of(waveform: Waveform) -> Array:
     return waveform.symbol
 
 
-def _period_in(coherence: Array, waveform: Waveform) -> tuple[float | None, bool]:
+def _period_in(
+    coherence: Array, strength: Array, spread: float, waveform: Waveform
+) -> tuple[float | None, bool]:
     """The period that shows in the coherence of all lags, and whether it is the expected one."""
     expected, preamble = waveform.frame_length, waveform.preamble_length
     if coherence[0] < _LEAST_VARIANCE:
         return None, False
-    strength, spread = _strength_of_periods(coherence, preamble)
     best = float(strength.max())
     if best < max(_CLEAR * spread, 1e-6 * coherence[0]):
         return None, False
@@ -186,7 +198,23 @@ def _strength_of_periods(coherence: Array, preamble: int) -> tuple[Array, float]
         inside = lags[: (len(coherence) - 1) // multiple + 1]
         strength[inside] = np.minimum(strength[inside], coherence[inside * multiple])
     beyond = coherence[preamble:]
-    return strength, 1.4826 * float(np.median(np.abs(beyond - np.median(beyond))))
+    return strength, _spread_of(beyond)
+
+
+def _spread_without_guard(coherence: Array, waveform: Waveform) -> float:
+    """Spread of the lags of symbols that follow each other without a guard.
+
+    No lag is without signal then. What differs from one expected frame to the next is noise.
+    """
+    beyond, length = coherence[waveform.preamble_length :], waveform.frame_length
+    if len(beyond) <= length:
+        return np.inf
+    return _spread_of(beyond[length:] - beyond[:-length]) / math.sqrt(2)
+
+
+def _spread_of(values: Array) -> float:
+    """Standard deviation, by the median."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def _fast_length(least: int) -> int:

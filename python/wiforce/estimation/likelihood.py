@@ -74,9 +74,14 @@ class PhaseLikelihood:
         # Rows of unit noise; the lines are then close enough to orthogonal.
         self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
         if phase_margin(self._spectra(clock2_delay), self.lines) < PHASE_MARGIN:
-            rule = "must leave each tag enough lines that no other tag's fall on; its own are "
+            alone = all(owner == tag for tone in table.tones for owner, *_ in tone.owners)
+            rule = (
+                "must leave the tag enough lines on which no other line of it falls, nor an alias; "
+                if alone
+                else "must leave the tag enough lines on which none of another tag falls; "
+            )
             shown = ", ".join(map(str, sorted(set(abs(self.lines))))) or "none"
-            raise InputError(f"clock_hz of tag {tag + 1}", rule + shown)
+            raise InputError(f"clocks_hz[{tag}]", f"{rule}its own are {shown}")
         self._set_basis()
 
     def delayed(

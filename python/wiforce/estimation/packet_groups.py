@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..signal.timed_weights import TimedTable
 from .antenna_combination import rotation_std_deg
 from .groups import Array, Groups
+from .packet_channels import DividedPackets
 
 # A packet is left out whose channel deviates from the median by this many times the power that one
 # packet in ten exceeds. Switches are closed in half of the packets, so that one in ten shows a tag
@@ -47,27 +46,6 @@ def whole_groups(time_s: Array, period_s: float) -> int:
     return int(time_s[-1] / period_s + _OPEN_END)
 
 
-@dataclass(frozen=True)
-class Division:
-    """Packets that were divided by static paths, which a change of these paths therefore rotates.
-
-    Attributes
-    ----------
-    untouched : ndarray of complex, shape (K,)
-        Mean channel of the packets of the untouched reference.
-    others : int
-        Channels of each subcarrier: antennas less one.
-
-    Examples
-    --------
-    >>> Division(np.zeros(52, complex), others=1).others
-    1
-    """
-
-    untouched: Array
-    others: int
-
-
 class PacketGroups:
     """Packets to groups with their tones.
 
@@ -77,26 +55,34 @@ class PacketGroups:
         Weights of the run.
     time_s : ndarray, shape (n,)
         Of each packet since the start of the first group, rising, in s.
-    channel : ndarray of complex, shape (n, K)
-        Without an oscillator's phase.
-    division : Division or None
-        None where packets were not divided by static paths.
+    packets : DividedPackets
+    untouched : ndarray of complex, shape (K (A - 1),), or None
+        Mean of the packets of the reference without tags, where packets were divided by static
+        paths: a change of these paths rotates all tags.
+    bent : bool
+        Whether the tags' part in what packets are divided by is left in.
 
     Examples
     --------
+    >>> from gnuradio.wiforce.estimation.packet_channels import undivided
     >>> from gnuradio.wiforce.signal.timed_weights import timed_table
     >>> time_s = np.sort(np.random.default_rng(1).uniform(0, 1, 900))
     >>> table = timed_table([120.0], time_s[:450] - 0.25, 0.5)
-    >>> groups = PacketGroups(table, time_s, np.ones((900, 52)), None).read(0, 1)
+    >>> groups = PacketGroups(table, time_s, undivided(np.ones((900, 52, 1)))).read(0, 1)
     >>> groups.tones.shape, bool(np.abs(groups.tones).max() < 1e-9)
     ((1, 16, 52), True)
     """
 
     def __init__(
-        self, table: TimedTable, time_s: Array, channel: Array, division: Division | None
+        self,
+        table: TimedTable,
+        time_s: Array,
+        packets: DividedPackets,
+        untouched: Array | None = None,
+        bent: bool = False,
     ) -> None:
-        self._division = division
-        self._table, self._time_s, self._channel = table, time_s, channel
+        self._untouched, self._bent = untouched, bent
+        self._table, self._time_s, self._packets = table, time_s, packets
         self._period_s = table.group_period_s
 
     def read(self, first: int, stop: int) -> Groups:
@@ -113,21 +99,22 @@ class PacketGroups:
         """
         bounds = np.searchsorted(self._time_s, np.arange(first, stop + 1) * self._period_s)
         found = [i for i in range(stop - first) if bounds[i + 1] > bounds[i]]
-        shape = len(found), len(self._table.tones), self._channel.shape[1]
+        packets = self._packets
+        channel = packets.bent if self._bent else packets.combined
+        shape = len(found), len(self._table.tones), packets.combined.shape[1]
         tones, timed = np.zeros(shape, complex), np.empty(len(found), object)
         missing, rejected = np.zeros(len(found), np.int64), np.zeros(len(found))
         rotation = np.zeros(len(found))
         for row, i in enumerate(found):
-            rows = slice(bounds[i], bounds[i + 1])
-            channel = self._channel[rows].astype(complex)
+            rows = np.arange(bounds[i], bounds[i + 1])
             times_s = self._time_s[rows] - (first + i + 0.5) * self._period_s
-            kept = _usual(channel)
+            kept = _usual(packets, rows)
             rejected[row] = np.mean(~kept)
-            timed[row] = self._table.at(times_s[kept])
+            timed[row] = self._table.at(times_s[kept], packets.state[rows[kept]])
             if timed[row] is not None:
-                tones[row] = timed[row].apply(channel[kept])
-            if self._division is not None:
-                rotation[row] = _rotation_deg(self._division, channel[kept])
+                tones[row] = timed[row].apply(channel[rows[kept]].astype(complex))
+            if self._untouched is not None and kept.any():
+                rotation[row] = self._rotation_deg(rows[kept])
             missing[row] = self._missing(times_s[kept])
             if timed[row] is None:
                 missing[row] = self._table.group_length
@@ -145,16 +132,23 @@ class PacketGroups:
             return max(lacking, 1)
         return lacking if lacking > _LACKING_SHARE * typical else 0
 
+    def _rotation_deg(self, rows: Array) -> float:
+        """Standard deviation of the rotation of all tags by other static paths, in degrees."""
+        static = self._packets.static[rows]
+        moved = np.abs(static.mean(axis=0) - self._untouched) ** 2
+        noise = static.var(axis=0) / len(rows)
+        others = static.shape[1] // self._packets.level.shape[1]
+        change = others * max(float(np.mean(moved - noise)), 0.0)
+        return float(rotation_std_deg(np.array([change]), others)[0])
 
-def _rotation_deg(division: Division, channel: Array) -> float:
-    """Standard deviation of the rotation of all tags in packets, in degrees."""
-    moved = channel.mean(axis=0) - division.untouched
-    change = division.others * np.mean(np.abs(moved) ** 2)
-    return float(rotation_std_deg(change, division.others))
 
-
-def _usual(channel: Array) -> Array:
+def _usual(packets: DividedPackets, rows: Array) -> Array:
     """Packets that do not deviate from the others; ndarray of bool, shape (n,)."""
-    center = np.median(channel.real, axis=0) + 1j * np.median(channel.imag, axis=0)
-    power = np.mean(np.abs(channel - center) ** 2, axis=1)
-    return power <= _OUTLIER * max(float(np.quantile(power, _USUAL_SHARE)), 1e-300)
+    own = packets.state[rows] >= 0
+    if not own.any():
+        return own
+    static = packets.static[rows].astype(complex)
+    center = np.median(static[own].real, axis=0) + 1j * np.median(static[own].imag, axis=0)
+    power = np.mean(np.abs(static - center) ** 2, axis=1)
+    usual: Array = power <= _OUTLIER * max(float(np.quantile(power[own], _USUAL_SHARE)), 1e-300)
+    return usual & own

@@ -190,27 +190,54 @@ def _check_kind(
     recording: Capture, waveform: Waveform, samples: Array, likeness: float = 0.0
 ) -> None:
     """Refuse preambles that another waveform or another sample rate explains far better."""
+    rule = other_frames(samples, waveform, likeness)
+    if rule:
+        raise InputError(recording.path, rule)
+
+
+def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> str:
+    """Which other waveform or sample rate explains preambles far better than the expected one.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Some dozen frames, from any sample on.
+    waveform : Waveform
+        As it is expected.
+    likeness : float
+        Of the samples to this waveform (:class:`.frame_period.FramePeriod`).
+
+    Returns
+    -------
+    str
+        Empty where none does.
+
+    Examples
+    --------
+    >>> sent = np.tile(sounding_waveform("wifi", 720).frame(), 40)
+    >>> other_frames(sent, sounding_waveform())
+    "the preambles are those of 'wifi', but sounding.waveform is 'repeated'"
+    """
     clear = max(_UNLIKELY, 2 * likeness)
     for other in _other_waveforms(waveform):
         if find_frame_period(samples, other).likeness > clear:
             rule = f"the preambles are those of {other.name!r}, but sounding.waveform is"
-            raise InputError(recording.path, f"{rule} {waveform.name!r}")
+            return f"{rule} {waveform.name!r}"
     symbol = symbol_of(waveform)
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
-        rule = (
+        return (
             "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
         )
-        raise InputError(recording.path, rule)
     for ratio in _RATIOS:
         found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
         if found.samples is not None and found.likeness > clear:
-            rule = (
+            return (
                 f"symbols have {len(symbol) * ratio:g} samples instead of {len(symbol)}, and "
                 f"frames repeat every {found.samples:.6g} samples: the receiver's sample rate was "
                 f"{ratio:g} times that of the transmitter "
                 f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
             )
-            raise InputError(recording.path, rule)
+    return ""
 
 
 def _other_waveforms(waveform: Waveform) -> Iterator[Waveform]:

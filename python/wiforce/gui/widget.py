@@ -109,6 +109,7 @@ class ForceDisplay(QWidget):
         self._seen: dict[str, float] = {}
         self._refreshes = 0
         self._tare_state: dict[str, Any] = {}
+        self._warning_text = ""
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.refresh)
@@ -134,6 +135,16 @@ class ForceDisplay(QWidget):
         """
         self._tare_state = state
 
+    def show_warning(self, text: str) -> None:
+        """Show a sentence until a reading without flags arrives. May be called from any thread.
+
+        Parameters
+        ----------
+        text : str
+            As from the port ``warnings``.
+        """
+        self._warning_text = text
+
     def sensors(self) -> list[str]:
         """Names of the sensors shown, from top to bottom."""
         return list(self._views)
@@ -155,6 +166,8 @@ class ForceDisplay(QWidget):
             reading = as_reading(self._waiting.popleft())
             if reading is not None:
                 self._track(reading.sensor).add(reading)
+                if not reading.flags:
+                    self._warning_text = ""
                 if isinstance(reading, SurfaceReading):
                     self._show_surface(reading.sensor)
                 self._seen[reading.sensor] = now
@@ -165,6 +178,8 @@ class ForceDisplay(QWidget):
             else:
                 self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)
         self._empty.setVisible(not self._views)
+        self._warning.setText(self._warning_text)
+        self._warning.setVisible(bool(self._warning_text))
         self._draw_tare(self._tare_state)
         self._refreshes += 1
         if self._refreshes % _HISTORY_EVERY == 0 and self._history.isVisible():
@@ -189,6 +204,10 @@ class ForceDisplay(QWidget):
         layout.addWidget(self._build_rows(), 1)
         self._history = History(self._history_s, self._length_mm, self._force_span_n)
         layout.addWidget(self._history, 1)
+        self._warning = QLabel()
+        self._warning.setWordWrap(True)
+        self._warning.hide()
+        layout.addWidget(self._warning)
         layout.addLayout(self._build_foot())
 
     def _build_rows(self) -> QScrollArea:

@@ -17,9 +17,6 @@ from .sigmf_metadata import read_metadata
 if TYPE_CHECKING:
     from ..scene import Scene
 
-# Suffixes of files that CSI tools write (io/csi_tools.py).
-_OF_CSI_TOOLS = (".dat", ".pcap", ".csv")
-
 
 @dataclass(frozen=True)
 class Segment:
@@ -215,10 +212,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
             "(--datatype ci16_le or cf32_le)"
         )
-        if path.suffix in _OF_CSI_TOOLS:
-            rule += "; `read` takes files of CSI tools with --csi-tool"
         if path.suffix == ".npz":
-            rule = "holds channel snapshots, which only `read` takes; this needs samples"
+            rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"
         raise InputError(path, rule)
     snapshots = path.with_name(f"{path.name}.npz")
     if not meta.exists() and not data.exists() and snapshots.is_file():

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from .packet_times import CLOCK_STEP_S, ordered_times
 
 _KEYS = ("time_s", "channel", "subcarrier_hz")
 # Limits of what a file may hold: fewer subcarriers or packets give no reading, and no device has
@@ -28,7 +29,7 @@ _DEAD_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ChannelSnapshots:
-    """Channel snapshots as they are read: no packet twice, times rising.
+    """Channel snapshots as they are read: no packet twice, times not falling.
 
     Attributes
     ----------
@@ -41,6 +42,10 @@ class ChannelSnapshots:
         Against the carrier.
     repeated, unusable : int
         Packets that were left out: repeats, and those with values that are not finite or all 0.
+    clock_steps : int
+        Times at which the clock of the packets has stepped back; each is a gap.
+    left_out : tuple of (str, int)
+        Further packets that were left out: the reason, and their number.
     center_frequency_hz : float or None
     scene : dict or None
         The scene that the file holds.
@@ -59,8 +64,28 @@ class ChannelSnapshots:
     subcarrier_hz: np.ndarray = field(repr=False)
     repeated: int = 0
     unusable: int = 0
+    clock_steps: int = 0
+    left_out: tuple[tuple[str, int], ...] = ()
     center_frequency_hz: float | None = None
     scene: Any = field(default=None, repr=False)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was left out of the file, a sentence each."""
+        found = []
+        if self.clock_steps:
+            times = "once" if self.clock_steps == 1 else f"{self.clock_steps} times"
+            found.append(
+                f"the clock of the packets stepped back {times}: each step is read as a gap of "
+                f"{CLOCK_STEP_S:g} s, after which the tags' clocks are acquired again; times after "
+                "it are not those since the start"
+            )
+        left_out = (
+            ("repeated packet", self.repeated),
+            ("packet without finite values", self.unusable),
+            *self.left_out,
+        )
+        return [*found, *(f"left out {number} x {what}" for what, number in left_out if number)]
 
     @property
     def antennas(self) -> int:
@@ -130,6 +155,7 @@ def checked_snapshots(
     subcarrier_hz: np.ndarray,
     center_frequency_hz: float | None = None,
     scene: Any = None,
+    left_out: tuple[tuple[str, int], ...] = (),
 ) -> ChannelSnapshots:
     """Check arrays of channel snapshots, and leave out what cannot be used.
 
@@ -141,6 +167,8 @@ def checked_snapshots(
         As in :func:`open_snapshots`.
     center_frequency_hz : float, optional
     scene : dict, optional
+    left_out : tuple of (str, int)
+        Packets that were left out before.
 
     Returns
     -------
@@ -159,8 +187,13 @@ def checked_snapshots(
     """
     for violation in _violations(time_s, channel, subcarrier_hz):
         raise InputError(path, *violation)
-    times = time_s.astype(float)
-    values = channel.reshape(len(times), len(subcarrier_hz), -1)
+    try:
+        order, times, steps = ordered_times(time_s)
+    except ValueError as error:
+        row = error.args[0]
+        rule = f"time_s[{row}]: must not lie before the packet before it, but for a few clock steps"
+        raise InputError(path, rule, float(time_s[row])) from error
+    values = channel.reshape(len(times), len(subcarrier_hz), -1)[order]
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
         # Only ratios matter: whatever the unit, squares must not overflow.
@@ -168,8 +201,9 @@ def checked_snapshots(
         values = (values / (middle or 1.0)).astype(np.complex64)
         power = np.sum(np.abs(values) ** 2, axis=(1, 2), dtype=float)
     usable = np.isfinite(power) & (power > 0)
-    # A device reports a packet again with the same values, at the same time or shortly after.
-    same = np.all(values[1:] == values[:-1], axis=(1, 2)) | (np.diff(times) == 0)
+    # A device reports a packet again with the same values. The same time says nothing: it may be
+    # rounded.
+    same = np.all(values[1:] == values[:-1], axis=(1, 2))
     again = np.concatenate([[False], same]) & usable
     kept = usable & ~again
     if np.count_nonzero(kept) < LEAST_PACKETS:
@@ -187,6 +221,8 @@ def checked_snapshots(
         subcarrier_hz.astype(float)[alive],
         int(np.count_nonzero(again)),
         int(np.count_nonzero(~usable)),
+        steps,
+        left_out,
         center_frequency_hz,
         scene,
     )
@@ -254,11 +290,7 @@ def _violations(
     if not np.isfinite(time_s).all():
         row = int(np.flatnonzero(~np.isfinite(time_s))[0])
         yield f"time_s[{row}]: must be finite", float(time_s[row])
-    falls = np.flatnonzero(np.diff(time_s.astype(float)) < 0)
-    if falls.size:
-        row = int(falls[0]) + 1
-        yield f"time_s[{row}]: must not lie before the packet before it", float(time_s[row])
-    if not time_s[-1] > time_s[0]:
+    if not time_s.max() > time_s.min():
         yield "time_s: must not be the same for all packets", float(time_s[0])
     gaps = np.flatnonzero(np.diff(time_s.astype(float)) > _LONGEST_GAP_S)
     if gaps.size:

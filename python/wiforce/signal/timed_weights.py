@@ -69,7 +69,7 @@ class TimedTable(ToneTable):
         """Times of the typical group from its centre, in s; shape (N,)."""
         return self.typical_s
 
-    def at(self, times_s: np.ndarray) -> TimedWeights | None:
+    def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> TimedWeights | None:
         """Weights of a group.
 
         Returns TimedWeights or None: None when these snapshots do not determine the tones.
@@ -78,16 +78,20 @@ class TimedTable(ToneTable):
         ----------
         times_s : ndarray, shape (n,)
             Times of its snapshots from its centre, in s.
+        states : ndarray of int, shape (n,), optional
+            State of the receiver in each of them: each state has a constant of its own.
         """
-        weights = _solve(self._columns(times_s), len(self.tones))
-        if weights is None:
+        weights = _solve(self._columns(times_s, states), len(self.tones))
+        if weights is None or not len(weights):
             return None
         noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * len(times_s)
         if noise_gain.max() > WORST_PARTIAL_GAIN:
             return None
         return TimedWeights(np.ones(len(times_s), bool), weights, times_s=times_s)
 
-    def residual(self, times_s: np.ndarray, channel: np.ndarray) -> float:
+    def residual(
+        self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
+    ) -> float:
         """What neither tones nor clutter explain of a group.
 
         Returns float: mean power per degree of freedom.
@@ -97,18 +101,24 @@ class TimedTable(ToneTable):
         times_s : ndarray, shape (n,)
             Times of its snapshots from its centre, in s; more than tones and clutter together.
         channel : ndarray of complex, shape (n, K)
+        states : ndarray of int, shape (n,), optional
+            As for :meth:`at`.
         """
-        basis = np.linalg.qr(self._columns(times_s))[0]
+        basis = np.linalg.qr(self._columns(times_s, states))[0]
         explained = np.sum(np.abs(basis.T @ channel) ** 2)
         freedom = (len(times_s) - basis.shape[1]) * channel.shape[1]
         return float((np.sum(np.abs(channel) ** 2) - explained) / max(freedom, 1))
 
-    def _columns(self, times_s: np.ndarray) -> np.ndarray:
-        """Cosines, sines and clutter at some times."""
+    def _columns(self, times_s: np.ndarray, states: np.ndarray | None) -> np.ndarray:
+        """Cosines, sines and clutter at some times, and what differs from state to state."""
         upper = [tone.frequency_hz for tone in self.tones if tone.frequency_hz > 0]
         phases = 2 * np.pi * np.outer(times_s, upper)
         clutter = clutter_at(times_s, self.group_period_s, self.clutter_hz)
-        return np.hstack([np.cos(phases), np.sin(phases), clutter])
+        columns = [np.cos(phases), np.sin(phases), clutter]
+        if states is not None:
+            # The constant of the first state is in the clutter.
+            columns += [(states == state)[:, None] for state in np.unique(states)[1:]]
+        return np.hstack(columns)
 
 
 def timed_table(

@@ -2,7 +2,8 @@
 """Simulated channel snapshots: what a Wi-Fi card would report of each packet of a scene.
 
 The channel of each antenna and subcarrier is a sum of paths; a packet rotates, scales and delays
-all antennas alike. Nothing here is shared with the estimator.
+all antennas alike, and the receiver chain of each antenna has phases and gains of its own. Nothing
+here is shared with the estimator.
 """
 
 import json
@@ -45,7 +46,7 @@ class SimulatedPackets:
     Attributes
     ----------
     time_s : ndarray, shape (n,)
-        Of each packet, the first one at 0, in s.
+        Of each packet as the card reports it, the first one at about 0, in s.
     channel : ndarray of complex64, shape (n, K, antennas)
     subcarrier_hz : ndarray, shape (K,)
         Against the carrier.
@@ -146,18 +147,21 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
     time_s = _times(scene, seeds.generator(0))
     rooms = [_Room(scene, RandomSources(simulation.seed, a), hertz) for a in range(antennas)]
     phases = seeds.generator(1).uniform(0, 2 * np.pi, _MOVERS)
+    chains = _chains(scene, time_s, antennas, seeds.generator(4))
     pieces = []
     for first in range(0, len(time_s), _PIECE):
         piece = time_s[first : first + _PIECE]
         reflections = np.array([tag.reflection_at(piece, own.window_s) for tag in tags])
         common = _common(scene, piece, hertz, seeds.generator(2, first))
         channels = [room.channel(piece, reflections, phases) for room in rooms]
-        pieces.append((common[:, :, None] * np.stack(channels, axis=2)).astype(np.complex64))
+        common = common[:, :, None] * chains[first : first + _PIECE, None]
+        pieces.append((common * np.stack(channels, axis=2)).astype(np.complex64))
         if progress is not None:
             progress(len(piece))
     channel = np.concatenate(pieces)
     time_s, channel = _repeated(scene, time_s, channel, seeds.generator(3))
     named = {tag.name: tag for tag in tags}
+    time_s = _stamps(scene, time_s, seeds.generator(5))
     return SimulatedPackets(time_s, channel, hertz, named)
 
 
@@ -193,6 +197,39 @@ def _common(
     turned = phase[:, None] - 2 * np.pi * np.outer(delay_s, hertz)
     common: np.ndarray = 10 ** (gain_db[:, None] / 20) * np.exp(1j * turned)
     return common
+
+
+def _chains(
+    scene: Scene, time_s: np.ndarray, antennas: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Factor of each antenna by itself in each packet; shape (n, antennas)."""
+    chains = np.ones((len(time_s), antennas), complex)
+    faults = scene.simulation.packets
+    if faults is None:
+        return chains
+    for antenna in range(1, antennas):
+        if faults.flips_per_s:
+            gaps_s = rng.exponential(
+                1 / faults.flips_per_s, int(2 * time_s[-1] * faults.flips_per_s) + 20
+            )
+            jumps = np.cumsum(rng.integers(1, faults.flip_phases, len(gaps_s)))
+            turns = np.append(0, jumps)[np.searchsorted(np.cumsum(gaps_s), time_s, side="right")]
+            chains[:, antenna] = np.exp(2j * np.pi * turns / faults.flip_phases)
+    steps = rng.integers(-1, 2, chains.shape)
+    return np.asarray(chains * 10 ** (faults.antenna_gain_step_db / 20 * steps))
+
+
+def _stamps(scene: Scene, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Times as the card reports them."""
+    faults = scene.simulation.packets
+    if faults is None:
+        return time_s
+    stamps = time_s + faults.stamp_jitter_s * rng.standard_normal(len(time_s))
+    for at in rng.integers(1, max(len(time_s), 2), faults.clock_steps):
+        stamps[at:] -= rng.uniform(1.0, 10.0)
+    if faults.stamp_resolution_s:
+        stamps = np.rint(stamps / faults.stamp_resolution_s) * faults.stamp_resolution_s
+    return stamps
 
 
 def _repeated(

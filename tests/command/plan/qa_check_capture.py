@@ -68,6 +68,15 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     assert "no checksum is known" in done.stdout
 
 
+def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
+    scene = {**SCENE, "reference_s": 0.2}
+    wiforce.simulate(wiforce.load_scene(scene), tmp_path / "press")
+    (tag,) = json.loads(check(tmp_path / "press", "--json").stdout)["sensors"]
+    assert tag["name"] == "arm" and abs(tag["clock_offset_ppm"]) < 100
+    assert max(tag["phase_error_deg"]) < 1.0
+    assert "advice     none, ready to be read" in check(tmp_path / "press").stdout
+
+
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     raw = capture.with_suffix(".sigmf-data").rename(tmp_path / "press.bin")
@@ -77,7 +86,7 @@ def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_
     (file,) = json.loads(done.stdout)["files"]
     assert file["seconds"] == pytest.approx(0.4) and file["checksum"] == "none"
     assert "unknown carrier" in check(raw, *options).stdout
-    assert "give a CAPTURE" in check("--datatype", "ci16_le").stderr
+    assert "give a FILE" in check("--datatype", "ci16_le").stderr
 
 
 def test_check_needs_a_capture_or_a_device(capture):

@@ -13,8 +13,8 @@ from ..plan import plan as plan_of
 
 # Distance of strong lines from those of lamps, in bins of a group, up to which they interfere.
 _NEAR_BINS = 2.0
-# SNR of a tag's first line that no card reaches: its channel estimates have at most 50 dB, and the
-# tag is 50 dB or more below the direct path (docs/wifi.md).
+# SNR of a tag's first line beyond which it is unlikely: channel estimates of cards have 9 to 35 dB,
+# and a tag that is half a metre away is 35 dB or more below the direct path (docs/wifi.md).
 _HIGHEST_SNR_DB = 0.0
 
 
@@ -45,8 +45,8 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
     if scene.environment.reader_clock == "free" and snr_db > _HIGHEST_SNR_DB:
         yield (
             f"simulation.snr_db: {snr_db:g} dB is more than channel estimates of a Wi-Fi card "
-            "allow, so the errors above are too small; a tag 60 dB below the direct path has -20 "
-            "to -10 dB"
+            "allow, unless the tag is next to an antenna, so the errors above are too small; a tag "
+            "40 dB below a direct path of 30 dB has -10 dB"
         )
 
 

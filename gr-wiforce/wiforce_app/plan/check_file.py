@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce check FILE``: what any file is, and whether a tag is seen in it."""
+
+from pathlib import Path
+
+from gnuradio.wiforce.io.capture_files import is_snapshots
+from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots
+from gnuradio.wiforce.io.csi_format import tool_of
+from gnuradio.wiforce.io.samples import likely_datatype
+
+from ..read.recordings import SAMPLES_ONLY, open_recording
+from ..shell.options import refuse
+from . import check_capture, check_samples, check_snapshots
+
+_TOOLS = {
+    "intel": "Linux 802.11n CSI Tool (Intel 5300)",
+    "atheros": "Atheros CSI Tool",
+    "esp32": "ESP32",
+    "nexmon": "nexmon_csi",
+}
+
+
+def check_file(path, scene_path, datatype, csi):
+    """Examine a file of any kind.
+
+    Parameters
+    ----------
+    path : str
+    scene_path : str or None
+        For samples: what was sent. By default the capture's own.
+    datatype : str or None
+        Of raw samples; by default found by their values.
+    csi : dict or None
+        Arguments of ``open_csi``; by default found by the file itself.
+
+    Returns
+    -------
+    found : dict
+    text : str
+        The same for a terminal.
+    """
+    if datatype is None and csi is None and _is_raw(path):
+        datatype = likely_datatype(path)
+    recording = open_recording(path, datatype, csi)
+    if isinstance(recording, ChannelSnapshots):
+        refuse({"--datatype": datatype, "--scene": scene_path}, SAMPLES_ONLY)
+        found = check_snapshots.check_snapshots(recording, _kind(path, csi))
+        return found, check_snapshots.text(found)
+    if scene_path is None and recording.scene is None:
+        found = check_samples.check_samples(recording)
+        return found, check_samples.text(found)
+    found = check_capture.check_capture(path, scene_path, datatype)
+    return found, check_capture.report(found)
+
+
+def _is_raw(path):
+    """Whether a file has neither metadata nor a format that is known."""
+    file = Path(path)
+    known = is_snapshots(path) or file.suffix in (".sigmf-data", ".sigmf-meta")
+    metadata = file.with_name(f"{file.name}.sigmf-meta")
+    return not known and file.is_file() and not metadata.exists() and tool_of(path) is None
+
+
+def _kind(path, csi):
+    tool = (csi or {}).get("tool") or tool_of(path)
+    if tool is None:
+        return "channel snapshots (.npz)"
+    name, *settings = tool.split("/")
+    return " ".join(["channel snapshots of", _TOOLS[name], *settings])

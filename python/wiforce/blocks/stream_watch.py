@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Says in one sentence why a running stream gives no readings, or no clear ones."""
+
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from gnuradio import gr
+
+from ..estimation.frame_period import samples_needed
+from ..estimation.groups import Array
+from ..estimation.snapshot_group import SnapshotGroup
+from ..estimation.stream_problems import (
+    frame_problem,
+    level_problem,
+    search_problem,
+    snapshots_problem,
+)
+from ..io.readings import Reading
+from ..io.samples import samples_of
+from ..planning.plan import Plan
+from ..signal.waveform import Waveform
+
+# Time that something must last before it is said, in s: longer than any press changes, and than a
+# device takes to start.
+PATIENCE_S = 1.0
+# Groups are looked at so often, in s of signal.
+_LOOKS_S = 0.25
+# Flags of readings that have a cause in the set-up if nothing else is read.
+_CAUSES = ("saturated", "ambiguous", "inconsistent", "weak")
+_NO_GROUPS = (
+    "every frame holds samples that are NaN or infinite, as 16-bit integers have that are read as "
+    "floats; check the block that makes the samples, and its type against the input type"
+)
+
+
+class SearchWatch:
+    """Watches samples in which no frames have been found, and says once why.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        That is searched.
+    report : callable
+        Called with the sentence.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> watch = SearchWatch(sounding_waveform(), print)
+    >>> watch.take(np.zeros(1000, np.complex64))
+    >>> watch.end()
+    frame_alignment: all samples are 0; check that the source delivers a signal
+    """
+
+    def __init__(self, waveform: Waveform, report: Callable[[str], None]) -> None:
+        self._waveform, self._report = waveform, report
+        self._kept: list[Array] = []
+        self._count, self._kept_count, self._said = 0, 0, False
+
+    def take(self, items: Array) -> None:
+        """Take samples that were searched: complex64 (n,), or int16 (n, 2)."""
+        if self._said:
+            return
+        needed = samples_needed(self._waveform.frame_length)
+        if self._kept_count < needed:
+            self._kept.append(items[: needed - self._kept_count].copy())
+            self._kept_count += len(self._kept[-1])
+        self._count += len(items)
+        if self._count >= PATIENCE_S * self._waveform.sample_rate_hz:
+            self.end()
+
+    def end(self) -> None:
+        """Say what is known, as no more samples come."""
+        if self._said:
+            return
+        self._said = True
+        if not self._count:
+            self._report("frame_alignment: no samples were received")
+            return
+        kept = np.concatenate(self._kept)
+        samples = kept if np.iscomplexobj(kept) else samples_of(kept)
+        self._kept = []
+        self._report(f"frame_alignment: {search_problem(samples, self._waveform)}")
+
+
+class StreamWatch:
+    """Watches what passes a reader, and says once what is wrong with it.
+
+    The first cause that lasts for a second is said, and nothing more until readings have been clear
+    again: what follows from it would hide it.
+
+    Parameters
+    ----------
+    plan : Plan
+    name : str
+        Of the block that speaks.
+    report : callable, optional
+        Called with every sentence; by default GNU Radio's log.
+    frame_offset : int
+        Samples before the first frame.
+    sampled : bool
+        Whether groups are those of samples, and not of ratios of two antennas.
+
+    Attributes
+    ----------
+    said : list of str
+        Sentences so far.
+    mean_frame : callable or None
+        Returns the mean of the first frames; see ``StreamReader``.
+    frames : callable or None
+        Returns the number of frames that samples were cut into.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> watch = StreamWatch(wiforce.plan("demo"), "reader", report=print)
+    >>> watch.end({})
+    reader: the stream has ended without a whole phase group of 36 ms at the carrier and sample \
+rate of the scene; nothing was read
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        name: str,
+        report: Callable[[str], None] | None = None,
+        frame_offset: int = 0,
+        sampled: bool = True,
+    ) -> None:
+        self._plan, self._name = plan, name
+        self._report = gr.log.warn if report is None else report
+        self._frame_offset, self._sampled = frame_offset, sampled
+        self.mean_frame: Callable[[], Array] | None = None
+        self.frames: Callable[[], int] | None = None
+        self.said: list[str] = []
+        self._quiet = False  # after a sentence, until readings are clear
+        self._problem = self._level = ""
+        self._since_s, self._next = 0.0, 0
+        self._groups = 0
+        self._readings: dict[str, list[Reading]] = {}
+        self._clear: set[str] = set()
+        self._stopped = threading.Event()
+
+    def say(self, sentence: str) -> None:
+        """Report a sentence, unless one was reported and nothing is well since."""
+        sentence = f"{self._name}: {sentence}" if sentence else ""
+        if sentence and not self._quiet and sentence not in self.said:
+            self._quiet = True
+            self.said.append(sentence)
+            self._report(sentence)
+
+    def take(self, groups: Sequence[SnapshotGroup]) -> None:
+        """Look at groups that have arrived."""
+        self._groups += len(groups)
+        for group in groups:
+            if self._sampled and group.index >= self._next and group.present.any():
+                self._look(group)
+        if self.mean_frame is not None and len(frame := self.mean_frame()):
+            self.mean_frame = None
+            waveform = self._plan.waveform
+            self.say(self._level or frame_problem(frame, waveform, self._frame_offset))
+
+    def _look(self, group: SnapshotGroup) -> None:
+        period_s = self._plan.group_period_s
+        self._next = group.index + max(1, round(_LOOKS_S / period_s))
+        folded, former = group.folded[group.present], self._problem
+        self._level = level_problem(folded)
+        self._problem = self._level or snapshots_problem(folded, self._plan.waveform)
+        time_s = group.index * period_s
+        if not former:
+            self._since_s = time_s
+        if self._problem and time_s - self._since_s >= PATIENCE_S:
+            self.say(self._problem)
+
+    def read(self, readings: Sequence[Reading], problems: Mapping[str, str]) -> None:
+        """Look at readings.
+
+        Parameters
+        ----------
+        readings : sequence of Reading
+        problems : mapping of str to str
+            Why it is not known which phases of a sensor are those untouched, by its name.
+        """
+        for reading in readings:
+            if reading.flags == ():
+                self._clear.add(reading.sensor)
+                self._quiet = False
+            if "reference" in reading.flags and "saturated" not in reading.flags:
+                continue
+            self._readings.setdefault(reading.sensor, []).append(reading)
+        for sensor, waiting in self._readings.items():
+            while waiting and waiting[-1].time_s - waiting[0].time_s >= PATIENCE_S:
+                # Before a problem of the samples lasts as long, that of the readings is no cause.
+                if not self._problem:
+                    self.say(self._cause(sensor, waiting, problems))
+                waiting.clear()
+
+    def _cause(self, sensor: str, readings: Sequence[Reading], problems: Mapping[str, str]) -> str:
+        """What all of some readings have in common; empty where they are as they should be."""
+        flags = set(_CAUSES).intersection(*(reading.flags for reading in readings))
+        if "saturated" in flags:
+            return f"{sensor}: the receiver is saturated; lower its gain by 6 dB or more"
+        if sensor in self._clear:
+            return ""  # a press may be weak or ambiguous for long
+        own = next(s for s in self._plan.require_scene().sensors if s.name == sensor)
+        if {"inconsistent", "weak"} <= flags:
+            return (
+                f"{sensor}: more than this tag is received at its clock of {own.clock_hz:g} Hz, "
+                "such as another tag with the same clock; switch it off, or change a clock"
+            )
+        if "ambiguous" in flags and problems.get(sensor):
+            return f"{sensor}: {problems[sensor]}; begin untouched, or release it and tare"
+        if "weak" not in flags:
+            return ""
+        levels = [reading.snr_db for reading in readings if reading.snr_db is not None]
+        if not levels:
+            return (
+                f"{sensor}: no tag is found at its clock of {own.clock_hz:g} Hz; check that it is "
+                "on and near, and clock_hz and clock_tolerance_ppm of the scene"
+            )
+        return (
+            f"{sensor}: all readings are weak (SNR {max(levels):.0f} dB); raise the transmit gain, "
+            "move the antennas closer, or use longer phase groups"
+        )
+
+    def start(self) -> None:
+        """Watch that groups come of the frames that arrive."""
+        self._stopped.clear()
+        if self.frames is not None:
+            threading.Thread(target=self._wait, name="stream_watch", daemon=True).start()
+
+    def _wait(self) -> None:
+        assert self.frames is not None
+        second = math.ceil(
+            PATIENCE_S * self._plan.waveform.sample_rate_hz / self._plan.waveform.frame_length
+        )
+        groups = frames = 0
+        while not self._stopped.wait(PATIENCE_S):
+            if self._groups > groups:
+                groups, frames = self._groups, self.frames()
+            elif self.frames() - frames >= second:
+                self.say(_NO_GROUPS)
+
+    def stop(self) -> None:
+        """End watching."""
+        self._stopped.set()
+
+    def end(self, problems: Mapping[str, str]) -> None:
+        """Say why a stream that has ended was not read.
+
+        Parameters
+        ----------
+        problems : mapping of str to str
+            As for :meth:`read`.
+        """
+        self.stop()
+        plan, group_s = self._plan, self._plan.group_period_s
+        self.say(self._problem)
+        if not self._groups:
+            frames = 0 if self.frames is None else self.frames()
+            whole = frames >= 2 * plan.group_length
+            self.say(
+                _NO_GROUPS
+                if whole
+                else f"the stream has ended without a whole phase group of {1e3 * group_s:.3g} ms "
+                "at the carrier and sample rate of the scene; nothing was read"
+            )
+            return
+        received_s, reference_s = self._groups * group_s, plan.reference_groups * group_s
+        if received_s <= reference_s:
+            self.say(
+                f"the stream has ended after {received_s:.3g} s, within the untouched reference of "
+                f"{reference_s:.3g} s; nothing was read"
+            )
+            return
+        for sensor, readings in self._readings.items():
+            if readings and sensor not in self._clear:
+                self.say(self._cause(sensor, readings, problems))
+        if not self._clear:
+            for sensor, problem in problems.items():
+                if problem:
+                    self.say(f"{sensor}: {problem}; begin untouched, or release it and tare")

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce check FILE` of any file: what it is, whether a tag is seen, what to change first."""
+
+import json
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from packet_simulator import PacketCapture, PacketTag
+
+
+def checked(path, *options):
+    done = run_command("check", path, *options, "--json")
+    assert done.returncode == 0, done.stderr
+    shown = run_command("check", path, *options)
+    assert shown.returncode == 0, shown.stderr
+    return json.loads(done.stdout), shown.stdout
+
+
+def snapshots(folder, line_db=30, snr_db=30.0, **more):
+    static = 0.225 * 10 ** (line_db / 20)
+    settings = {"seed": 4, "subcarriers": 16, "duration_s": 3.0, "gain_db": (0.0, 0.5)}
+    tag = PacketTag(more.pop("clock_hz", 134.0), offset_ppm=0.0)
+    noise = static * 10 ** (-snr_db / 20)
+    PacketCapture([tag], static=static, noise=noise, **(settings | more)).save(folder / "a.npz")
+    return folder / "a.npz"
+
+
+def test_snapshots_with_a_tag_say_how_strong_it_is_and_what_error_it_allows(tmp_path):
+    found, text = checked(snapshots(tmp_path, flip_s=0.4, touched_s=(9.0, 9.0)))
+    assert found["file"]["packets"] > 2500 and found["antennas"]["count"] == 2
+    assert found["tag"]["clock_hz"] == pytest.approx(134.0, abs=0.1)
+    assert found["tag"]["line_db"] == pytest.approx(-30, abs=6)
+    assert 0.02 < found["tag"]["phase_error_deg"] < 1.0
+    assert found["antennas"]["states"] == 2 and 3 <= found["antennas"]["changes"] <= 20
+    assert np.median(found["antennas"]["snr_db"]) == pytest.approx(30, abs=4)
+    assert found["advice"] == ["none: read it with a scene (docs/wifi.md)"]
+    assert "seen at 134." in text and "2 states, " in text
+
+
+def test_snapshots_without_a_tag_say_so(tmp_path):
+    path = snapshots(tmp_path, line_db=120)
+    found, text = checked(path)
+    assert found["tag"] is None and "none is seen" in text
+    assert any(
+        advice.startswith("no tag is seen: check that it is on") for advice in found["advice"]
+    )
+
+
+def test_stamps_gaps_lamps_and_a_single_antenna_are_advised_on(tmp_path):
+    path = snapshots(
+        tmp_path, antennas=1, clock_hz=120.0, stamp_grid_s=1e-4, clock_back_s=1.0, duration_s=4.0
+    )
+    found, text = checked(path)
+    timing = found["timing"]
+    assert timing["rounded_to_s"] == 1e-4 and timing["clock_steps"] == 1 and timing["gaps"] == 1
+    assert timing["packets_per_s"] == pytest.approx(900, rel=0.2)
+    advice = " ".join(found["advice"])
+    for words in ("two antennas on one oscillator", "rounded to 0.1 ms", "stepped back"):
+        assert words in advice
+    assert found["tag"]["may_be_a_lamp"] and "or a lamp, seen at 120." in text
+
+
+@pytest.mark.parametrize("kind", ["ci16_le", "cf32_le"])
+def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
+    """A file of integers that is opened as floats gives no reading and no message."""
+    rng = np.random.default_rng(1)
+    samples = 0.01 * rng.standard_normal((60_000, 2))
+    training = 0.3 * rng.standard_normal((16, 2))
+    for start in (10_000, 40_000):
+        samples[start : start + 320] += np.tile(training, (20, 1))
+    if kind == "ci16_le":
+        (32768 * samples).astype("<i2").tofile(tmp_path / "air")
+    else:
+        samples.astype("<f4").tofile(tmp_path / "air")
+    found, text = checked(tmp_path / "air")
+    assert found["file"]["datatype"] == kind and found["file"]["samples"] == 60_000
+    assert found["bursts"]["count"] == 2 and found["bursts"]["repeated"]
+    assert found["levels"]["peak_dbfs"] == pytest.approx(-2, abs=3)
+    assert "name one with --scene" in text
+    other = "cf32_le" if kind == "ci16_le" else "ci16_le"
+    found, _ = checked(tmp_path / "air", "--datatype", other)
+    assert found["advice"][0].startswith(f"the values are those of {kind} rather than {other}")
+
+
+def test_samples_without_numbers_and_text_are_named(tmp_path):
+    np.full(9999, np.nan, "<c8").tofile(tmp_path / "nan.cf32")
+    found, _ = checked(tmp_path / "nan.cf32", "--datatype", "cf32_le")
+    assert found["levels"]["not_finite"] == 1.0
+    (tmp_path / "text").write_text("no samples at all\n" * 99)
+    done = run_command("check", tmp_path / "text")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "is not a capture" in done.stderr
+
+
+def test_options_for_samples_are_refused_for_snapshots(tmp_path):
+    path = snapshots(tmp_path, duration_s=1.0)
+    for option in (("--scene", "demo"), ("--datatype", "ci16_le", "--mac", "11:22:33:44:55:66")):
+        done = run_command("check", path, *option)
+        assert done.returncode == 2 and "not for channel snapshots" in done.stderr
