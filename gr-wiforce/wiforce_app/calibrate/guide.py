@@ -33,8 +33,7 @@ _OPTIONS = (
     click.option(
         "--live",
         is_flag=True,
-        help="Lead through the measurements with a UHD device, and store them in TABLE. "
-        "docs/first-capture.md tells how to set it up.",
+        help="Lead through the measurements with a UHD device (docs/first-capture.md).",
     ),
     optional_radio_options,
     click.option("--sensor", help="With --live: the scene's sensor. Default: its only one."),
