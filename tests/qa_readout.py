@@ -212,6 +212,37 @@ def test_readout_steps_of_the_paper_add_up():
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
 
 
+@pytest.mark.parametrize("location_mm", [36, 38, 40, 41, 42, 44])
+@pytest.mark.parametrize("wider_mm", [8, 12, 20, 30, 40])
+def test_readout_contact_wider_than_calibrated_is_flagged_as_long_as_it_is_held(
+    wider_mm, location_mm
+):
+    """Both ends change alike, as by a turn of the tag; 4 mm more are those of a harder press."""
+    degrees_per_mm = 2 * 360 * CARRIER_HZ / 299792458.0 / 1000
+    psi = MODEL.phases_deg(4.0, location_mm, CARRIER_HZ) + degrees_per_mm * wider_mm / 2
+    assert_flagged_while_held(psi)
+
+
+@pytest.mark.parametrize("fingers_mm", [(25, 55), (30, 50), (35, 45), (20, 60)])
+def test_readout_two_fingers_are_flagged_as_long_as_they_press(fingers_mm):
+    first, second = (MODEL.phases_deg(4.0, each, CARRIER_HZ) for each in fingers_mm)
+    assert_flagged_while_held(np.array([first[0], second[1]]))
+
+
+def assert_flagged_while_held(psi):
+    """Groups with these phases, which no press of the model has, are touched and flagged."""
+    rng = np.random.default_rng(1)
+    ratio = np.exp(1j * np.radians(psi - MODEL.untouched_deg(CARRIER_HZ)))
+    noise = np.radians(0.1) * (rng.standard_normal((100, 2)) + 1j * rng.standard_normal((100, 2)))
+    groups = [
+        group_of(g, (ratio if 20 <= g < 80 else 1.0) + noise[g], 0.1, reference=g < 13)
+        for g in range(100)
+    ]
+    readings = readings_of(make_readout(), groups)
+    assert all(r.flags for r in readings[20:80])
+    assert not any(r.flags for r in readings[82:])
+
+
 def test_readout_press_within_the_reference_is_read_all_the_same():
     """Before and after it the phases are those of the untouched sensor, whatever their mean is."""
     ratios = np.ones((30, 2), complex)
