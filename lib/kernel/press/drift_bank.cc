@@ -14,6 +14,8 @@ namespace {
 // second.
 constexpr double rates_deg[drift_bank::most_rates] = { 0.003, 0.03, 0.1, 0.3, 1.0, 3.0 };
 constexpr double least_variance = 1e-14;
+// A rate that seemed impossible may return.
+constexpr double least_weight = 1e-100;
 
 } // namespace
 
@@ -23,7 +25,7 @@ drift_bank drift_bank::learning(double scale)
     bank.d_count = most_rates;
     for (std::size_t i = 0; i < most_rates; i++) {
         bank.d_rate[i] = scale * rates_deg[i] * two_pi / 360;
-        bank.d_log_weight[i] = -std::log(static_cast<double>(most_rates));
+        bank.d_weight[i] = 1.0 / most_rates;
     }
     return bank;
 }
@@ -32,6 +34,7 @@ drift_bank drift_bank::stated(double rate)
 {
     drift_bank bank;
     bank.d_rate[0] = rate;
+    bank.d_weight[0] = 1;
     return bank;
 }
 
@@ -61,34 +64,34 @@ void drift_bank::predict(double seconds)
 
 double drift_bank::update(double phase, double noise, double memory)
 {
-    double most = -1e300, before = 0, after = 0, kept = 0;
+    double most = -1e300, after = 0, kept = 0;
     std::array<double, most_rates> density;
+    // The means lie close together, so that one of them says how often to wrap.
+    const double first = d_mean[0], first_off = wrapped(phase - first);
     for (std::size_t i = 0; i < d_count; i++) {
-        const double variance = d_variance[i] + noise, off = wrapped(phase - d_mean[i]),
-                     gain = d_variance[i] / variance;
+        const double variance = d_variance[i] + noise,
+                     off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
         density[i] = log_normal(off, variance);
         most = std::max(most, density[i]);
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);
     }
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = std::exp(d_log_weight[i]);
-        before += weight;
-        after += weight * std::exp(density[i] - most);
-        d_log_weight[i] = memory * d_log_weight[i] + density[i] - most;
-        kept += std::exp(d_log_weight[i]);
+        const double relative = std::exp(density[i] - most);
+        after += d_weight[i] * relative;
+        d_weight[i] = std::pow(d_weight[i], memory) * relative;
+        kept += d_weight[i];
     }
     for (std::size_t i = 0; i < d_count; i++)
-        d_log_weight[i] -= std::log(kept);
-    return most + std::log(after / before);
+        d_weight[i] = std::max(d_weight[i] / kept, least_weight);
+    return most + std::log(after);
 }
 
 drift_bank::moments drift_bank::estimate() const
 {
     double total = 0, first = 0, second = 0;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = std::exp(d_log_weight[i]),
-                     off = wrapped(d_mean[i] - d_mean[0]);
+        const double weight = d_weight[i], off = d_mean[i] - d_mean[0];
         total += weight;
         first += weight * off;
         second += weight * (d_variance[i] + off * off);
@@ -102,7 +105,7 @@ double drift_bank::usual_rate() const
 {
     double total = 0, sum = 0;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = std::exp(d_log_weight[i]);
+        const double weight = d_weight[i];
         total += weight;
         sum += weight * std::log(std::max(d_rate[i], 1e-9));
     }

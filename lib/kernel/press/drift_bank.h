@@ -38,7 +38,7 @@ public:
     double update(double phase, double noise, double memory);
 
     //! Its rates are as likely as those of another phase that drifts for the same reason.
-    void share_rates(const drift_bank& other) { d_log_weight = other.d_log_weight; }
+    void share_rates(const drift_bank& other) { d_weight = other.d_weight; }
 
     moments estimate() const;
     //! Geometric mean of the rates.
@@ -46,7 +46,7 @@ public:
 
 private:
     std::size_t d_count = 1;
-    std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_log_weight{};
+    std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 };
 };
 
 } // namespace gr::wiforce::kernel
