@@ -182,7 +182,7 @@ class Receiver:
         ----------
         force : bool
             Measure it in any case; the readings of a sensor that seems to be touched are flagged
-            ``inconsistent`` until a release is seen.
+            ``ambiguous`` until a release is seen.
 
         Returns
         -------

@@ -132,7 +132,7 @@ class RunHealth:
         if problem == RETUNED:
             return f"{text}; {problem}: readings are flagged moved until a tare"
         ends = "until its untouched phases are seen or a tare is forced"
-        return f"{text}; {problem}: readings are flagged inconsistent {ends}"
+        return f"{text}; {problem}: readings are flagged ambiguous {ends}"
 
     def look(self) -> None:
         """Log what has happened, and give up a tare that cannot be completed."""

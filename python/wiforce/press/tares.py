@@ -152,7 +152,7 @@ class TareRequests(TareReports):
         ----------
         force : bool
             Measure it in any case. The readings of a sensor that seems to be touched are flagged
-            ``inconsistent`` until a release is seen.
+            ``ambiguous`` until a release is seen.
 
         Returns
         -------

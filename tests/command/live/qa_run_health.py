@@ -74,7 +74,7 @@ def run():
     "problem, words",
     [
         ("", "readings continue from the former reference"),
-        ("it moved", "it moved: readings are flagged inconsistent"),
+        ("it moved", "it moved: readings are flagged ambiguous"),
         (RETUNED, f"{RETUNED}: readings are flagged moved until a tare"),
     ],
 )
