@@ -1,0 +1,367 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What may follow in a group, and how well each predicts it.
+#include "press_filter.h"
+#include "press_terms.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace gr::wiforce::kernel {
+
+void press_filter::remain_untouched(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.turning = false;
+    next.lasts = true;
+    give(next, update_baseline(next));
+}
+
+void press_filter::turn_suddenly(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.turns += from.is == untouched;
+    next.turning = next.steady = next.near = false;
+    next.jolted = next.turned_now = true;
+    begin_turn(next);
+    const auto was = next.motion.phase();
+    const double variance = squared(d_set.turn_deg * deg);
+    next.motion.widen({ variance, variance, variance });
+    next.strength.mean_variance += squared(d_set.turn_np);
+    give(next, follow_turn(next, was));
+}
+
+void press_filter::turn_slowly(
+    const explanation& from, double probability, course how, std::size_t speed, bool near)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.speed = speed;
+    next.steady = false;
+    next.turning = how != course::ends;
+    next.near = near;
+    if (how == course::begins) {
+        next.turns += !near && from.is == untouched;
+        begin_turn(next);
+    }
+    if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
+        next.strength.mean_variance +=
+            squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
+    const auto was = next.motion.phase();
+    if (how != course::ends)
+        next.motion.widen_velocity(alike_both,
+                                   squared(speeds[speed]) *
+                                       (how == course::begins ? 1 : d_elapsed_s),
+                                   0);
+    next.motion.predict(d_elapsed_s);
+    if (how == course::ends)
+        next.motion.stop(d_elapsed_s);
+    give(next, follow_turn(next, was));
+}
+
+void press_filter::begin_turn(explanation& to) const
+{
+    if (to.is != untouched) {
+        to.common.widen(
+            d_common_noise); // how far it turns is seen with the noise of a group
+        return;
+    }
+    to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
+    to.strength = to.line;
+}
+
+// Both ends turn alike, whether they are touched or not, and the untouched line with
+// them.
+double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
+{
+    drift(to);
+    double likelihood = to.motion.evidence(d_group.phase, d_noise);
+    to.motion.update(d_group.phase, d_noise);
+    hold_level(to);
+    const double before = to.strength.mean;
+    likelihood += update_amplitude(to.strength);
+    const auto is = to.motion.phase();
+    const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
+    to.common.turn(by);
+    // What is seen in the second group of a press may have begun in the first.
+    if (to.is != untouched && to.age_s < 1.5 * d_elapsed_s)
+        to.common.widen(squared(by / 2));
+    to.line.mean += to.strength.mean - before;
+    if (!to.near)
+        to.quiet_amplitude += to.strength.mean - before;
+    to.velocity = to.motion.common_velocity();
+    if (to.is == untouched) {
+        const auto sure = to.motion.covariance();
+        to.common.reset(to.common.estimate().mean,
+                        (sure.first + sure.second + 2 * sure.both) / 4);
+        to.line = to.strength;
+        notice_hand(to);
+    }
+    return likelihood;
+}
+
+void press_filter::release(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.is = untouched;
+    next.age_s = 0;
+    double likelihood;
+    if (from.known)
+        likelihood = update_baseline(next);
+    else {
+        // Now it is seen from where the press before looked as it did.
+        const auto was = from.motion.phase();
+        likelihood = std::log(d_image->density({ was[0] - d_group.phase[0],
+                                                 was[1] - d_group.phase[1] }) +
+                              1e-12) +
+                     compare_contact(from, any_amplitude);
+        reset_baseline(next);
+        next.known = true;
+    }
+    if (next.turning) {
+        begin_turn(next);
+        next.motion.move(next.velocity, squared(next.velocity) / 4);
+    }
+    give(next, likelihood);
+}
+
+void press_filter::press(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.is = pressed;
+    next.age_s = 0;
+    begin_press(next);
+    if (next.turning) {
+        next.motion.move(next.velocity, squared(next.velocity) / 4);
+    }
+    const double phases =
+        from.known ? std::log(density(from, d_group.phase) + 1e-12) : log_any_phases;
+    give(next, phases + compare_contact(from, d_set.contact_np));
+}
+
+void press_filter::touch_unexplained(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.is = unexplained;
+    next.age_s = 0;
+    next.turning = false;
+    begin_press(next);
+    double explained = 0, near = 0;
+    if (from.known) {
+        explained = density(from, d_group.phase);
+        const auto at = baseline(from);
+        for (int e = 0; e < 2; e++)
+            near +=
+                squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
+        near = 0.99 * std::exp(-squared(near) / 2);
+    }
+    give(next,
+         log_any_phases - std::log1p(explained / outside) + std::log1p(-near) +
+             compare_contact(from, any_amplitude));
+}
+
+void press_filter::hold(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.steady = false;
+    next.lasts = !from.steady;
+    if (from.steady) {
+        next.age_s = 0;
+        drift(next);
+        next.motion.predict(d_elapsed_s);
+        next.motion.stop(d_elapsed_s);
+        const double likelihood = next.motion.evidence(d_group.phase, d_noise);
+        next.motion.update(d_group.phase, d_noise);
+        hold_level(next);
+        give(next, likelihood + update_amplitude(next.strength));
+        return;
+    }
+    // What is held drifts as the untouched line does, and looks like it.
+    const double likelihood = update_phases(next.held_common, next.held_difference);
+    next.common.share_rates(next.held_common);
+    next.difference.share_rates(next.held_difference);
+    next.motion.hold(phases_of(next.held_common, next.held_difference),
+                     covariance_of(next.held_common, next.held_difference));
+    give(next, likelihood + update_amplitude(next.strength));
+}
+
+void press_filter::change_steadily(const explanation& from,
+                                   double probability,
+                                   bool slides,
+                                   std::size_t speed)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.steady = true;
+    next.slides = slides;
+    next.speed = speed;
+    next.age_s = 0;
+    drift(next);
+    // What slides, or rolls, moves both phases in any direction.
+    const auto direction = press_direction(from);
+    const double aside = slides ? 1.0 : direction_variance(from);
+    if (from.steady && !slides)
+        next.motion.bend(from.direction, direction);
+    next.direction = direction;
+    // The speed begins, or changes as much within a second; the direction keeps its
+    // error.
+    const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
+    if (from.steady && !slides)
+        next.motion.widen_velocity(next.motion.heading(direction),
+                                   along,
+                                   aside * squared(next.motion.speed()) * d_elapsed_s);
+    else
+        next.motion.widen_velocity(direction, along, aside * along);
+    if (from.turning) // by what it turned before, or by anything
+        next.motion.widen_velocity(alike_both,
+                                   2 * squared(speeds[1]) *
+                                       (from.velocity == 0 ? 1 : d_elapsed_s),
+                                   0);
+    next.motion.predict(d_elapsed_s);
+    const auto was = from.motion.phase();
+    double likelihood = next.motion.evidence(d_group.phase, d_noise);
+    next.motion.update(d_group.phase, d_noise);
+    if (from.turning)
+        part_turn(next, was, direction);
+    // The mean of phasors that turn by x has lost x^2 / 24 of its magnitude, and one that
+    // turns in a part of the group only up to x^2 / 8.
+    double turned = 0;
+    for (int e = 0; e < 2; e++)
+        turned += squared(wrapped(d_group.phase[e] - was[e]));
+    next.strength.mean_variance += squared(turned / 24);
+    next.strength.difference_variance += squared(turned / 24);
+    likelihood += update_amplitude(next.strength);
+    if (next.is == pressed && next.known) {
+        const double inside = density(next, next.motion.phase()),
+                     before = density(from, was);
+        likelihood += std::log((inside + 1e-12) / (inside + outside)) -
+                      std::log((before + 1e-12) / (before + outside));
+    }
+    give(next, likelihood);
+}
+
+// While the tag turns and the force changes: both phases are moved by the turn alike, and
+// by the force in the direction of the press. In the middle of the line that is the same.
+void press_filter::part_turn(explanation& to,
+                             const pair_of_ends& was,
+                             const pair_of_ends& direction) const
+{
+    const auto is = to.motion.phase();
+    const double expected = to.velocity * d_elapsed_s;
+    const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
+    const double by_turn = squared(speeds[1] * d_elapsed_s),
+                 by_force = squared(speeds[to.speed] * d_elapsed_s),
+                 noise = d_noise.first / 100;
+    const double a = by_force * direction[0] * direction[0] + by_turn + noise,
+                 b = by_force * direction[1] * direction[1] + by_turn + noise,
+                 ab = by_force * direction[0] * direction[1] + by_turn;
+    const double determinant = a * b - ab * ab;
+    const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
+                 doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
+    to.common.turn(expected + turned);
+    to.common.widen(std::max(doubt, 0.0));
+    to.velocity += 0.3 * turned / d_elapsed_s;
+}
+
+void press_filter::jump(const explanation& from, double probability)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.age_s = 0;
+    next.steady = false;
+    next.jumped = true;
+    drift(next);
+    const auto direction = press_direction(from);
+    const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
+                 across = direction_variance(from) * along;
+    next.motion.widen({ along * x * x + across * y * y,
+                        along * y * y + across * x * x,
+                        (along - across) * x * y });
+    const auto was = from.motion.phase();
+    double likelihood = next.motion.evidence(d_group.phase, d_noise);
+    next.motion.update(d_group.phase, d_noise);
+    hold_level(next);
+    likelihood += update_amplitude(next.strength);
+    // What hardly differs is no jump.
+    double jumped = 0;
+    for (int e = 0; e < 2; e++)
+        jumped += squared(wrapped(d_group.phase[e] - was[e]));
+    likelihood += std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
+    if (next.is == pressed && next.known) {
+        const double inside = density(next, next.motion.phase()),
+                     before = density(from, was);
+        likelihood += std::log((inside + 1e-12) / (inside + outside)) -
+                      std::log((before + 1e-12) / (before + outside));
+    }
+    give(next, likelihood);
+}
+
+void press_filter::mix(const explanation& from, double probability, double ends)
+{
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    next.is = mixed;
+    next.steady = false;
+    if (next.turning && next.near)
+        lose_sight_of_hand(next);
+    if (next.turning) {
+        const double by = next.velocity * d_elapsed_s;
+        next.common.turn(by);
+        next.common.widen(squared(by) / 12);
+        next.motion.turn(by);
+    }
+    next.seen = seen_ratio();
+    next.seen_variance = d_difference_noise / 2;
+    next.log_density = 0;
+    if (from.is == mixed)
+        next.groups++;
+    else {
+        next.groups = 1;
+        next.before = from.is;
+        next.age_before_s = from.age_s;
+        if (from.is == untouched)
+            next.start = untouched_ratio(from);
+        else {
+            const auto was = from.motion.phase();
+            for (int e = 0; e < 2; e++)
+                next.start[e] =
+                    std::polar(std::exp(from.strength.mean +
+                                        (e ? -0.5 : 0.5) * from.strength.difference),
+                               was[e]);
+        }
+        // Where a press ends, it is known what comes after.
+        if (ends > 0 && from.known)
+            next.log_density =
+                log_sum(std::log(ends) + chord(next, untouched_ratio(from), 0),
+                        std::log1p(-ends));
+    }
+    give(next, log_any_mixture + next.log_density);
+}
+
+} // namespace gr::wiforce::kernel

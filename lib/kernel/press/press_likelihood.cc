@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Parts of the events: how phases and amplitudes of a line and of a press are predicted.
+#include "press_filter.h"
+#include "press_terms.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace gr::wiforce::kernel {
+
+// What follows with this probability, before the event has changed it; nothing where even
+// the best prediction of the group would leave no weight.
+std::optional<press_filter::explanation> press_filter::follow(const explanation& from,
+                                                              double probability) const
+{
+    const double log_weight = from.log_weight + std::log(probability);
+    if (!(log_weight + d_peak > d_best + negligible - 12))
+        return std::nullopt;
+    auto next = from;
+    next.log_weight = log_weight;
+    next.jolted = next.jumped = next.lasts = false;
+    return next;
+}
+
+void press_filter::give(explanation& next, double log_likelihood)
+{
+    next.log_weight += log_likelihood;
+    if (!(next.log_weight > d_best + negligible))
+        return;
+    d_best = std::max(d_best, next.log_weight);
+    average(next);
+    next.last = next.now;
+    next.now = describe(next);
+    d_next.push_back(next);
+}
+
+// Mean of the groups for as long as nothing changes: of as many as last smoothing_s.
+void press_filter::average(explanation& to) const
+{
+    auto& mean = to.mean;
+    const double x = d_set.smoothing_s > 0 ? d_elapsed_s / d_set.smoothing_s : 1;
+    const double kept = to.lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
+    for (int e = 0; e < 2; e++) {
+        const double noise = d_group.variance[e], weight = kept * mean.weight[e],
+                     gain = 1 / (1 + weight * noise);
+        mean.phase[e] =
+            d_group.phase[e] + (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
+        mean.amplitude[e] += gain * (d_group.amplitude[e] - mean.amplitude[e]);
+        mean.variance[e] = squared(gain) * noise + squared(1 - gain) * mean.variance[e];
+        mean.weight[e] = weight + 1 / noise;
+    }
+}
+
+double press_filter::step_probability()
+{
+    if (d_group.retuned)
+        return d_stepped = 1;
+    const double variance = d_group.receiver_variance;
+    // A step may take a part of the group before and a part of this one.
+    const double prior =
+        std::max(-std::expm1(-d_set.steps * d_elapsed_s), d_stepped * lasting());
+    // Of any size, in equal parts per octave of four decades.
+    const double size2 =
+        squared(d_group.receiver_phase) + squared(d_group.receiver_amplitude) + variance;
+    const double log_step =
+                     std::log(prior + 1e-300) - std::log(two_pi * size2 * std::log(1e4)),
+                 log_none = log_normal(d_group.receiver_phase, variance) +
+                            log_normal(d_group.receiver_amplitude, variance);
+    const double steps = 1 / (1 + std::exp(std::min(log_none - log_step, 700.0)));
+    return d_stepped = steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
+}
+
+void press_filter::step_receiver(explanation& to) const
+{
+    const bool unknown = d_group.retuned;
+    const double by = unknown ? 0 : d_group.receiver_phase,
+                 gain = unknown ? 0 : d_group.receiver_amplitude,
+                 variance = unknown ? unknown_phase : 2 * d_group.receiver_variance;
+    to.common.turn(by);
+    to.common.widen(variance);
+    to.line.mean += gain;
+    to.quiet_amplitude += gain;
+    to.quiet_phase += by;
+    to.line.mean_variance += variance;
+    to.motion.turn(by);
+    to.motion.widen({ variance, variance, variance });
+    to.held_common.turn(by);
+    to.held_common.widen(variance);
+    to.strength.mean += gain;
+    to.strength.mean_variance += variance;
+    for (int e = 0; e < 2; e++) {
+        to.mean.phase[e] += by;
+        to.mean.amplitude[e] += gain;
+        to.mean.weight[e] = unknown ? 0 : to.mean.weight[e];
+        to.start[e] *= std::polar(std::exp(gain), by);
+        to.seen[e] *= std::polar(std::exp(gain), by);
+    }
+}
+
+void press_filter::reset_baseline(explanation& to) const
+{
+    const double apart = wrapped(d_group.phase[0] - d_group.phase[1]);
+    to.common.reset(d_group.phase[1] + apart / 2, d_common_noise);
+    to.difference.reset(apart, d_difference_noise);
+    to.line = seen_amplitude();
+    to.quiet_amplitude = d_amplitude;
+    to.quiet_phase = to.common.estimate().mean;
+    to.near_square = 0;
+}
+
+void press_filter::drift(explanation& to) const
+{
+    const double common = squared(to.common.usual_rate()) * d_elapsed_s,
+                 apart = squared(to.difference.usual_rate()) * d_elapsed_s / 4;
+    to.motion.widen({ common + apart, common + apart, common - apart });
+}
+
+// Takes the phases of the group as those of a line that drifts.
+double press_filter::update_phases(drift_bank& common, drift_bank& difference) const
+{
+    const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
+    const auto known = difference.estimate();
+    const double apart =
+        known.mean + wrapped(d_group.phase[0] - d_group.phase[1] - known.mean);
+    return common.update(d_group.phase[1] + apart / 2, d_common_noise, memory) +
+           difference.update(apart, d_difference_noise, memory);
+}
+
+// A press is held from where it is now.
+void press_filter::hold_level(explanation& to) const
+{
+    const auto is = to.motion.phase();
+    const auto sure = to.motion.covariance();
+    const double apart = wrapped(is[0] - is[1]);
+    to.held_common.reset(is[1] + apart / 2,
+                         (sure.first + sure.second + 2 * sure.both) / 4);
+    to.held_difference.reset(apart, sure.first + sure.second - 2 * sure.both);
+}
+
+double press_filter::update_baseline(explanation& to) const
+{
+    double likelihood = update_phases(to.common, to.difference);
+    likelihood += update_amplitude(to.line);
+    notice_hand(to);
+    return likelihood;
+}
+
+// It goes on to where it presses.
+void press_filter::lose_sight_of_hand(explanation& to) const
+{
+    to.turning = false;
+    to.near_square += squared(to.velocity * d_set.near_s);
+}
+
+// A hand that comes near adds a phasor. While it moves the untouched line shows how large
+// that is; during a press, the phase that it adds is known to no better than this.
+void press_filter::notice_hand(explanation& to) const
+{
+    const bool moves = to.turning && to.near;
+    const double phase = to.common.estimate().mean,
+                 turned = moves ? wrapped(phase - to.quiet_phase) : 0,
+                 grown = to.line.mean - to.quiet_amplitude;
+    const double forgets = std::min(1.0, d_elapsed_s / d_set.near_s);
+    to.near_square = std::max((1 - forgets) * to.near_square,
+                              squared(turned) + squared(grown) - to.line.mean_variance);
+    to.quiet_phase = phase - turned * (1 - forgets / 4);
+    to.quiet_amplitude += forgets / 4 * grown;
+}
+
+double press_filter::compare_contact(const explanation& with, double spread) const
+{
+    const double known =
+        with.line.mean_variance + with.near_square / 2 + d_amplitude_noise;
+    const auto density = [&](double loss) {
+        return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
+               log_normal(d_amplitude_difference - with.line.difference,
+                          with.line.difference_variance + 4 * d_amplitude_noise +
+                              2 * squared(loss));
+    };
+    // Good contacts lose nothing.
+    return log_sum(density(spread), density(0)) - std::log(2.0);
+}
+
+double press_filter::update_amplitude(both_amplitudes& own) const
+{
+    const double mean = d_amplitude - own.mean,
+                 difference = d_amplitude_difference - own.difference;
+    const double mean_variance = own.mean_variance + d_amplitude_noise,
+                 difference_variance = own.difference_variance + 4 * d_amplitude_noise;
+    const double likelihood =
+        log_normal(mean, mean_variance) + log_normal(difference, difference_variance);
+    const double by_mean = own.mean_variance / mean_variance,
+                 by_difference = own.difference_variance / difference_variance;
+    own.mean += by_mean * mean;
+    own.difference += by_difference * difference;
+    own.mean_variance *= 1 - by_mean;
+    own.difference_variance *= 1 - by_difference;
+    return likelihood;
+}
+
+void press_filter::begin_press(explanation& to) const
+{
+    to.steady = false;
+    to.motion.hold(d_group.phase, d_noise);
+    to.held_common = to.common;
+    to.held_difference = to.difference;
+    hold_level(to);
+    to.strength = seen_amplitude();
+}
+
+press_filter::both_amplitudes press_filter::seen_amplitude() const
+{
+    return {
+        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
+    };
+}
+
+double press_filter::density(const explanation& of, const pair_of_ends& phase) const
+{
+    const auto at = baseline(of);
+    const double variance = of.common.estimate().variance + of.near_square / 2;
+    const pair_of_ends change{ phase[0] - at[0], phase[1] - at[1] };
+    const double middle = d_image->density(change);
+    if (variance < squared(deg))
+        return middle;
+    // Gauss-Hermite quadrature over the common phase.
+    const double away = std::sqrt(3 * std::min(variance, 1.0));
+    return 2.0 / 3 * middle + (d_image->density({ change[0] - away, change[1] - away }) +
+                               d_image->density({ change[0] + away, change[1] + away })) /
+                                  6;
+}
+
+// Log density of a mixture of the state before and the one after, over that of any
+// mixture.
+double
+press_filter::chord(const explanation& from, const both_ends& to, double variance) const
+{
+    double length2 = 0, along = 0, noise = 0;
+    both_ends step, seen;
+    for (int e = 0; e < 2; e++) {
+        step[e] = to[e] - from.start[e];
+        seen[e] = from.seen[e] - from.start[e];
+        length2 += std::norm(step[e]);
+        along += (std::conj(step[e]) * seen[e]).real();
+        noise += (from.seen_variance + variance / 4) / 2 * std::norm(from.start[e]);
+    }
+    const double share = std::clamp(along / std::max(length2, 1e-12), 0.0, 1.0);
+    double off = 0;
+    for (int e = 0; e < 2; e++)
+        off += std::norm(seen[e] - share * step[e]);
+    // Three degrees of freedom lie across the chord. A change that takes a part of the
+    // group follows the circle, so that its mean lies beside the chord; and the force may
+    // have changed before the press ended, or after it began.
+    const double beside = noise + squared(length2 * share * (1 - share) / 4),
+                 ramped = beside + squared(ramp_deg * deg);
+    const auto across = [&](double v) {
+        return std::exp(-0.5 * off / v) / std::pow(two_pi * v, 1.5);
+    };
+    const double on = (across(noise) + across(beside) + across(ramped)) / 4 /
+                      (std::sqrt(length2) + 3 * std::sqrt(noise));
+    return std::log(on * std::exp(-log_any_mixture) + 0.25);
+}
+
+press_filter::both_ends press_filter::untouched_ratio(const explanation& of) const
+{
+    const auto at = baseline(of);
+    const double half = of.line.difference / 2;
+    return { std::polar(std::exp(of.line.mean + half), at[0]),
+             std::polar(std::exp(of.line.mean - half), at[1]) };
+}
+
+press_filter::both_ends press_filter::seen_ratio() const
+{
+    return { std::polar(std::exp(d_group.amplitude[0]), d_group.phase[0]),
+             std::polar(std::exp(d_group.amplitude[1]), d_group.phase[1]) };
+}
+
+pair_of_ends press_filter::baseline(const explanation& of) const
+{
+    return phases_of(of.common, of.difference);
+}
+
+// Of the direction, rad^2; any where the model does not say.
+double press_filter::direction_variance(const explanation& of) const
+{
+    return of.known && of.is == pressed ? squared(d_set.aside) : 1.0;
+}
+
+pair_of_ends press_filter::press_direction(const explanation& of) const
+{
+    if (!of.known || of.is != pressed)
+        return alike_both;
+    const auto at = baseline(of), is = of.motion.phase();
+    return d_image->direction({ is[0] - at[0], is[1] - at[1] });
+}
+
+press_filter::outcome press_filter::describe(const explanation& of) const
+{
+    const auto common = of.common.estimate(), apart = of.difference.estimate();
+    return {
+        of.is,          of.before,
+        of.known,       of.turned_now || of.turning,
+        baseline(of),   common.variance + (of.is == pressed ? of.near_square / 2 : 0),
+        apart.variance, of.line.mean,
+        of.mean
+    };
+}
+
+} // namespace gr::wiforce::kernel
