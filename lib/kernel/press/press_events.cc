@@ -44,7 +44,7 @@ void press_filter::turn_slowly(
     if (!followed)
         return;
     auto& next = *followed;
-    next.speed = speed;
+    next.turn_speed = speed;
     next.steady = false;
     next.turning = how != course::ends;
     next.near = near;
@@ -236,7 +236,7 @@ void press_filter::change_steadily(const explanation& from,
         next.motion.widen_velocity(direction, along, aside * along);
     if (from.turning) // by what it turned before, or by anything
         next.motion.widen_velocity(alike_both,
-                                   2 * squared(speeds[1]) *
+                                   2 * squared(speeds[from.turn_speed]) *
                                        (from.velocity == 0 ? 1 : d_elapsed_s),
                                    0);
     next.motion.predict(d_elapsed_s);
@@ -271,7 +271,7 @@ void press_filter::part_turn(explanation& to,
     const auto is = to.motion.phase();
     const double expected = to.velocity * d_elapsed_s;
     const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
-    const double by_turn = squared(speeds[1] * d_elapsed_s),
+    const double by_turn = squared(speeds[to.turn_speed] * d_elapsed_s),
                  by_force = squared(speeds[to.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
     const double a = by_force * direction[0] * direction[0] + by_turn + noise,

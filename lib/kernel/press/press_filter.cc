@@ -122,8 +122,8 @@ void press_filter::branch_untouched(const explanation& from)
                  hands = -std::expm1(-d_set.hands * d_elapsed_s);
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
     if (from.turning) {
-        turn_slowly(from, quiet * goes_on, course::goes_on, from.speed, from.near);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.speed, from.near);
+        turn_slowly(from, quiet * goes_on, course::goes_on, from.turn_speed, from.near);
+        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
         remain_untouched(from, quiet * (1 - turns) * (1 - hands));
         begin_turning(from, quiet * turns, quiet * hands);
@@ -158,11 +158,11 @@ void press_filter::branch_touched(const explanation& from)
         change_steadily(resting, ends, from.slides, from.speed);
         held.steady = false;
         held.motion.move(from.velocity, squared(from.velocity) / 4);
-        turn_slowly(held, ends, course::goes_on, from.speed, from.near);
+        turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
     } else if (from.turning) {
         turn_slowly(
-            from, quiet * goes_on * (1 - begins), course::goes_on, from.speed, from.near);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.speed, from.near);
+            from, quiet * goes_on * (1 - begins), course::goes_on, from.turn_speed, from.near);
+        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
         for (std::size_t i = 0; i < speeds.size(); i++)
             change_steadily(from, quiet * goes_on * begins / speeds.size(), false, i);
     } else if (from.steady) {
@@ -178,7 +178,13 @@ void press_filter::branch_touched(const explanation& from)
             change_steadily(from, stays * slows, from.slides, from.speed - 1);
         if (slips > 0)
             change_steadily(from, stays * slips, true, from.speed);
-        change_steadily(turning, quiet * goes_on * turns, from.slides, from.speed);
+        for (std::size_t i = 0; i < turning_speeds; i++) {
+            turning.turn_speed = i;
+            change_steadily(turning,
+                            quiet * goes_on * turns / turning_speeds,
+                            from.slides,
+                            from.speed);
+        }
         hold(from, quiet * (1 - goes_on));
     } else {
         hold(from, quiet * (1 - begins) * (1 - turns));
@@ -327,7 +333,8 @@ double press_filter::turn_rate(const explanation& of) const
 bool press_filter::alike(const explanation& a, const explanation& b) const
 {
     if (a.is != b.is || a.known != b.known || a.turning != b.turning ||
-        ((a.turning || a.steady) && (a.near != b.near || a.speed != b.speed)) ||
+        (a.turning && (a.near != b.near || a.turn_speed != b.turn_speed)) ||
+        (a.steady && a.speed != b.speed) ||
         a.last.is != b.last.is || a.last.known != b.last.known)
         return false;
     if (a.is == mixed && (a.before != b.before || a.groups != b.groups))

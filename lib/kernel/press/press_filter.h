@@ -111,6 +111,7 @@ private:
         bool near =
             false; // it is a hand that comes near, which changes the amplitude as well
         double velocity = 0;               // of the turn, rad/s
+        std::size_t turn_speed = 0;        // how fast its velocity changes
         double turns = 0, untouched_s = 0; // turns seen while untouched, in this time
         // Both phases of the press, or of the untouched line while the tag turns; and
         // whether the press changes steadily: at a speed, sliding or not.
