@@ -374,7 +374,8 @@ press_filter::collect(outcome explanation::*which) const
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
                 return other.what.is == what.is && other.what.before == what.before &&
                        other.what.known == what.known && other.what.turns == what.turns &&
-                       other.what.baseline == what.baseline;
+                       other.what.baseline == what.baseline &&
+                       other.what.common_variance == what.common_variance;
             });
         if (same != found.end())
             same->weight += weight;
