@@ -285,6 +285,16 @@ void press_filter::part_turn(explanation& to,
     to.velocity += 0.3 * turned / d_elapsed_s;
 }
 
+// For a part of the group, in which the press changes: as before, or to rest.
+void press_filter::turn_unseen(explanation& to, double part) const
+{
+    const double by = to.velocity * d_elapsed_s,
+                 bends = squared(speeds[to.turn_speed] * d_elapsed_s) * d_elapsed_s;
+    to.common.turn(part * by);
+    to.common.widen(squared(by) / 12 + bends);
+    to.motion.turn(part * by);
+}
+
 void press_filter::jump(const explanation& from, double probability)
 {
     auto followed = follow(from, probability);
@@ -330,12 +340,8 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     next.steady = false;
     if (next.turning && next.near)
         lose_sight_of_hand(next);
-    if (next.turning) {
-        const double by = next.velocity * d_elapsed_s;
-        next.common.turn(by);
-        next.common.widen(squared(by) / 12);
-        next.motion.turn(by);
-    }
+    else if (next.turning)
+        turn_unseen(next, 1);
     next.seen = seen_ratio();
     next.seen_variance = d_difference_noise / 2;
     next.log_density = 0;

@@ -278,13 +278,8 @@ press_filter::courses(const explanation& from) const
     }
     if (from.turning) {
         auto resting = from;
-        const double by = from.velocity * d_elapsed_s;
-        other.common.turn(by);
-        other.common.widen(squared(by) / 12);
-        other.motion.turn(by);
-        resting.common.turn(by / 2);
-        resting.common.widen(squared(by) / 3);
-        resting.motion.turn(by / 2);
+        turn_unseen(other, 1);
+        turn_unseen(resting, 0.5);
         resting.turning = false;
         return { { other, going_on() }, { resting, 1 - going_on() } };
     }

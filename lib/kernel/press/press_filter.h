@@ -170,6 +170,7 @@ private:
     void part_turn(explanation& to,
                    const pair_of_ends& was,
                    const pair_of_ends& direction) const;
+    void turn_unseen(explanation& to, double part) const;
     void begin_turn(explanation& to) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void give(explanation& next, double log_likelihood);
