@@ -27,6 +27,8 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
         return;
     auto& next = *followed;
     next.turns += from.is == untouched;
+    if (from.is != untouched)
+        next.age_s = 0;
     next.turning = next.steady = next.near = false;
     next.jolted = next.turned_now = true;
     begin_turn(next);
@@ -48,6 +50,8 @@ void press_filter::turn_slowly(
     next.steady = false;
     next.turning = how != course::ends;
     next.near = near;
+    if (from.is != untouched)
+        next.age_s = 0; // as after a change of force, which looks the same at mid-line
     if (how == course::begins) {
         next.turns += !near && from.is == untouched;
         begin_turn(next);
