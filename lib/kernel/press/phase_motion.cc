@@ -125,19 +125,12 @@ bool phase_motion::near(const phase_motion& other) const
     return true;
 }
 
-double phase_motion::evidence(const pair_of_ends& phase,
-                              const phase_covariance& noise) const
+double phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)
 {
     const auto c = compare(phase, noise);
     const double square = c.off[0] * c.off[0] * c.second -
                           2 * c.off[0] * c.off[1] * c.both +
                           c.off[1] * c.off[1] * c.first;
-    return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
-}
-
-void phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)
-{
-    const auto c = compare(phase, noise);
     double before[2][4];
     std::copy_n(&d_covariance[0][0], 8, &before[0][0]);
     for (int i = 0; i < 4; i++) {
@@ -153,6 +146,7 @@ void phase_motion::update(const pair_of_ends& phase, const phase_covariance& noi
         for (int j = 0; j < i; j++)
             d_covariance[i][j] = d_covariance[j][i] =
                 (d_covariance[i][j] + d_covariance[j][i]) / 2;
+    return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
 }
 
 } // namespace gr::wiforce::kernel

@@ -32,8 +32,9 @@ public:
 
     //! Begins at a phase, without velocity.
     void hold(const pair_of_ends& phase, const phase_covariance& covariance);
+    void turn(const pair_of_ends& by) { d_state[0] += by[0], d_state[1] += by[1]; }
     //! Both phases turn, by this on average.
-    void turn(double by) { d_state[0] += by, d_state[1] += by; }
+    void turn(double by) { turn({ by, by }); }
     void widen(const phase_covariance& by);
     //! Both phases turn at this velocity, of this variance.
     void move(double velocity, double variance);
@@ -54,9 +55,8 @@ public:
     //! Whether phases and velocities are the same within a third of what is known of
     //! them.
     bool near(const phase_motion& other) const;
-    //! Log density of phases with this noise.
-    double evidence(const pair_of_ends& phase, const phase_covariance& noise) const;
-    void update(const pair_of_ends& phase, const phase_covariance& noise);
+    //! Takes phases with this noise; returns the logarithm of their density.
+    double update(const pair_of_ends& phase, const phase_covariance& noise);
 
 private:
     // Inverse of the covariance of a prediction, and what was seen beside it.

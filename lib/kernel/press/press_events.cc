@@ -87,8 +87,7 @@ void press_filter::begin_turn(explanation& to) const
 double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 {
     drift(to);
-    double likelihood = to.motion.evidence(d_group.phase, d_noise);
-    to.motion.update(d_group.phase, d_noise);
+    double likelihood = to.motion.update(d_group.phase, d_noise);
     hold_level(to);
     const double before = to.strength.mean;
     likelihood += update_amplitude(to.strength);
@@ -194,8 +193,7 @@ void press_filter::hold(const explanation& from, double probability)
         drift(next);
         next.motion.predict(d_elapsed_s);
         next.motion.stop(d_elapsed_s);
-        const double likelihood = next.motion.evidence(d_group.phase, d_noise);
-        next.motion.update(d_group.phase, d_noise);
+        const double likelihood = next.motion.update(d_group.phase, d_noise);
         hold_level(next);
         give(next, likelihood + update_amplitude(next.strength));
         return;
@@ -245,8 +243,7 @@ void press_filter::change_steadily(const explanation& from,
                                    0);
     next.motion.predict(d_elapsed_s);
     const auto was = from.motion.phase();
-    double likelihood = next.motion.evidence(d_group.phase, d_noise);
-    next.motion.update(d_group.phase, d_noise);
+    double likelihood = next.motion.update(d_group.phase, d_noise);
     if (from.turning)
         part_turn(next, was, direction);
     // The mean of phasors that turn by x has lost x^2 / 24 of its magnitude, and one that
@@ -316,8 +313,7 @@ void press_filter::jump(const explanation& from, double probability)
                         along * y * y + across * x * x,
                         (along - across) * x * y });
     const auto was = from.motion.phase();
-    double likelihood = next.motion.evidence(d_group.phase, d_noise);
-    next.motion.update(d_group.phase, d_noise);
+    double likelihood = next.motion.update(d_group.phase, d_noise);
     hold_level(next);
     likelihood += update_amplitude(next.strength);
     // What hardly differs is no jump.

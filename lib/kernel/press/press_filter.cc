@@ -285,7 +285,7 @@ press_filter::courses(const explanation& from) const
     }
     const double turns = turn_probability(from), variance = squared(d_set.turn_deg * deg);
     other.turned_now = true;
-    other.turns += from.is == untouched;
+    other.turns += (from.is == mixed ? from.before : from.is) == untouched;
     other.common.widen(variance);
     other.motion.widen({ variance, variance, variance });
     other.line.mean_variance += squared(d_set.turn_np);
@@ -367,8 +367,7 @@ press_filter::collect(outcome explanation::*which) const
         const double weight = std::exp(kept.log_weight);
         const auto same =
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
-                return other.what.is == what.is && other.what.before == what.before &&
-                       other.what.known == what.known && other.what.turns == what.turns &&
+                return other.what.is == what.is && other.what.known == what.known && other.what.turns == what.turns &&
                        other.what.baseline == what.baseline &&
                        other.what.common_variance == what.common_variance;
             });
@@ -445,40 +444,23 @@ void press_filter::claim_untouched(double probability)
 
 void press_filter::change_reference(const pair_of_ends& phase, const pair_of_ends& by)
 {
-    const double apart = wrapped(phase[0] - phase[1]), mean = phase[1] + apart / 2;
-    const double amplitude = (by[0] + by[1]) / 2;
     for (int e = 0; e < 2; e++) {
         d_group.phase[e] += phase[e];
         d_group.amplitude[e] += by[e];
     }
+    const double amplitude = (by[0] + by[1]) / 2;
     d_amplitude += amplitude;
     d_amplitude_difference += by[0] - by[1];
     for (auto& kept : d_kept) {
-        kept.common.turn(mean);
-        kept.difference.turn(apart);
-        kept.held_common.turn(mean);
-        kept.held_difference.turn(apart);
-        kept.line.mean += amplitude;
-        kept.line.difference += by[0] - by[1];
-        kept.quiet_amplitude += amplitude;
-        kept.quiet_phase += mean;
-        auto was = kept.motion.phase();
-        kept.motion.hold({ was[0] + phase[0], was[1] + phase[1] },
-                         kept.motion.covariance());
-        kept.strength.mean += amplitude;
-        kept.strength.difference += by[0] - by[1];
-        for (int e = 0; e < 2; e++) {
-            kept.start[e] *= std::polar(std::exp(by[e]), phase[e]);
-            kept.seen[e] *= std::polar(std::exp(by[e]), phase[e]);
-            for (auto* mean : { &kept.mean, &kept.now.mean, &kept.last.mean }) {
-                mean->phase[e] += phase[e];
-                mean->amplitude[e] += by[e];
+        recount(kept, phase, by);
+        for (auto* group : { &kept.now, &kept.last }) {
+            group->amplitude += amplitude;
+            for (int e = 0; e < 2; e++) {
+                group->mean.phase[e] += phase[e];
+                group->mean.amplitude[e] += by[e];
+                group->baseline[e] += phase[e];
             }
-            kept.now.baseline[e] += phase[e];
-            kept.last.baseline[e] += phase[e];
         }
-        kept.now.amplitude += amplitude;
-        kept.last.amplitude += amplitude;
     }
 }
 

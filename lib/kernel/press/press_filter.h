@@ -54,7 +54,7 @@ public:
 
     //! What an explanation says of one group.
     struct outcome {
-        state is = untouched, before = untouched;
+        state is = untouched;
         bool known =
             true; // the baseline; a first press may have begun before the first group
         bool turns = false;      // the tag or an antenna turns in this group
@@ -178,6 +178,7 @@ private:
     void average(explanation& to) const;
 
     double turn_rate(const explanation& of) const;
+    void recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
     void step_receiver(explanation& to) const;
     double step_probability();
     void reset_baseline(explanation& to) const;

@@ -71,31 +71,46 @@ double press_filter::step_probability()
     return d_stepped = steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
 }
 
+// Counted from where everything has turned and grown by this.
+void press_filter::recount(explanation& to,
+                           const pair_of_ends& phase,
+                           const pair_of_ends& gain) const
+{
+    const double apart = wrapped(phase[0] - phase[1]), turn = phase[1] + apart / 2,
+                 growth = (gain[0] + gain[1]) / 2;
+    to.common.turn(turn);
+    to.difference.turn(apart);
+    to.held_common.turn(turn);
+    to.held_difference.turn(apart);
+    to.motion.turn(phase);
+    to.quiet_phase += turn;
+    to.quiet_amplitude += growth;
+    for (auto* amplitude : { &to.line, &to.strength }) {
+        amplitude->mean += growth;
+        amplitude->difference += gain[0] - gain[1];
+    }
+    for (int e = 0; e < 2; e++) {
+        to.mean.phase[e] += phase[e];
+        to.mean.amplitude[e] += gain[e];
+        to.start[e] *= std::polar(std::exp(gain[e]), phase[e]);
+        to.seen[e] *= std::polar(std::exp(gain[e]), phase[e]);
+    }
+}
+
 void press_filter::step_receiver(explanation& to) const
 {
     const bool unknown = d_group.retuned;
     const double by = unknown ? 0 : d_group.receiver_phase,
                  gain = unknown ? 0 : d_group.receiver_amplitude,
                  variance = unknown ? unknown_phase : 2 * d_group.receiver_variance;
-    to.common.turn(by);
+    recount(to, { by, by }, { gain, gain });
     to.common.widen(variance);
-    to.line.mean += gain;
-    to.quiet_amplitude += gain;
-    to.quiet_phase += by;
-    to.line.mean_variance += variance;
-    to.motion.turn(by);
-    to.motion.widen({ variance, variance, variance });
-    to.held_common.turn(by);
     to.held_common.widen(variance);
-    to.strength.mean += gain;
+    to.motion.widen({ variance, variance, variance });
+    to.line.mean_variance += variance;
     to.strength.mean_variance += variance;
-    for (int e = 0; e < 2; e++) {
-        to.mean.phase[e] += by;
-        to.mean.amplitude[e] += gain;
-        to.mean.weight[e] = unknown ? 0 : to.mean.weight[e];
-        to.start[e] *= std::polar(std::exp(gain), by);
-        to.seen[e] *= std::polar(std::exp(gain), by);
-    }
+    if (unknown)
+        to.mean.weight = {};
 }
 
 void press_filter::reset_baseline(explanation& to) const
@@ -299,8 +314,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.common.estimate(), apart = of.difference.estimate();
     return {
-        of.is,          of.before,
-        of.known,       of.turned_now || of.turning,
+        of.is, of.known,       of.turned_now || of.turning,
         baseline(of),   common.variance + (of.is == pressed ? of.near_square / 2 : 0),
         apart.variance, of.line.mean,
         of.mean

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # States of a sensor, as in lib/kernel/press/press_filter.h.
 UNTOUCHED, PRESSED, UNEXPLAINED, MIXED = range(4)
 # Of a row of the kernel.
-COLUMNS = 17
+COLUMNS = 16
 # The image of presses: forces from the onset to 1.3 times the calibrated one, since harder presses
 # are presses as well, and the error of models that has been seen in calibrations (docs/press.md).
 _FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5
@@ -33,8 +33,8 @@ class Explanations(NamedTuple):
         Group of each explanation, rising; the likeliest of each group comes first.
     weight : ndarray, shape (m,)
         Probability.
-    state, before : ndarray of int, shape (m,)
-        What the sensor is, and was before a change inside the group.
+    state : ndarray of int, shape (m,)
+        What the sensor is.
     known : ndarray of bool, shape (m,)
         Whether the untouched line has been seen.
     turns : ndarray of bool, shape (m,)
@@ -54,7 +54,6 @@ class Explanations(NamedTuple):
     row: Array
     weight: Array
     state: Array
-    before: Array
     known: Array
     turns: Array
     baseline: Array
@@ -67,20 +66,19 @@ class Explanations(NamedTuple):
     @staticmethod
     def of(table: Array, first: int = 0) -> Explanations:
         """Explanations of rows as the kernel gives them, of groups from index ``first`` on."""
-        whole = table[:, [0, 2, 3]].astype(int)
+        whole = table[:, [0, 2]].astype(int)
         return Explanations(
             whole[:, 0] + first,
             table[:, 1],
             whole[:, 1],
-            whole[:, 2],
+            table[:, 3] > 0,
             table[:, 4] > 0,
-            table[:, 5] > 0,
-            table[:, 6:8],
+            table[:, 5:7],
+            table[:, 7],
             table[:, 8],
             table[:, 9],
-            table[:, 10],
-            np.exp(table[:, 13:15] + 1j * table[:, 11:13]),
-            table[:, 15:17],
+            np.exp(table[:, 12:14] + 1j * table[:, 10:12]),
+            table[:, 14:16],
         )
 
     @staticmethod

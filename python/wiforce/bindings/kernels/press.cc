@@ -26,7 +26,7 @@ struct group_row {
 };
 
 struct outcome_row {
-    double row, weight, is, before, known, turns;
+    double row, weight, is, known, turns;
     double baseline[2];
     double common_variance, difference_variance, amplitude;
     double mean_phase[2], mean_amplitude[2], mean_variance[2];
@@ -99,7 +99,6 @@ void add(std::vector<outcome_row>& rows,
             rows.push_back({ static_cast<double>(row),
                              weight,
                              static_cast<double>(what.is),
-                             static_cast<double>(what.before),
                              static_cast<double>(what.known),
                              static_cast<double>(what.turns),
                              { what.baseline[0], what.baseline[1] },
@@ -172,8 +171,8 @@ void bind_press(py::module& m)
             "groups: (n, 13) time, both phases, amplitudes and variances, variance of a\n"
             "rotation of both ends, turn, gain and variance of the receiver, whether it\n"
             "was retuned, probability that the user says it is untouched. Gives (m, "
-            "17):\n"
-            "i, weight, state, state before, whether the untouched line is known, "
+            "16):\n"
+            "i, weight, state, whether the untouched line is known, "
             "whether\n"
             "the tag turns, both phases of the untouched line, variances of their mean\n"
             "and their difference, amplitude; both phases, amplitudes and variances of\n"
