@@ -123,7 +123,8 @@ void press_filter::branch_untouched(const explanation& from)
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
     if (from.turning) {
         turn_slowly(from, quiet * goes_on, course::goes_on, from.turn_speed, from.near);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
+        turn_slowly(
+            from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
         remain_untouched(from, quiet * (1 - turns) * (1 - hands));
         begin_turning(from, quiet * turns, quiet * hands);
@@ -160,9 +161,13 @@ void press_filter::branch_touched(const explanation& from)
         held.motion.move(from.velocity, squared(from.velocity) / 4);
         turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
     } else if (from.turning) {
+        turn_slowly(from,
+                    quiet * goes_on * (1 - begins),
+                    course::goes_on,
+                    from.turn_speed,
+                    from.near);
         turn_slowly(
-            from, quiet * goes_on * (1 - begins), course::goes_on, from.turn_speed, from.near);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
+            from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
         for (std::size_t i = 0; i < speeds.size(); i++)
             change_steadily(from, quiet * goes_on * begins / speeds.size(), false, i);
     } else if (from.steady) {
@@ -329,8 +334,8 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
 {
     if (a.is != b.is || a.known != b.known || a.turning != b.turning ||
         (a.turning && (a.near != b.near || a.turn_speed != b.turn_speed)) ||
-        (a.steady && a.speed != b.speed) ||
-        a.last.is != b.last.is || a.last.known != b.last.known)
+        (a.steady && a.speed != b.speed) || a.last.is != b.last.is ||
+        a.last.known != b.last.known)
         return false;
     if (a.is == mixed && (a.before != b.before || a.groups != b.groups))
         return false;
@@ -367,7 +372,8 @@ press_filter::collect(outcome explanation::*which) const
         const double weight = std::exp(kept.log_weight);
         const auto same =
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
-                return other.what.is == what.is && other.what.known == what.known && other.what.turns == what.turns &&
+                return other.what.is == what.is && other.what.known == what.known &&
+                       other.what.turns == what.turns &&
                        other.what.baseline == what.baseline &&
                        other.what.common_variance == what.common_variance;
             });

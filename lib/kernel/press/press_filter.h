@@ -178,7 +178,8 @@ private:
     void average(explanation& to) const;
 
     double turn_rate(const explanation& of) const;
-    void recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
+    void
+    recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
     void step_receiver(explanation& to) const;
     double step_probability();
     void reset_baseline(explanation& to) const;

@@ -313,12 +313,14 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.common.estimate(), apart = of.difference.estimate();
-    return {
-        of.is, of.known,       of.turned_now || of.turning,
-        baseline(of),   common.variance + (of.is == pressed ? of.near_square / 2 : 0),
-        apart.variance, of.line.mean,
-        of.mean
-    };
+    return { of.is,
+             of.known,
+             of.turned_now || of.turning,
+             baseline(of),
+             common.variance + (of.is == pressed ? of.near_square / 2 : 0),
+             apart.variance,
+             of.line.mean,
+             of.mean };
 }
 
 } // namespace gr::wiforce::kernel
