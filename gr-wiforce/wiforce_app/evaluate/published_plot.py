@@ -2,6 +2,8 @@
 """Picture of the error distributions on the published trials."""
 
 import numpy as np
+from gnuradio.wiforce.palette import SERIES
+from gnuradio.wiforce.plotting import legend_beside
 
 from ..shell.plots import save_picture
 
@@ -16,7 +18,7 @@ def plot_error_distributions(scores, forms, path):
     """
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(10, 3.4 * len(forms)), layout="constrained")
+    canvas = Figure(figsize=(13, 3.4 * len(forms)), layout="constrained")
     axes = canvas.subplots(len(forms), 2, squeeze=False)
     methods = list(dict.fromkeys(score.method for score in scores))
     for row, (frequency, form) in zip(axes, forms.items(), strict=True):
@@ -24,7 +26,7 @@ def plot_error_distributions(scores, forms, path):
         _plot_distribution(row[0], own, methods, "force_error", "force error (N)")
         _plot_distribution(row[1], own, methods, "location_error", "location error (mm)")
         row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\nshare of the readings")
-    axes[0, 0].legend(fontsize=7, loc="lower right")
+    legend_beside(axes[0, 1])
     canvas.suptitle("Published wireless trials (dashed: with one wireless press per location)")
     save_picture(canvas, path)
 
@@ -40,7 +42,8 @@ def _plot_distribution(axis, scores, methods, what, label):
             axis.step(
                 errors,
                 part,
-                f"C{i}{'--' if refined else '-'}",
+                "--" if refined else "-",
+                color=SERIES[i % len(SERIES)],
                 where="post",
                 linewidth=1.2,
                 label=None if refined else method,

@@ -24,7 +24,8 @@ from ..io.reading_messages import as_reading
 from ..io.readings import Reading, SurfaceReading
 from .history import History
 from .sensor_view import SensorView
-from .style import PAPER, SENSORS
+from ..palette import SERIES
+from .style import PAPER
 from .surface_view import SurfaceView
 from .track import Track
 from .words import tare_outcome
@@ -272,7 +273,7 @@ class ForceDisplay(QWidget):
 
     def _free_color(self) -> str:
         """The first colour that no sensor has, or the least used one."""
-        return min(SENSORS, key=list(self._colors.values()).count)
+        return min(SERIES, key=list(self._colors.values()).count)
 
     def _forget(self, name: str) -> None:
         del self._tracks[name], self._seen[name], self._colors[name]
