@@ -10,13 +10,14 @@ from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
 from ..palette import SERIES
+from .display import Display
 from .style import INK, time_plot
 
 _REFRESH_MS = 200
 _LEAST_POWER = 1e-20
 
 
-class Spectrum(QWidget):
+class Spectrum(Display):
     """Power over Doppler frequency, from 0 Hz to half the snapshot rate.
 
     Parameters

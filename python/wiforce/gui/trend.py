@@ -11,13 +11,14 @@ from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
 from ..palette import SERIES
+from .display import Display
 from .style import INK, time_plot
 
 _REFRESH_MS = 200
 _MOST = 20_000
 
 
-class Trend(QWidget):
+class Trend(Display):
     """Rolling plot of values that arrive at a steady rate, up to some hundreds per second.
 
     Parameters
