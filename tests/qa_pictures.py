@@ -23,7 +23,9 @@ LIMIT = 0.015
 def coarse(path):
     """Grey levels of a picture (30, 40), means over its cells."""
     pixels = image.imread(path)[..., :3].mean(axis=2)
-    rows, columns = (np.arange(n + 1) * size // n for n, size in zip(CELLS, pixels.shape))
+    rows, columns = (
+        np.arange(n + 1) * size // n for n, size in zip(CELLS, pixels.shape, strict=True)
+    )
     sums = np.add.reduceat(np.add.reduceat(pixels, rows[:-1], axis=0), columns[:-1], axis=1)
     return sums / np.outer(np.diff(rows), np.diff(columns))
 

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .errors import InputError
 from .io.readings import Flag, Reading
-from .palette import TRUTH, WARNING, series_style
+from .palette import TRUTH, series_style
 
 if TYPE_CHECKING:
     import pandas
@@ -76,14 +77,17 @@ def plot(
     if length_mm is None:
         length_mm = getattr(readings, "attrs", {}).get("length_mm")
     runs = list(dict.fromkeys((row.get("capture"), row["sensor"]) for row in rows))
+    flagged = []
     for i, (capture, sensor) in enumerate(runs):
         own = [row for row in rows if (row.get("capture"), row["sensor"]) == (capture, sensor)]
         name = sensor if capture is None else f"{capture}, {sensor}"
         _plot_sensor(axes, own, series_style(i), name if len(runs) > 1 else "reading")
+        label = f"{name}, flagged" if len(runs) > 1 else "flagged"
+        flagged.append((label, [row for row in own if _flagged(row)]))
         if truth is not None:
             real = [row for row in _rows("truth", truth) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
-    _plot_flagged(axes, rows)
+    _plot_flagged(axes, flagged)
     axes[1].set_ylim(bottom=0, top=length_mm)
     for axis, label in zip(axes, _LABELS, strict=True):
         axis.set_ylabel(label)
@@ -129,9 +133,7 @@ def _force(rows: _Rows) -> np.ndarray:
     return np.where(_column(rows, "touch") == 0, 0.0, _column(rows, "force_n"))
 
 
-def _plot_sensor(
-    axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], label: str
-) -> None:
+def _plot_sensor(axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], label: str) -> None:
     """The values of readings without a warning, and the phases and SNR of all of them."""
     time = _column(rows, "time_s")
     reliable = [row for row in rows if not _flagged(row)]
@@ -164,26 +166,28 @@ def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:
         axis.plot(time, values, color=TRUTH, lw=3, zorder=0, label="truth" if labelled else None)
 
 
-def _plot_flagged(axes: Sequence[Any], rows: _Rows) -> None:
+def _plot_flagged(axes: Sequence[Any], flagged: Sequence[tuple[str, _Rows]]) -> None:
     """Cross out flagged readings, at the edge where they lie outside the axis of all others."""
-    flagged = [row for row in rows if _flagged(row)]
-    time = _column(flagged, "time_s")
-    for axis, values in ((axes[0], _force(flagged)), (axes[1], _column(flagged, "location_mm"))):
-        known = np.isfinite(values)
-        if np.any(np.isfinite(axis.dataLim.get_points())) or not np.any(known):
+    everyone = [row for _, rows in flagged for row in rows]
+    for axis, column in ((axes[0], _force), (axes[1], partial(_column, name="location_mm"))):
+        values = column(everyone)
+        values = values[np.isfinite(values)]
+        if np.any(np.isfinite(axis.dataLim.get_points())) or not len(values):
             limits = axis.get_ylim()
         else:  # there is no other
-            limits = np.min(values[known]) - 1, np.max(values[known]) + 1
-        lowest = -0.05 * limits[1] if axis is axes[0] else limits[0]
-        limits = lowest, limits[1]
-        if np.any(known):  # Matplotlib gives markers outside the axis no size without any
-            axis.plot(
-                time[known],
-                np.clip(values[known], *limits),
-                "x",
-                ms=6,
-                color=WARNING,
-                clip_on=False,
-                label="flagged",
-            )
+            limits = np.min(values) - 1, np.max(values) + 1
+        limits = -0.05 * limits[1] if axis is axes[0] else limits[0], limits[1]
+        for number, (label, rows) in enumerate(flagged):
+            own = column(rows)
+            known = np.isfinite(own)
+            if np.any(known):  # Matplotlib gives markers outside the axis no size without any
+                axis.plot(
+                    _column(rows, "time_s")[known],
+                    np.clip(own[known], *limits),
+                    "x",
+                    ms=6,
+                    color=series_style(number)["color"],
+                    clip_on=False,
+                    label=label,
+                )
         axis.set_ylim(limits)

@@ -34,7 +34,14 @@ def plot_losses(rows, wanted, path):
             for end, style in ((0, "-o"), (1, "--s")):
                 if len(losses):
                     label = f"{estimator}, end {end + 1}"
-                    axis.plot(gammas, losses[:, end], style, ms=4, color=SERIES[color % len(SERIES)], label=label)
+                    axis.plot(
+                        gammas,
+                        losses[:, end],
+                        style,
+                        ms=4,
+                        color=SERIES[color % len(SERIES)],
+                        label=label,
+                    )
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("gamma = |a G|²/σ² per subcarrier and snapshot (dB)")
         axis.set_yscale("symlog", linthresh=2, subs=(2, 5))

@@ -4,8 +4,9 @@
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.palette import INK, TRUTH, WARNING, series_style
+from gnuradio.wiforce.palette import INK, TRUTH, series_style
 from gnuradio.wiforce.plotting import legend_beside
+from gnuradio.wiforce.scene import load_scene
 
 from ..shell.plots import save_picture
 from .causes import published_phase_std
@@ -59,7 +60,7 @@ def plot_scene(result, path):
     """Plot force and location with the truth, error distributions and the Doppler spectrum."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(13, 7.5), layout="constrained")
+    canvas = Figure(figsize=(14, 7.5), layout="constrained")
     above, below = canvas.subfigures(2, 1, height_ratios=(2, 1))
     axes = above.subplots(2, 2, width_ratios=(2, 1))
     canvas.suptitle(Path(result["scene"]).stem)
@@ -75,11 +76,15 @@ def plot_scene(result, path):
             known = np.where(truth[:, 1] == 1, truth[:, column], np.nan)
             over_time.plot(truth[:, 0], known, color=TRUTH, lw=3, zorder=0)
             name = sensor["sensor"]
-            over_time.plot(readings[:, 0], readings[:, column], ls="", ms=2.5, label=name, **style)
-            over_time.plot(readings[flagged, 0], readings[flagged, column], "x", color=WARNING, ms=5)
+            clear = readings[~flagged]
+            over_time.plot(clear[:, 0], clear[:, column], ls="", ms=2.5, label=name, **style)
+            over_time.plot(
+                readings[flagged, 0], readings[flagged, column], "x", ms=5, color=style["color"]
+            )
             over_time.set_ylabel(label)
-            _distributions(distribution, sensor["methods"], f"{key}_errors", style["color"])
+            _distributions(distribution, sensor, f"{key}_errors", style["color"])
             distribution.set_xlabel(f"error of {label}")
+    axes[1, 0].set_ylim(0, _length_mm(result["scene"]))
     axes[1, 0].set_xlabel("time (s); grey: truth, crosses: flagged")
     for axis in axes[0]:
         legend_beside(axis)
@@ -92,10 +97,17 @@ def plot_scene(result, path):
     save_picture(canvas, path, dpi=100)
 
 
-def _distributions(axis, methods, key, color):
+def _length_mm(path):
+    """Length of the sensors of a scene."""
+    scene = load_scene(path)
+    return max(sensor.load_model(scene).length_mm for sensor in scene.sensors)
+
+
+def _distributions(axis, sensor, key, color):
     for method, style in _STYLES.items():
-        errors = np.sort(methods[method].get(key, []))
+        errors = np.sort(sensor["methods"][method].get(key, []))
         if len(errors):
             part = np.arange(1, len(errors) + 1) / len(errors)
-            axis.semilogx(np.maximum(errors, 1e-4), part, style, color=color, label=method)
+            name = f"{sensor['sensor']}, {method}"
+            axis.semilogx(np.maximum(errors, 1e-4), part, style, color=color, label=name)
     axis.set_ylim(0, 1)

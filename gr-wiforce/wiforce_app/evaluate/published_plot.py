@@ -3,9 +3,8 @@
 
 import numpy as np
 from gnuradio.wiforce.palette import SERIES
-from gnuradio.wiforce.plotting import legend_beside
 
-from ..shell.plots import save_picture
+from ..shell.plots import legend_below, save_picture
 
 
 def plot_error_distributions(scores, forms, path):
@@ -18,7 +17,7 @@ def plot_error_distributions(scores, forms, path):
     """
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(13, 3.4 * len(forms)), layout="constrained")
+    canvas = Figure(figsize=(10, 3.4 * len(forms)), layout="constrained")
     axes = canvas.subplots(len(forms), 2, squeeze=False)
     methods = list(dict.fromkeys(score.method for score in scores))
     for row, (frequency, form) in zip(axes, forms.items(), strict=True):
@@ -26,7 +25,7 @@ def plot_error_distributions(scores, forms, path):
         _plot_distribution(row[0], own, methods, "force_error", "force error (N)")
         _plot_distribution(row[1], own, methods, "location_error", "location error (mm)")
         row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\nshare of the readings")
-    legend_beside(axes[0, 1])
+    legend_below(canvas, *axes[0, 0].get_legend_handles_labels(), ncols=len(methods))
     canvas.suptitle("Published wireless trials (dashed: with one wireless press per location)")
     save_picture(canvas, path)
 

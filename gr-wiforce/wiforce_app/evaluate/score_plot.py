@@ -2,7 +2,7 @@
 """Picture of readings and a force gauge."""
 
 import numpy as np
-from gnuradio.wiforce.palette import TRUTH, WARNING, series_style
+from gnuradio.wiforce.palette import TRUTH, series_style
 from gnuradio.wiforce.plotting import legend_beside
 
 from ..shell.plots import save_picture
@@ -36,7 +36,7 @@ def plot_comparison(readings, gauge, found, path, title):
         readings.force_n[flagged],
         "x",
         ms=5,
-        color=WARNING,
+        color=reading["color"],
         label="flagged, not compared",
     )
     span = readings.time_s[[0, -1]]

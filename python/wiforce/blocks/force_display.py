@@ -73,7 +73,7 @@ class force_display(Kept, gr.basic_block):
         return bool(super().stop())
 
     def _late(self) -> Iterator[Any]:
-        """Readings that a reader published when its stream ended: GNU Radio handles them no more."""
+        """Readings of the end of a stream: GNU Radio does not handle them any more."""
         port = pmt.intern(names.READINGS)
         while self.gateway.nmsgs(port):
             message = self.gateway.delete_head_nowait(port)

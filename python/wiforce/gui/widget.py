@@ -22,10 +22,10 @@ from PyQt5.QtWidgets import (
 from ..errors import InputError
 from ..io.reading_messages import as_reading
 from ..io.readings import Reading, SurfaceReading
+from ..palette import SERIES
 from .display import Display
 from .history import History
 from .sensor_view import SensorView
-from ..palette import SERIES
 from .style import PAPER
 from .surface_view import SurfaceView
 from .track import Track
