@@ -107,6 +107,8 @@ def legend_beside(axis: Any) -> None:
 def _rows(name: str, table: Any) -> _Rows:
     """Rows by the names of their columns, unknown values None or NaN, flags as one text."""
     if hasattr(table, "to_dict"):
+        if "flags" in table:  # pandas reads no flags as NaN from a file
+            table = table.assign(flags=table["flags"].fillna(""))
         rows = table.to_dict("records")
     else:
         rows = [
