@@ -27,7 +27,7 @@ LAYERS = (
     {"estimation", "gauges", "sensor", "surface"},
     {"io"},
     {"signal"},
-    {"errors", "names", "_config", "wiforce_kernels", "wiforce_python"},
+    {"errors", "names", "palette", "_config", "wiforce_kernels", "wiforce_python"},
 )
 RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
 RUNTIME = {"gnuradio", "pmt", "wiforce_python"}
