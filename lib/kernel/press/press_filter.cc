@@ -355,6 +355,9 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
         common.variance > 4 * other.variance + d_common_noise ||
         other.variance > 4 * common.variance + d_common_noise)
         return false;
+    if (a.near_square > 4 * b.near_square + d_common_noise ||
+        b.near_square > 4 * a.near_square + d_common_noise)
+        return false;
     return a.last.is != pressed || (near(a.last.baseline[0],
                                          b.last.baseline[0],
                                          a.last.common_variance + d_common_noise) &&
