@@ -30,7 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parent.parent
-sys.path[:1] = [str(TESTS), str(TESTS / "helpers")]
+sys.path[:1] = [str(TESTS), str(TESTS / "helpers"), str(TESTS / "models")]
 
 from command_runs import run_command  # noqa: E402
 

@@ -11,7 +11,7 @@ from .groups import Array
 from .noise import NoiseEstimate, NoiseHistory, Verdict, robust_noise
 
 # Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR
-# 60 dB, symbol of 0.05 of the tag's period; tests/waveform_captures.py).
+# 60 dB, symbol of 0.05 of the tag's period; tests/models/waveform_captures.py).
 _LEAST_ERROR = 6e-5
 
 
