@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/doppler/channel_equalizer.h"
+#include "kernel/fourier/channel_equalizer.h"
 
 #include <boost/test/unit_test.hpp>
 

@@ -2,7 +2,7 @@
 // The Fourier transform of builds without FFTW, against the sum that defines it.
 #include <boost/test/unit_test.hpp>
 
-#include <kernel/doppler/mixed_radix.h>
+#include <kernel/fourier/mixed_radix.h>
 
 #include <cmath>
 #include <complex>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/doppler/narrow_band_screen.h"
+#include "kernel/screening/narrow_band_screen.h"
 
 #include <boost/test/unit_test.hpp>
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../doppler/phase_group.h"
 #include "narrow_band_screen.h"
-#include "phase_group.h"
 #include "recent_level.h"
 
 #include <limits>
