@@ -29,7 +29,7 @@ CHAPTERS = (
     ({"io": "files and sockets"}, "#f4f4f4"),
     ({"signal": "frames, switches, weights, bound"}, "#f4f4f4"),
 )
-KERNELS = "lib/kernel in C++: fold, timing, doppler, fourier, screening, recording, inversion, press"
+KERNELS = "lib/kernel (C++): fold, timing, doppler, fourier, screening, recording, inversion, press"
 # Of the stages: name, what leaves it, its rate, where it is.
 STAGES = (
     ("samples", "from the radio", "12.5 M/s", "io, blocks"),

@@ -43,7 +43,7 @@ _MODULES = {
     "Receiver": "receiver",
     "load_scene": "scene",
     "load_sensor": "sensor",
-    "open_writer": "io.writers",
+    "open_writer": "io.files.writers",
     "plan": "planning.plan",
     "plot": "plotting",
     "plan_for_capture": "captures",

@@ -16,8 +16,8 @@ from .estimation.groups import Groups
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from .estimation.survey import Survey
-from .io.capture import Capture, open_capture
-from .io.capture_files import second_antenna
+from .io.capture.names import second_antenna
+from .io.capture.recordings import Capture, open_capture
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.room.adaptation import adapted, expecting_snr

@@ -16,7 +16,7 @@ from .estimation.groups import Array
 from .estimation.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
 from .estimation.packet_groups import PacketGroups, whole_groups
 from .estimation.tag_parts import SolvedTags
-from .io.channel_snapshots import ChannelSnapshots
+from .io.capture.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
 from .planning.packets.plan import fitted_plan, solved_tags
 from .planning.plan import Plan, PlanOrScene, as_plan

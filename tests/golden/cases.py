@@ -7,7 +7,7 @@ from pathlib import Path
 import faults
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.channel_snapshots import open_snapshots
+from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate

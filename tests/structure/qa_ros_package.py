@@ -10,15 +10,15 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.ros_definitions import (
+from gnuradio.wiforce.io.ros_messages import (
     DIAGNOSTICS,
     READING,
     WRENCH,
     complete_definition,
     fields_of,
 )
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,7 +11,7 @@ import click
 from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.estimation.survey import survey_samples
-from gnuradio.wiforce.io.samples import samples_of
+from gnuradio.wiforce.io.capture.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted

@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.capture_files import second_antenna
+from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
 from gnuradio.wiforce.recording import RecordingReader

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.io.textfile import check_output, replacing
+from gnuradio.wiforce.io.text.textfile import check_output, replacing
 from gnuradio.wiforce.plotting import PANELS, plot
 
 _SUFFIXES = (".png", ".pdf", ".svg")

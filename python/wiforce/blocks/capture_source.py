@@ -9,7 +9,7 @@ from gnuradio import gr
 from ..errors import InputError
 from ..estimation.recorded_groups import frame_settings
 from ..estimation.stream_problems import capture_problem
-from ..io.capture import Capture, open_capture
+from ..io.capture.recordings import Capture, open_capture
 from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source
 from .argument_types import typed

@@ -13,8 +13,8 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..io.capture import Capture, open_capture
-from ..io.samples import DATATYPES
+from ..io.capture.recordings import Capture, open_capture
+from ..io.capture.samples import DATATYPES
 from .argument_types import typed
 from .kept import Kept
 from .stream_time import time_value

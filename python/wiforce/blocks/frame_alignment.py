@@ -7,7 +7,7 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..io.samples import item_type_named
+from ..io.capture.samples import item_type_named
 from .argument_types import typed
 from .frame_search import FrameSearch, Tag
 from .frame_settings import WaveformOrScene, frames_of

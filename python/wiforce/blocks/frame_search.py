@@ -11,7 +11,7 @@ import pmt
 from .. import names
 from ..estimation.frame import find_frame_offset, searched_samples
 from ..estimation.groups import Array
-from ..io.samples import samples_of
+from ..io.capture.samples import samples_of
 from ..signal.waveform import Waveform
 from .stream_time import Timeline, time_value
 

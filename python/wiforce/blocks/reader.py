@@ -9,8 +9,8 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..io.capture.samples import ITEM_TYPES
 from ..io.readings import GroupCounts, Reading
-from ..io.samples import ITEM_TYPES
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..planning.room.findings import Finding
 from ..press.tares import TareState

@@ -207,7 +207,7 @@ def is_capture(capture: Any, datatype: str | None = None) -> bool:
     >>> is_capture("missing")
     False
     """
-    from ..io.capture import open_capture
+    from ..io.capture.recordings import open_capture
 
     return _accepted(lambda: open_capture(capture, datatype))
 

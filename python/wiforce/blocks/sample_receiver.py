@@ -12,7 +12,7 @@ from gnuradio import gr
 
 from .. import names
 from ..estimation.groups import Array
-from ..io.sample_packets import (
+from ..io.network.sample_packets import (
     HEAD_BYTES,
     SAMPLE_BYTES,
     TAG_BYTES,

@@ -13,7 +13,7 @@ from gnuradio import gr
 
 from .. import names
 from ..estimation.groups import Array
-from ..io.sample_packets import TAG_KEYS, SampleTag, pack_head
+from ..io.network.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ..wiforce_python import rx_time_value
 from .argument_types import typed
 from .kept import Kept

@@ -14,9 +14,9 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..io.capture_files import recording_stem
-from ..io.samples import item_type_named
-from ..io.textfile import check_output, write_whole
+from ..io.capture.names import recording_stem
+from ..io.capture.samples import item_type_named
+from ..io.text.textfile import check_output, write_whole
 from .argument_types import typed
 from .kept import Kept
 from .stream_time import Timeline

@@ -17,8 +17,8 @@ from ..estimation.stream_problems import (
     search_problem,
     snapshots_problem,
 )
+from ..io.capture.samples import samples_of
 from ..io.readings import Reading
-from ..io.samples import samples_of
 from ..planning.plan import Plan
 from ..signal.waveform import Waveform
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
-from ..io.capture import Capture
+from ..io.capture.recordings import Capture
 from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from .frame import (
     describe_frames,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..io.capture import Capture
+from ..io.capture.recordings import Capture
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from ..wiforce_kernels import folded_reader, tone_reader

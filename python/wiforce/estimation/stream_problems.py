@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from ..errors import InputError
-from ..io.capture import Capture
-from ..io.samples import usual_share
+from ..io.capture.recordings import Capture
+from ..io.capture.samples import usual_share
 from ..signal.waveform import Waveform
 from .frame import (
     MARGIN,

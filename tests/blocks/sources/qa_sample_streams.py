@@ -19,7 +19,7 @@ from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
 from gnuradio.wiforce.blocks.sample_sender import sample_sender
 from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
 from gnuradio.wiforce.estimation.frame import MARGIN
-from gnuradio.wiforce.io.sample_packets import (
+from gnuradio.wiforce.io.network.sample_packets import (
     HEAD_BYTES,
     SAMPLE_BYTES,
     SampleTag,

@@ -11,7 +11,7 @@ import pytest
 import zmq
 from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.estimation.frame import MARGIN
-from gnuradio.wiforce.io.zmq_keys import ClientKeys, create_keys
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
 from live_runs import GAINS, SLOW_GROUP_S, ask, command, connected, free_ports, live, rows_of
 from mutations import mutated
 

@@ -17,7 +17,7 @@ from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import write_vna_csv
 from gnuradio.wiforce.calibration.verdict import verdict
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import read_csv
+from gnuradio.wiforce.io.text.textfile import read_csv
 from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
 from scipy.optimize import brentq
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.channel_snapshots import open_snapshots
+from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 
 
 def arrays_of(packets=100, subcarriers=8, antennas=2):

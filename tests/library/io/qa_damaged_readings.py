@@ -10,11 +10,11 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.gauges.file import read_gauge_file
-from gnuradio.wiforce.io.mcap_file import McapWriter
+from gnuradio.wiforce.io.files.mcap_file import McapWriter
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.textfile import write_whole
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.text.textfile import write_whole
 from wiforce_app.shell.plots import save_picture
 
 
@@ -148,7 +148,7 @@ def test_export_full_disk_names_the_output_and_keeps_the_former_one(tmp_path, mo
             writer.write(reading)
     out = tmp_path / f"out.{suffix}"
     out.write_text("former")
-    monkeypatch.setattr("gnuradio.wiforce.io.output_file.OutputFile.write", full)
+    monkeypatch.setattr("gnuradio.wiforce.io.files.output_file.OutputFile.write", full)
     done = run_command("export", tmp_path / "a.jsonl", "-o", out)
     assert done.returncode == 1
     assert done.stderr == f"gr-wiforce: {out}: cannot be written (disk full)\n"

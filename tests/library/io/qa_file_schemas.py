@@ -11,8 +11,8 @@ import pytest
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
-from gnuradio.wiforce.io.values import KeyPath, Scope
+from gnuradio.wiforce.io.text.schema import ListOf, Mapping, keys
+from gnuradio.wiforce.io.text.values import KeyPath, Scope
 from gnuradio.wiforce.scene import Scene, load_scene, scene_json_schema
 from gnuradio.wiforce.sensor import sensor_from_dict
 from gnuradio.wiforce.sensor.file_schema import FILES, sensor_json_schema

@@ -12,9 +12,9 @@ import pylsl
 import pytest
 import websockets.sync.client
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.addresses import host_and_port
-from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
-from gnuradio.wiforce.io.lsl_outlets import CHANNELS, LslOutlets, lsl_offset_s
+from gnuradio.wiforce.io.network.addresses import host_and_port
+from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets, lsl_offset_s
 from gnuradio.wiforce.io.readings import Reading
 from ros_clients import SUBPROTOCOL, FoxgloveClient
 

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
-from gnuradio.wiforce.io.writers import open_writer
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
 UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))

@@ -6,9 +6,9 @@ import json
 
 import pytest
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.rotation import RotatingWriter, Rotation, open_rotating
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, Reading
-from gnuradio.wiforce.io.rotation import RotatingWriter, Rotation, open_rotating
-from gnuradio.wiforce.io.writers import open_writer
 
 GROUP_S = 0.036
 

@@ -9,15 +9,13 @@ from pathlib import Path
 
 import pytest
 from gnuradio.wiforce.io.readings import Flag, Reading
-from gnuradio.wiforce.io.ros_definitions import (
+from gnuradio.wiforce.io.ros_messages import (
     DIAGNOSTICS,
     PRESS_READING,
     READING,
     WRENCH,
-    complete_definition,
-)
-from gnuradio.wiforce.io.ros_messages import (
     built,
+    complete_definition,
     health_message,
     reading_messages,
     ros_messages,

@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 import sigmf
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.sigmf_metadata import SPECIFICATION, read_metadata, write_metadata
+from gnuradio.wiforce.io.capture.sigmf_metadata import SPECIFICATION, read_metadata, write_metadata
 
 FIELDS = {
     "core:datatype": "ci16_le",

@@ -11,10 +11,10 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zmq
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
+from gnuradio.wiforce.io.network.zmq_request import request
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, is_loopback
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.zmq_keys import ClientKeys, ServerKeys, create_keys
-from gnuradio.wiforce.io.zmq_request import request
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, Replies, is_loopback
 
 WAIT_S = 20.0
 # Of a client that must get nothing; what is let in gets an answer in a few milliseconds.

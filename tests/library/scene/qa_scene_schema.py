@@ -8,7 +8,7 @@ import sys
 import pytest
 import yaml
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.values import as_number
+from gnuradio.wiforce.io.text.values import as_number
 from gnuradio.wiforce.scene import load_scene
 
 MINIMAL = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}

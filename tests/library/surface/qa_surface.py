@@ -6,7 +6,7 @@ import pytest
 import surface_presses as made
 import yaml
 from command_runs import run_command
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import skin_of
