@@ -6,7 +6,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
-from gnuradio.wiforce.blocks import state_tag
+from gnuradio.wiforce.blocks.chain import state_tag
 from gnuradio.wiforce.estimation.groups import Groups
 
 
