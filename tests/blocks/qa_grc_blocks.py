@@ -11,7 +11,7 @@ import pmt
 import pytest
 import yaml
 from gnuradio import gr, wiforce
-from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import names
 from PyQt5.QtWidgets import QVBoxLayout
 
 FOLDER = Path(__file__).resolve().parents[2] / "grc"

@@ -15,19 +15,16 @@ APPLICATION = ROOT / "gr-wiforce"
 # From the top. Units of one layer do not import each other.
 LAYERS = (
     {"blocks"},
-    {"captures"},
-    {"recording", "stream"},
-    {"snapshot_recording"},
     {"receiver"},
     {"press"},
     {"planning"},
     {"simulation"},
-    {"scene", "gui", "plotting"},
+    {"scene", "gui"},
     {"calibration"},
-    {"estimation", "gauges", "sensor", "surface"},
+    {"estimation", "sensor", "surface"},
     {"io"},
     {"signal"},
-    {"errors", "names", "_config", "wiforce_kernels", "wiforce_python"},
+    {"errors", "_config", "wiforce_kernels", "wiforce_python"},
 )
 RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
 RUNTIME = {"gnuradio", "pmt", "wiforce_python"}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""names.h and names.py say the same: blocks of both languages find each other's tags."""
+"""names.h and blocks/names.py say the same: blocks of both languages find each other's tags."""
 
 import re
 from pathlib import Path
 
-from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import names
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = ROOT / "include/gnuradio/wiforce/names.h"

@@ -10,9 +10,9 @@ import yaml
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
-from gnuradio.wiforce.stream import StreamReader
 
 SHORT = {
     "radio": {"sample_rate_hz": 1.25e6},

@@ -13,7 +13,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .check_advice import advice_on_levels, advice_on_sensors

@@ -8,8 +8,8 @@ from gnuradio.wiforce.io.csi_tools.formats import tool_of
 from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
-from gnuradio.wiforce.recording import RecordingReader
-from gnuradio.wiforce.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
 from ..shell.log import log
 from ..shell.options import refuse

@@ -7,8 +7,8 @@ from typing import Any
 
 import pmt
 
-from .. import names
 from ..io.readings import Reading
+from . import names
 
 
 class ReadingPort:

@@ -8,10 +8,10 @@ from chain_from_file import Chain
 from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from plain import make_air
 from press_capture import GROUP, SCENE, array_source, press_codes
 from wiforce_app.bench.snapshots.air import TagOnAir

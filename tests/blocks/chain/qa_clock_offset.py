@@ -5,7 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.blocks.chain import state_tag
 from gnuradio.wiforce.estimation.groups import Groups
 

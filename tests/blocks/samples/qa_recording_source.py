@@ -6,7 +6,7 @@ import pmt
 import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.errors import InputError
 
 FRAME = 720

@@ -6,10 +6,10 @@ import re
 import time
 
 import pytest
+from gnuradio.wiforce.calibration.gauges.units import ForceGauge
 from gnuradio.wiforce.calibration.guided.session import CalibrationSession
 from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.units import ForceGauge
 from guided_presses import HandHeldSensor
 from wiforce_app.calibrate.dialogue import GuidedCalibration
 from wiforce_app.calibrate.operator_lines import OperatorLines

@@ -11,7 +11,7 @@ from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.bench.snapshots.air import TagOnAir

@@ -8,8 +8,8 @@ import os
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.gauges.file import read_gauge_file
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer

@@ -10,7 +10,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.estimation.antenna_states import LEAST_STEP, find_states
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 from packet_simulator import PacketCapture, PacketTag
 
 PERIOD_S = 0.25

@@ -9,10 +9,10 @@ from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.stream import StreamReader
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from long_cases import cases
 from press_capture import array_source
@@ -263,7 +263,7 @@ def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("gnuradio.wiforce.stream.readapted", fail)
+    monkeypatch.setattr("gnuradio.wiforce.receiver.stream.readapted", fail)
     settings = wiforce.plan(SCENE)
     received = groups["quiet"][:TARE] + groups["busy"][TARE:]
     reader, readings, plans = stream(settings, received, TARE)

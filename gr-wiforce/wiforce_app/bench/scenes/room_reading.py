@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.room.report import (
     skipped_of,
 )
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.signal.room_noise import room_noise
 
 # Clock of a tag that is not there, relative to the highest of the scene: none of its lines should

@@ -5,9 +5,9 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.antennas import folded_ratio, ratio_noise
 from ...estimation.groups import Array
+from .. import names
 from ..argument_types import typed
 from ..frame_settings import WaveformOrScene, frames_of
 from ..kept import Kept

@@ -5,9 +5,9 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from . import state_tag

@@ -5,10 +5,10 @@ from typing import Any
 
 import pmt
 
-from ... import names
 from ...estimation.estimators import estimator_named
 from ...estimation.groups import Array, Groups
 from ...planning.plan import Plan
+from .. import names
 from ..argument_types import typed
 from .group_block import GroupBlock, Tags
 from .subcarriers import whole_spectra

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from ...estimation.groups import Array, Groups
 from ...io.readings import GroupCounts, Reading
 from ...planning.plan import Plan
-from ...receiver import make_readout
+from ...receiver.receiver import make_readout
 from ..argument_types import typed
 from ..reading_port import ReadingPort
 from .group_block import GroupBlock, Tags, groups_of

@@ -5,10 +5,10 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.frame_follower import FrameFollower
 from ...estimation.groups import Array
 from ...signal.waveform import Waveform
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from ..stream_time import Timeline

@@ -10,9 +10,9 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.groups import Array, Groups
 from ...wiforce_python import input_has_ended
+from .. import names
 from ..kept import Kept
 from . import state_tag
 

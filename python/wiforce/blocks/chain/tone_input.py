@@ -7,10 +7,10 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.folded_groups import FoldedGroups
 from ...estimation.groups import Array, Groups, is_clipped
 from ...planning.plan import Plan
+from .. import names
 from .group_block import Tags, count_of
 from .subcarriers import occupied_subcarriers
 

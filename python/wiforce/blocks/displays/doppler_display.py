@@ -5,13 +5,13 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
 from ...gui import Spectrum
 from ...gui.words import end_labels
 from ...planning.plan import Plan
 from ...wiforce_python import phase_group_doppler
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 

@@ -7,8 +7,8 @@ from typing import Any
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...gui import ForceDisplay
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 

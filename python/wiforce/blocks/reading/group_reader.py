@@ -8,12 +8,12 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.groups import Array, Groups
 from ...estimation.snapshot_group import SnapshotGroup
 from ...io.readings import Reading
 from ...planning.plan import Plan
-from ...stream import StreamReader
+from ...receiver.stream import StreamReader
+from .. import names
 from ..argument_types import typed
 from ..chain.group_block import GroupBlock, Tags, count_of
 from ..reading_port import ReadingPort

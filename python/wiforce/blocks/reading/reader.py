@@ -7,15 +7,15 @@ from threading import Event
 
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...io.capture.samples import ITEM_TYPES
 from ...io.readings import GroupCounts, Reading
 from ...planning.plan import Plan, PlanOrScene, as_plan
 from ...planning.room.findings import Finding
 from ...press.tares import TareState
-from ...stream import StreamReader
+from ...receiver.stream import StreamReader
 from ...wiforce_python import phase_group_doppler, preamble_fold
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from ..output_buffer import enlarge_output_buffer

@@ -9,11 +9,11 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
 from ...io.reading_messages import as_reading
 from ...io.readings import Reading
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pmt
 
-from ... import names
 from ...press.tares import StreamTares, TareState
+from .. import names
 
 _REQUEST, _CANCEL = "request", "cancel"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
 from ...io.capture.recordings import Capture, open_capture
 from ...io.capture.samples import DATATYPES
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from ..stream_time import time_value

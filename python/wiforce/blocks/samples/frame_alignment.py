@@ -4,10 +4,10 @@
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
 from ...io.capture.samples import item_type_named
+from .. import names
 from ..argument_types import typed
 from ..frame_settings import WaveformOrScene, frames_of
 from ..kept import Kept

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pmt
 
-from ... import names
 from ...estimation.frame import find_frame_offset, searched_samples
 from ...estimation.groups import Array
 from ...io.capture.samples import samples_of
 from ...signal.waveform import Waveform
+from .. import names
 from ..stream_time import Timeline, time_value
 
 _RX_TIME = pmt.intern(names.RX_TIME)

@@ -10,7 +10,6 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.groups import Array
 from ...io.network.sample_packets import (
     HEAD_BYTES,
@@ -20,6 +19,7 @@ from ...io.network.sample_packets import (
     unpack_counts,
     unpack_tags,
 )
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from ..stream_time import time_value

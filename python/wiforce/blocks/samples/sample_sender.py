@@ -11,10 +11,10 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...estimation.groups import Array
 from ...io.network.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ...wiforce_python import rx_time_value
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 

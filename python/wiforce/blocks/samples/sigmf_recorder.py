@@ -11,12 +11,12 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ... import names
 from ...errors import InputError
 from ...estimation.groups import Array
 from ...io.capture.names import recording_stem
 from ...io.capture.samples import item_type_named
 from ...io.text.textfile import check_output, write_whole
+from .. import names
 from ..argument_types import typed
 from ..kept import Kept
 from ..stream_time import Timeline

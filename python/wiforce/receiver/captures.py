@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import InputError
-from .estimation.groups import Groups
-from .estimation.survey import Survey
-from .io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
-from .io.capture.names import is_snapshots
-from .io.capture.recordings import Capture, open_capture
-from .io.capture.search import find_captures, is_one
-from .io.readings import COLUMNS, NUMBERS, Flag
-from .planning.advice import accepted_suspicions
-from .planning.plan import Plan
-from .planning.plan import plan as plan_of
-from .planning.room.findings import Finding, findings, level_reference
-from .planning.room.report import (
+from ..errors import InputError
+from ..estimation.groups import Groups
+from ..estimation.survey import Survey
+from ..io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
+from ..io.capture.names import is_snapshots
+from ..io.capture.recordings import Capture, open_capture
+from ..io.capture.search import find_captures, is_one
+from ..io.readings import COLUMNS, NUMBERS, Flag
+from ..planning.advice import accepted_suspicions
+from ..planning.plan import Plan
+from ..planning.plan import plan as plan_of
+from ..planning.room.findings import Finding, findings, level_reference
+from ..planning.room.report import (
     MeasuredTag,
     changes_of,
     finding_rows,
@@ -32,9 +32,9 @@ from .planning.room.report import (
     measure_tag,
     skipped_of,
 )
+from ..scene import Scene, load_scene, scene_of
+from ..simulation.simulator import simulate as write_simulated
 from .recording import RecordingReader
-from .scene import Scene, load_scene, scene_of
-from .simulation.simulator import simulate as write_simulated
 from .snapshot_recording import SnapshotReader
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@
 import math
 
 import pytest
+from gnuradio.wiforce.calibration.gauges.units import ForceGauge, parse_force
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.units import ForceGauge, parse_force
 
 
 @pytest.mark.parametrize(

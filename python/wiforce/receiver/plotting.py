@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import InputError
-from .io.readings import Flag, Reading
+from ..errors import InputError
+from ..io.readings import Flag, Reading
 
 if TYPE_CHECKING:
     import pandas

@@ -10,21 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InputError
-from .estimation.compression import Compression, measure_compression
-from .estimation.groups import Groups
-from .estimation.recorded_frames import find_frames, first_frame, require_frames
-from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
-from .estimation.survey import Survey
-from .io.capture.names import second_antenna
-from .io.capture.recordings import Capture, open_capture
-from .io.readings import GroupCounts, Reading
-from .planning.plan import Plan, PlanOrScene, as_plan
-from .planning.room.adaptation import adapted, expecting_snr
-from .planning.room.reference_survey import survey_reference, surveyed_snapshots
-from .press.evidence import Suspicion
+from ..errors import InputError
+from ..estimation.compression import Compression, measure_compression
+from ..estimation.groups import Groups
+from ..estimation.recorded_frames import find_frames, first_frame, require_frames
+from ..estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
+from ..estimation.survey import Survey
+from ..io.capture.names import second_antenna
+from ..io.capture.recordings import Capture, open_capture
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..planning.room.adaptation import adapted, expecting_snr
+from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
+from ..press.evidence import Suspicion
+from ..signal.waveform import Waveform
 from .receiver import Receiver
-from .signal.waveform import Waveform
 
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
 _COMPRESSION_FRAMES = 1000

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
-from ..errors import InputError
+from ...errors import InputError
 from .errors import GaugeComparison, TimedForces
 from .file import GaugeRecord
 

@@ -9,19 +9,19 @@ from contextlib import AbstractContextManager, nullcontext
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from .errors import InputError
-from .estimation.average import SubcarrierAverage
-from .estimation.estimators import estimator_named
-from .estimation.groups import Groups
-from .io.readings import GroupCounts, Reading
-from .planning.plan import Plan, PlannedSensor, PlanOrScene, as_plan
-from .press.evidence import PressEvidence, Suspicion
-from .press.explanations import filter_of
-from .press.readout import Readout
-from .press.sensor_readout import SensorReadout
-from .press.sensor_state import SensorState
-from .press.surface_readout import SurfaceReadout
-from .press.tares import TareRequests, TareState
+from ..errors import InputError
+from ..estimation.average import SubcarrierAverage
+from ..estimation.estimators import estimator_named
+from ..estimation.groups import Groups
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan, PlannedSensor, PlanOrScene, as_plan
+from ..press.evidence import PressEvidence, Suspicion
+from ..press.explanations import filter_of
+from ..press.readout import Readout
+from ..press.sensor_readout import SensorReadout
+from ..press.sensor_state import SensorState
+from ..press.surface_readout import SurfaceReadout
+from ..press.tares import TareRequests, TareState
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
@@ -311,7 +311,7 @@ def make_readout(
     surface = None
     if plan.skin is not None:
         names = plan.require_scene().reading_names[len(sensors) :]
-        from .surface.estimator import SurfaceEstimator  # for scenes with a surface only
+        from ..surface.estimator import SurfaceEstimator  # for scenes with a surface only
 
         surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
     return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)

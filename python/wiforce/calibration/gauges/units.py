@@ -6,7 +6,7 @@ import re
 from collections import deque
 from typing import NamedTuple
 
-from ..errors import InputError
+from ...errors import InputError
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 _POUND_N = 0.45359237 * STANDARD_GRAVITY_M_S2

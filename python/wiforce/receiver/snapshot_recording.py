@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from .errors import InputError
-from .estimation.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
-from .estimation.groups import Array
-from .estimation.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
-from .estimation.packet_groups import PacketGroups, whole_groups
-from .estimation.tag_parts import SolvedTags
-from .io.capture.channel_snapshots import ChannelSnapshots
-from .io.readings import GroupCounts, Reading
-from .planning.packets.plan import fitted_plan, solved_tags
-from .planning.plan import Plan, PlanOrScene, as_plan
-from .press.evidence import Suspicion
+from ..errors import InputError
+from ..estimation.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
+from ..estimation.groups import Array
+from ..estimation.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
+from ..estimation.packet_groups import PacketGroups, whole_groups
+from ..estimation.tag_parts import SolvedTags
+from ..io.capture.channel_snapshots import ChannelSnapshots
+from ..io.readings import GroupCounts, Reading
+from ..planning.packets.plan import fitted_plan, solved_tags
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..press.evidence import Suspicion
+from ..signal.timed_weights import TimedTable
 from .receiver import Receiver
-from .signal.timed_weights import TimedTable
 
 # Rounds in which packets are divided and tags are solved for, at most, and the change of the tags'
 # part, against what is unknown of it, at which they end: it then adds 5 % to that.

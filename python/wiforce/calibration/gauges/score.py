@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..io.files.readings_files import ReadingsFile
+from ...errors import InputError
+from ...io.files.readings_files import ReadingsFile
 from .comparison import compare_with_gauge
 from .errors import GaugeComparison, TimedForces
 from .file import GaugeRecord, read_gauge_file

@@ -8,20 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from .errors import InputError
-from .estimation.compression import Compression, measure_compression
-from .estimation.folded_groups import FoldedGroups
-from .estimation.groups import Array, Groups
-from .estimation.snapshot_group import GroupScreen, SnapshotGroup
-from .estimation.survey import Survey
-from .estimation.surveyed_groups import SurveyedGroups
-from .io.readings import GroupCounts, Reading
-from .planning.plan import Plan, PlanOrScene, as_plan
-from .planning.room.adaptation import adapted, expecting_snr, readapted
-from .planning.room.findings import Finding, findings
-from .planning.room.reference_survey import survey_reference, surveyed_snapshots
-from .press.evidence import Suspicion
-from .press.tares import StreamTares, TareState
+from ..errors import InputError
+from ..estimation.compression import Compression, measure_compression
+from ..estimation.folded_groups import FoldedGroups
+from ..estimation.groups import Array, Groups
+from ..estimation.snapshot_group import GroupScreen, SnapshotGroup
+from ..estimation.survey import Survey
+from ..estimation.surveyed_groups import SurveyedGroups
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..planning.room.adaptation import adapted, expecting_snr, readapted
+from ..planning.room.findings import Finding, findings
+from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
+from ..press.evidence import Suspicion
+from ..press.tares import StreamTares, TareState
 from .receiver import Receiver
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.

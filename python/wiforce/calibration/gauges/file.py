@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
-from ..io.text.textfile import read_bytes
+from ...errors import InputError
+from ...io.text.textfile import read_bytes
 from .units import UNITS_N, unit_n
 
 if TYPE_CHECKING:
