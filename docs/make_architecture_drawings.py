@@ -29,9 +29,9 @@ STAGES = (
     ("samples", "from the radio", "12.5 M/s", "io, blocks"),
     ("fold", "snapshots of 64", "17 361/s", "lib/kernel/fold"),
     ("tones", "lines of the tags", "27.8/s", "lib/kernel/doppler"),
-    ("separation", "channels of the ends", "27.8/s", "estimation/separation"),
-    ("reference", "change of each end", "27.8/s", "estimation/reference"),
-    ("average", "ratio R of each end", "27.8/s", "estimation/average"),
+    ("separation", "channels of the ends", "27.8/s", "estimation/ends"),
+    ("reference", "change of each end", "27.8/s", "estimation/phases"),
+    ("average", "ratio R of each end", "27.8/s", "estimation/phases"),
     ("press", "what happened", "27.8/s", "press/sensor_state"),
     ("readout", "force, location, flags", "27.8/s", "press/readout"),
 )

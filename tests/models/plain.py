@@ -2,8 +2,8 @@
 """Plain references for the estimation: square waves by counting, and what tests share."""
 
 import numpy as np
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 from gnuradio import wiforce
+from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader
 from press_sequences import REFERENCE_S, SNAPSHOT_S, Sequence

@@ -8,9 +8,9 @@ import json
 from dataclasses import asdict, dataclass, field
 
 import click
-from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
-from gnuradio.wiforce.estimation.levels import measure_levels
-from gnuradio.wiforce.estimation.survey import survey_samples
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames
+from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.room.survey import survey_samples
 from gnuradio.wiforce.io.capture.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan

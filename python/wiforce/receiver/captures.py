@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..estimation.groups import Groups
-from ..estimation.survey import Survey
+from ..estimation.room.survey import Survey
 from ..io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from ..io.capture.names import is_snapshots
 from ..io.capture.recordings import Capture, open_capture

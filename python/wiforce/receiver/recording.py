@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.compression import Compression, measure_compression
+from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.recorded_frames import find_frames, first_frame, require_frames
+from ..estimation.capture.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from ..estimation.groups import Groups
-from ..estimation.recorded_frames import find_frames, first_frame, require_frames
-from ..estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
-from ..estimation.survey import Survey
+from ..estimation.room.survey import Survey
 from ..io.capture.names import second_antenna
 from ..io.capture.recordings import Capture, open_capture
 from ..io.readings import GroupCounts, Reading

@@ -11,11 +11,11 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
-from ..estimation.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
 from ..estimation.groups import Array
-from ..estimation.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
-from ..estimation.packet_groups import PacketGroups, whole_groups
-from ..estimation.tag_parts import SolvedTags
+from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
+from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
+from ..estimation.packets.packet_groups import PacketGroups, whole_groups
+from ..estimation.packets.tag_parts import SolvedTags
 from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.readings import GroupCounts, Reading
 from ..planning.packets.plan import fitted_plan, solved_tags

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.compression import Compression, measure_compression
-from ..estimation.folded_groups import FoldedGroups
+from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.folded_groups import FoldedGroups
+from ..estimation.capture.snapshot_group import GroupScreen, SnapshotGroup
+from ..estimation.capture.surveyed_groups import SurveyedGroups
 from ..estimation.groups import Array, Groups
-from ..estimation.snapshot_group import GroupScreen, SnapshotGroup
-from ..estimation.survey import Survey
-from ..estimation.surveyed_groups import SurveyedGroups
+from ..estimation.room.survey import Survey
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..planning.room.adaptation import adapted, expecting_snr, readapted

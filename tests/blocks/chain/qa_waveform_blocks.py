@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.estimation.frame import MARGIN
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
 
 GROUPS, SNAPSHOTS = 3, 40
 

@@ -18,7 +18,7 @@ from gnuradio.wiforce.blocks.samples.resumed_time import ResumedTime
 from gnuradio.wiforce.blocks.samples.sample_receiver import sample_receiver
 from gnuradio.wiforce.blocks.samples.sample_sender import sample_sender
 from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
-from gnuradio.wiforce.estimation.frame import MARGIN
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.io.network.sample_packets import (
     HEAD_BYTES,
     SAMPLE_BYTES,

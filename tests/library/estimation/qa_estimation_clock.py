@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.acquisition import acquire
-from gnuradio.wiforce.estimation.clock_tracker import ClockTracker
-from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood, evaluate, turned_by
+from gnuradio.wiforce.estimation.clocks.acquisition import acquire
+from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockTracker
+from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import TA, T, make_air, random_tag

@@ -6,8 +6,8 @@ import plain
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.survey import survey_channel
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.room.survey import survey_channel
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted

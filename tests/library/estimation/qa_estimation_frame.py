@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.frame import MARGIN, find_frame_offset, keeps_alignment
-from gnuradio.wiforce.estimation.frame_period import (
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, find_frame_offset, keeps_alignment
+from gnuradio.wiforce.estimation.capture.frame_period import (
     find_frame_period,
     repeats_every_frame,
     samples_needed,

@@ -3,9 +3,13 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.joint_clock import PhaseExpansion, likelihood_bias, phase_errors
-from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.clocks.joint_clock import (
+    PhaseExpansion,
+    likelihood_bias,
+    phase_errors,
+)
+from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from plain import TA, bound_of, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 
 

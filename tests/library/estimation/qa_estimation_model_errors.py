@@ -5,15 +5,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.coherence import CoherentResidual
-from gnuradio.wiforce.estimation.compression import (
-    image_operator,
-    measure_compression,
-)
-from gnuradio.wiforce.estimation.group_fit import GroupFit
+from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.ends.coherence import CoherentResidual
+from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.profile import ProfileCheck, image_of
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
 from gnuradio.wiforce.planning.clutter_band import automatic_band_hz
 from gnuradio.wiforce.planning.loss import end_variances

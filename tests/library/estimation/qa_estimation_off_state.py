@@ -4,7 +4,10 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.off_state import corrected_phase_deg, estimate_off_reflection
+from gnuradio.wiforce.estimation.phases.off_state import (
+    corrected_phase_deg,
+    estimate_off_reflection,
+)
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from plain import errors_deg, make_air, make_plan, run_chain
 from wiforce_app.bench.snapshots.air import TagOnAir

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.ends.separation import EndSeparator
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.separation import EndSeparator
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import (
     TA,

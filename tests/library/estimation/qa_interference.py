@@ -9,10 +9,10 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
+from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups
+from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.noise import NoiseEstimate, Verdict
-from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver

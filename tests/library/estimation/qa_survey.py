@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.frame_slip import without_slip
-from gnuradio.wiforce.estimation.sources import RoomLine
-from gnuradio.wiforce.estimation.survey import survey_channel, survey_folded, survey_samples
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.capture.frame_slip import without_slip
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.room.sources import RoomLine
+from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
 from gnuradio.wiforce.planning.clocks.other_clock import other_clock_hz
 from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.planning.room.adaptation import (

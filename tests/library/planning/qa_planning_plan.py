@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.levels import receive_levels

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.antenna_states import LEAST_STEP, find_states
+from gnuradio.wiforce.estimation.packets.antenna_states import LEAST_STEP, find_states
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader

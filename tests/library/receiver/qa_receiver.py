@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
 from long_cases import cases

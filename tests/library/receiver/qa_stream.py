@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.recorded_groups import frame_settings
-from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
+from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.receiver.recording import RecordingReader

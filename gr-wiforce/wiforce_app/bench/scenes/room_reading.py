@@ -5,8 +5,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.estimation.compression import Compression, image_operator
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.capture.compression import Compression, image_operator
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.room.report import (
     COMPRESSION,
     NOISE_WEIGHTS,

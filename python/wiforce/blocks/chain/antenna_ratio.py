@@ -5,7 +5,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.antennas import folded_ratio, ratio_noise
+from ...estimation.capture.antennas import folded_ratio, ratio_noise
 from ...estimation.groups import Array
 from .. import names
 from ..argument_types import typed

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: one complex ratio per end from one per subcarrier."""
 
-from ...estimation.average import SubcarrierAverage
 from ...estimation.groups import Array, Groups
+from ...estimation.phases.average import SubcarrierAverage
 from ...planning.plan import Plan
 from ..argument_types import typed
 from .group_block import GroupBlock, Tags, groups_of

@@ -7,7 +7,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.folded_groups import FoldedGroups
+from ...estimation.capture.folded_groups import FoldedGroups
 from ...estimation.groups import Array, Groups, is_clipped
 from ...planning.plan import Plan
 from .. import names

@@ -8,8 +8,8 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ...estimation.capture.snapshot_group import SnapshotGroup
 from ...estimation.groups import Array, Groups
-from ...estimation.snapshot_group import SnapshotGroup
 from ...io.readings import Reading
 from ...planning.plan import Plan
 from ...receiver.stream import StreamReader

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pmt
 
-from ...estimation.frame import find_frame_offset, searched_samples
+from ...estimation.capture.frame import find_frame_offset, searched_samples
 from ...estimation.groups import Array
 from ...io.capture.samples import samples_of
 from ...signal.waveform import Waveform
