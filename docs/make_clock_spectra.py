@@ -8,6 +8,7 @@ build/run python3 docs/make_clock_spectra.py
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.io.palette import SERIES
 from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
 from gnuradio.wiforce.planning.clocks.pulses import (
     double_rate_pulses,
@@ -60,8 +61,8 @@ def _draw(axis, name, report):
         lift = 10 * np.log10(end.information / strongest)
         for line in end.lines:
             if line.level_db + lift > LOWEST_DB:
-                _stem(axis, line.seen_hz, line.level_db + lift, f"C{i}", bool(line.shared_with))
-        axis.plot([], [], f"C{i}o", ms=5, label=f"tag {end.tag + 1}, end {end.end}")
+                _stem(axis, line.seen_hz, line.level_db + lift, SERIES[i], bool(line.shared_with))
+        axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"tag {end.tag + 1}, end {end.end}")
     _finish(axis, name)
 
 
@@ -71,15 +72,15 @@ def _draw_naive(axis):
     level = np.abs(line_coefficients(square, m))
     for i, clock_hz in enumerate(NAIVE_HZ):
         for harmonic in m[1:]:
-            _stem_line(axis, harmonic * clock_hz, level[harmonic] / level[1], f"C{i}")
-        axis.plot([], [], f"C{i}o", ms=5, label=f"switch {i + 1}")
+            _stem_line(axis, harmonic * clock_hz, level[harmonic] / level[1], SERIES[i])
+        axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"switch {i + 1}")
     # What both switches on together show beyond the sum of the two ends.
     for a in m[1:]:
         for b in m[1:]:
             for sign in (-1, 1):
                 frequency = abs(a * NAIVE_HZ[0] + sign * b * NAIVE_HZ[1])
-                _stem_line(axis, frequency, PASSING * level[a] * level[b] / level[1], "C3")
-    axis.plot([], [], "C3o", ms=5, label="intermodulation")
+                _stem_line(axis, frequency, PASSING * level[a] * level[b] / level[1], SERIES[3])
+    axis.plot([], [], "o", color=SERIES[3], ms=5, label="intermodulation")
     _finish(axis, "naive: two square waves at 1.0 and 1.4 kHz, both on a quarter of the time")
 
 
@@ -91,7 +92,7 @@ def _stem_line(axis, frequency_hz, amplitude, color):
 
 
 def _stem(axis, hz, level_db, color, shared):
-    axis.plot([hz, hz], [LOWEST_DB, level_db], color, lw=1)
+    axis.plot([hz, hz], [LOWEST_DB, level_db], color=color, lw=1)
     axis.plot(hz, level_db, "o", color=color, ms=5, mfc="white" if shared else color)
 
 
@@ -101,7 +102,7 @@ def _finish(axis, name):
     axis.set_ylim(LOWEST_DB, 4)
     axis.set_xlim(0, 0.5 / WAVEFORM.snapshot_period_s)
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=7, loc="upper right", ncol=4)
+    axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.02))
 
 
 if __name__ == "__main__":

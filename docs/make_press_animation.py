@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 from gnuradio import wiforce
+from gnuradio.wiforce.io.palette import BEAM, FAINT, GRID, GROUND, SERIES, TRUTH
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
@@ -23,8 +24,7 @@ PRESSES = (  # start (s), first and last force (N), location (mm)
     (4.0, 7.0, 3.0, 47.0),
     (7.0, 1.5, 4.5, 38.0),
 )
-# Okabe and Ito: distinguished by any colour vision.
-FORCE, LOCATION, TRUTH = "#0072B2", "#D55E00", "0.6"
+FORCE, LOCATION = SERIES[:2]
 MM_PER_N, SOFTNESS_MM, DEEPEST_MM = 3.2, 7.0, 3.0
 COLORS = 64
 
@@ -73,9 +73,9 @@ class Picture:
         axis.plot([0, LENGTH_MM], [-6, -6], color="#B87333", lw=4, solid_capstyle="butt")
         axis.text(-1, -6, "port 1", ha="right", va="center", fontsize=8)
         axis.text(LENGTH_MM + 1, -6, "port 2", va="center", fontsize=8)
-        self.beam = axis.plot([], [], color="0.35", lw=5, solid_capstyle="round")[0]
+        self.beam = axis.plot([], [], color=GROUND, lw=5, solid_capstyle="round")[0]
         self.finger = axis.add_patch(
-            FancyBboxPatch((0, 0), 3, 40, boxstyle="round,pad=1.5", fc="0.88", ec="0.7")
+            FancyBboxPatch((0, 0), 3, 40, boxstyle="round,pad=1.5", fc=GRID, ec=BEAM)
         )
         self.arrow = axis.annotate(
             "",
@@ -90,7 +90,7 @@ class Picture:
             0.95,
             "finger and radio signal: simulated\narrow and dots: what is read",
             fontsize=8,
-            color="0.4",
+            color=FAINT,
             ha="right",
             **top,
         )

@@ -110,7 +110,7 @@ EIGHT = ("thumb", "index", "middle", "ring", "palm", "wrist", "forearm", "elbow"
 
 
 def take_browser(home):
-    sys.path[:0] = [str(ROOT / "tests")]
+    sys.path[:0] = [str(ROOT / "tests" / "helpers")]
     from browser import SIZES, browser
     from gnuradio import wiforce
     from web_pages import publishing, serving

@@ -8,11 +8,12 @@ build/run python3 docs/make_setup_drawing.py
 from html import escape
 from pathlib import Path
 
+from gnuradio.wiforce.io.palette import SERIES
+
 PICTURE = Path(__file__).resolve().parent / "images" / "setup.svg"
 WIDTH, HEIGHT = 960, 330
 INK, FAINT, BEAM, COPPER = "#222222", "#767676", "#595959", "#b87333"
-# Okabe and Ito: distinguished by any colour vision.
-SENT, END1, END2 = "#222222", "#0072b2", "#d55e00"
+SENT, END1, END2 = INK, *SERIES[:2]
 
 
 def element(name, text=None, **attributes):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.gui.surface_view import ellipse
+from gnuradio.wiforce.io.palette import BEAM, INK, SERIES
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.simulation.presses.skin import plate_share
@@ -51,31 +52,31 @@ def draw_law(axis, skin, plate):
     """The reader's law with its stated error, and what the plate does."""
     distance = np.linspace(-30, 30, 301)
     share, std = skin.spreading.share(distance), skin.spreading.share_std
-    axis.fill_between(distance, share - 2 * std, share + 2 * std, color="C0", alpha=0.2, lw=0)
-    axis.plot(distance, share, "C0", label="the reader's law, two std")
+    axis.fill_between(distance, share - 2 * std, share + 2 * std, color=SERIES[0], alpha=0.2, lw=0)
+    axis.plot(distance, share, color=SERIES[0], label="the reader's law, two std")
     pressed = plate_share(distance, plate.reach_mm, skin.spacing_mm)
-    axis.plot(distance, pressed, "k--", label="the simulated plate")
+    axis.plot(distance, pressed, "--", color=INK, label="the simulated plate")
     axis.set_xlabel("distance across (mm)")
     axis.set_ylabel("share of the force")
     axis.set_ylim(-0.08, 0.85)
     axis.set_title("what a strip bears")
-    axis.legend(loc="upper right", fontsize=8)
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), fontsize=8)
 
 
 def draw_plane(axis, skin, found, presses, usable):
     """Strips, true presses as crosses, readings as dots with two standard deviations."""
     for strip, on in zip(skin.strips, usable, strict=True):
-        axis.axhline(strip.y_mm, color="0.8", lw=4, ls="-" if on else ":", zorder=0)
+        axis.axhline(strip.y_mm, color=BEAM, lw=4, ls="-" if on else ":", zorder=0)
     for i, (_, x, y) in enumerate(presses):
-        axis.plot(x, y, "k+", ms=8)
+        axis.plot(x, y, "+", color=INK, ms=8)
         mean, c = found.mean[i, 0], found.covariance[i, 0]
         stds = dict(zip(("location_std_mm", "y_std_mm"), np.sqrt(np.diag(c))[1:], strict=True))
         reading = SurfaceReading(0.0, "", cov_x_y=c[1, 2], **stds)
         semi, angle = ellipse(reading)
         size = 2 * semi[0], 2 * semi[1]
-        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc="C0", alpha=0.25))
-        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc="none", ec="C0", lw=0.8))
-        axis.plot(mean[1], mean[2], "C1o", ms=1.1 * np.sqrt(mean[0]), alpha=0.8)
+        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc=SERIES[0], alpha=0.25))
+        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc="none", ec=SERIES[0], lw=0.8))
+        axis.plot(mean[1], mean[2], "o", color=SERIES[1], ms=1.1 * np.sqrt(mean[0]), alpha=0.8)
     axis.set_xlim(18, 62)
     axis.set_ylim(-10, 46)
     axis.set_aspect("equal")

@@ -8,6 +8,7 @@ build/run python3 docs/make_waveforms.py
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.io.palette import SERIES, series_style
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from matplotlib.figure import Figure
@@ -68,13 +69,21 @@ def unit_density():
 
 def main():
     density = unit_density()
-    canvas = Figure(figsize=(13, 4.2), layout="constrained")
+    canvas = Figure(figsize=(13, 5), layout="constrained")
     bandwidth, frame_rate, papr = canvas.subplots(1, 3, sharey=True)
     _draw_bandwidth(bandwidth, density)
     _draw_frame_rate(frame_rate, density)
     _draw_papr(papr, density)
     bandwidth.set_ylabel("noise of a reading's phases (deg)")
     canvas.savefig(PICTURE, dpi=100)
+
+
+def _finish(axis):
+    """Numbers without exponents, and a legend below."""
+    for side in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+        side("{x:g}")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8)
 
 
 def _draw_bandwidth(axis, density):
@@ -88,12 +97,12 @@ def _draw_bandwidth(axis, density):
                 rates_hz / 1e6,
                 std,
                 style,
-                color=f"C{CLOCKS_HZ.index(clock_hz)}",
+                color=SERIES[CLOCKS_HZ.index(clock_hz)],
                 label=f"{length} samples, {clock_hz:g} Hz",
             )
     axis.set_xlabel("bandwidth (MHz)")
     axis.set_title("same mean power, 5 symbols, no guard")
-    axis.legend(fontsize=7)
+    _finish(axis)
 
 
 def _draw_frame_rate(axis, density):
@@ -110,23 +119,23 @@ def _draw_frame_rate(axis, density):
                 rate,
                 std,
                 style,
-                color=f"C{CLOCKS_HZ.index(clock_hz)}",
+                color=SERIES[CLOCKS_HZ.index(clock_hz)],
                 label=f"{length} samples, {clock_hz:g} Hz",
             )
     axis.set_xlabel("frame rate (1/s)")
     axis.set_title("12.5 MHz, same mean power, no guard")
-    axis.legend(fontsize=7)
+    _finish(axis)
 
 
 def _draw_papr(axis, density):
     print("waveform,symbol,subcarriers,bandwidth,PAPR,noise at the same peak power")
     reference = None
-    for name, length in SHIPPED:
+    for number, (name, length) in enumerate(SHIPPED):
         waveform = waveform_of(name, length)
         peak_db = waveform.peak_to_average_db
         std = std_deg(waveform, 100.0, density, 10 ** (-peak_db / 10))
         reference = reference or std
-        axis.semilogy(peak_db, std, "o", label=f"{name} {length}")
+        axis.semilogy(peak_db, std, ls="", label=f"{name} {length}", **series_style(number))
         low, high = waveform.outermost_hz
         print(
             f"{name},{length},{len(waveform.subcarriers)},{(high - low) / 1e6:.1f} MHz,"
@@ -134,7 +143,7 @@ def _draw_papr(axis, density):
         )
     axis.set_xlabel("PAPR (dB)")
     axis.set_title("same peak power, 100 Hz clock, no guard")
-    axis.legend(fontsize=7, ncol=2)
+    _finish(axis)
 
 
 if __name__ == "__main__":

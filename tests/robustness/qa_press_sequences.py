@@ -7,7 +7,7 @@ whole: all readings of a long press are wrong together.
 
 import pytest
 from long_cases import cases
-from press_sequences import FAMILIES
+from press_sequences import FAMILIES, Sequence
 from sequence_readings import by_receiver, by_stream, score
 
 TURNING = "turns", "turning mixture"
@@ -45,3 +45,10 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
     found = score(range(50 if long_run else 1), snapshots, family, by_stream)
     # A single sequence of 400 groups.
     assert_honest(found, family, LONG if long_run else 5e-3)
+
+
+def test_a_sudden_turn_after_a_silence_is_followed():
+    """A silence of two seconds leaves the common phase unknown by radians, beside microradians."""
+    readings = by_receiver(Sequence(184, 2500, "mixture"))
+    assert all(reading.force_std_n >= 0 for reading in readings if reading.force_n is not None)
+    assert readings

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of series: people with deuteranopia can distinguish any two of them."""
+"""Colours: people with deuteranopia can distinguish any two series; all pictures use the same."""
 
 import importlib.util
 import itertools
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.io import palette
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST = 15  # colour difference, CIEDE2000
@@ -68,15 +69,8 @@ def test_difference_is_that_of_the_published_pairs(first, second, expected):
     assert difference(first, second) == pytest.approx(expected, abs=1e-4)
 
 
-def of_sensors():
-    from gnuradio.wiforce.gui import style
-
-    return style.SENSORS
-
-
-def of_the_page():
-    text = (ROOT / "gr-wiforce/wiforce_app/web/assets/picture.js").read_text(encoding="utf-8")
-    return re.findall("#[0-9a-f]{6}", re.search(r"COLORS = \[(.+?)\]", text)[1])
+def of_the_palette():
+    return *palette.SERIES, palette.TRUTH
 
 
 def of_the_drawing():
@@ -87,8 +81,58 @@ def of_the_drawing():
     return maker.SENT, maker.END1, maker.END2
 
 
-@pytest.mark.parametrize("colors", [of_sensors, of_the_page, of_the_drawing])
+@pytest.mark.parametrize("colors", [of_the_palette, of_the_drawing])
 def test_series_differ_with_deuteranopia(colors):
     """Whoever cannot see red and green would take one sensor for another."""
     for first, second in itertools.combinations(colors(), 2):
         assert difference(lab(first), lab(second)) > LEAST, (first, second)
+
+
+def test_page_repeats_the_palette():
+    """A sensor would change its colour from the window to the browser."""
+    assets = ROOT / "gr-wiforce/wiforce_app/web/assets"
+    script, style = (
+        (assets / name).read_text(encoding="utf-8") for name in ("picture.js", "page.css")
+    )
+    listed = re.search(r"COLORS = \[(.+?)\]", script)[1]
+    assert tuple(re.findall("#[0-9a-f]{6}", listed)) == palette.SERIES
+    assert re.search('WARNING = "(.+?)"', script)[1] == palette.WARNING
+    stated = dict(re.findall("--([a-z]+): (#[0-9a-f]{6});", style))
+    assert stated == {
+        "ink": palette.INK,
+        "faint": palette.FAINT,
+        "rule": palette.GRID,
+        "warning": palette.WARNING,
+    }
+
+
+def test_windows_have_the_palette():
+    from gnuradio.wiforce.gui import style
+
+    for name in ("INK", "FAINT", "PAPER", "WARNING", "BEAM", "GROUND"):
+        assert getattr(style, name).name() == getattr(palette, name)
+
+
+def test_pictures_take_their_colors_from_the_palette():
+    """Matplotlib's own colours are not all distinguishable without red and green."""
+    own = re.compile(r"""["']C\d|["']tab:|\bC\{|cmap|["']0\.\d+["']""")
+    sources = [
+        path
+        for folder in ("python/wiforce", "gr-wiforce", "docs")
+        for path in (ROOT / folder).rglob("*.py")
+        if "matplotlib" in path.read_text(encoding="utf-8")
+    ]
+    assert len(sources) >= 9
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in sources
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if own.search(line)
+    ]
+    assert found == []
+
+
+def test_series_styles_differ_in_color_and_marker():
+    styles = [tuple(palette.series_style(number).values()) for number in range(49)]
+    assert len(set(styles)) == 49
+    assert len({marker for _, marker in styles[:7]}) == 7

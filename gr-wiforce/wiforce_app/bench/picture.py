@@ -2,8 +2,9 @@
 """Pictures of the benchmarks: loss to the bound over SNR; run time against error; scaling."""
 
 import numpy as np
+from gnuradio.wiforce.io.palette import FAINT, INK, SERIES, series_style
 
-from ..shell.plots import save_picture
+from ..shell.plots import legend_below, save_picture
 from .scenes.front import front
 from .snapshots.cases import ESTIMATORS
 
@@ -33,7 +34,14 @@ def plot_losses(rows, wanted, path):
             for end, style in ((0, "-o"), (1, "--s")):
                 if len(losses):
                     label = f"{estimator}, end {end + 1}"
-                    axis.plot(gammas, losses[:, end], style, ms=4, color=f"C{color}", label=label)
+                    axis.plot(
+                        gammas,
+                        losses[:, end],
+                        style,
+                        ms=4,
+                        color=SERIES[color % len(SERIES)],
+                        label=label,
+                    )
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("gamma = |a G|²/σ² per subcarrier and snapshot (dB)")
         axis.set_yscale("symlog", linthresh=2, subs=(2, 5))
@@ -42,15 +50,8 @@ def plot_losses(rows, wanted, path):
         axis.grid(alpha=0.3)
     panels[0].set_ylabel("loss to the Cramer-Rao bound (dB)")
     lines, labels = panels[0].get_legend_handles_labels()
-    _legend_below(canvas, lines, labels, ncols=len(ESTIMATORS))
+    legend_below(canvas, lines, labels, ncols=len(ESTIMATORS))
     save_picture(canvas, path)
-
-
-def _legend_below(canvas, lines, labels, ncols):
-    """Add a legend below all panels; Matplotlib before 3.7 has no location "outside"."""
-    height = 0.22 * (-(-len(labels) // ncols) + 1) / canvas.get_figheight()
-    canvas.get_layout_engine().set(rect=(0, height, 1, 1 - height))
-    canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=8)
 
 
 def plot_tradeoffs(results, path):
@@ -81,25 +82,29 @@ def plot_tradeoffs(results, path):
     known = {}
     for axis in panels:
         known |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    _legend_below(canvas, list(known.values()), list(known), ncols=len(known))
+    legend_below(canvas, list(known.values()), list(known), ncols=len(known))
     save_picture(canvas, path, dpi=80)
 
 
 def _plot_tradeoff(axis, points):
     from matplotlib.ticker import LogLocator
 
-    marks = {"plan": ("*", "C3", 13), "paper": ("s", "C1", 6), "stock blocks": ("D", "C4", 6)}
+    marks = {
+        "plan": ("*", SERIES[1], 13),
+        "paper": ("s", SERIES[2], 6),
+        "stock blocks": ("D", SERIES[3], 6),
+    }
     for point in points:
-        mark, color, size = marks.get(point["setting"], ("o", "C0", 4))
+        mark, color, size = marks.get(point["setting"], ("o", SERIES[0], 4))
         label = point["setting"] if point["setting"] in marks else None
         for key, fill in (("phase_deg", color), ("force_n", "none")):
             if point[key] is not None:
                 axis.plot(1e3 * point["cpu_s_per_s"], point[key], mark, color=color, ms=size,
                           mfc=fill, label=label if key == "phase_deg" else None)  # fmt: skip
     kept = front(points)
-    axis.step([1e3 * p["cpu_s_per_s"] for p in kept], [p["phase_deg"] for p in kept], "0.5",
+    axis.step([1e3 * p["cpu_s_per_s"] for p in kept], [p["phase_deg"] for p in kept], FAINT,
               where="post", lw=1, label="Pareto front")  # fmt: skip
-    axis.axhline(points[0]["bound_deg"], color="k", lw=0.8, ls=":", label="bound")
+    axis.axhline(points[0]["bound_deg"], color=INK, lw=0.8, ls=":", label="bound")
     axis.set_xscale("log")
     axis.set_yscale("log")
     # The times of a scene often span less than a decade, which leaves one label or too many.
@@ -130,14 +135,14 @@ def plot_scaling(result, path):
     powers = {(g["axis"], g["quantity"]): g["exponent"] for g in result["growth"]}
     for panel, axis in zip(panels, drawn, strict=False):
         x = [row["value"] for row in by_axis[axis]]
-        for color, quantity in enumerate(QUANTITIES):
+        for number, quantity in enumerate(QUANTITIES):
             y = np.array([row[quantity] for row in by_axis[axis]])
             # All in milliseconds.
             y = y * {"start_s": 1e3, "group_us": 1e-3}.get(quantity, 1.0)
             power = powers.get((axis, quantity))
             shown = "" if power is None else f", exponent {power:.2f}"
             name = f"{_SCALING_NAMES[quantity]}{shown}"
-            panel.plot(x, y, f"-{'os^d'[color]}", color=f"C{color}", ms=4, label=name)
+            panel.plot(x, y, ms=4, label=name, **series_style(number))
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_xticks(x, [f"{value:.0f}" for value in x])

@@ -173,6 +173,7 @@ def calibrate(
         if frequency_hz is None:
             return
     data = _read(sensor, table, kind, frequency_hz)
+    data = data if guided is None else _without_incomplete(data)
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
     line = (
         (settings["length_mm"], settings["permittivity"])
@@ -204,6 +205,19 @@ def calibrate(
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
+
+
+def _without_incomplete(data):
+    """The table without locations that were left before they had enough forces."""
+    from gnuradio.wiforce.calibration.checks import LEAST_FORCES, complete_locations
+
+    complete = complete_locations(data)
+    places = sorted(set(data.location_mm[~data.untouched].tolist()) - set(complete))
+    if len(complete) < 2 or not places:
+        return data
+    listed = ", ".join(f"{place:g}" for place in places)
+    click.echo(f"left out: {listed} mm, with fewer than {LEAST_FORCES} forces")
+    return data.take(data.untouched | np.isin(data.location_mm, complete))
 
 
 def _verdict(sensor, model, suspected):
@@ -318,4 +332,8 @@ def _cross_validation(validation):
         )
     if not validation.get("locations"):
         lines.append("  too few locations to leave one out: between them nothing is tested")
+    lines.append(
+        "  nothing predicts the outermost locations: an error of the ruler there shifts the "
+        "readings near them by as much"
+    )
     return lines

@@ -239,6 +239,8 @@ class GuidedCalibration:
                 f"  {row.location_mm:5g} mm: residual {first:.2f} / {second:.2f} deg rms (port 1 / "
                 f"2), largest {row.largest_deg:.2f} deg at {row.force_n:.2f} N"
             )
+        for warning in self._session.location_warnings():
+            self._echo(f"  doubtful: {warning}")
 
     def _refuse(self, error):
         self._echo(f"  not stored: {error.renamed(_WORDS)}")

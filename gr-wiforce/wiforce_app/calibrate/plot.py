@@ -2,6 +2,8 @@
 """Picture of a calibration: what was measured, the model's curves, and what lies between them."""
 
 import numpy as np
+from gnuradio.wiforce.io.palette import FAINT, series_style
+from gnuradio.wiforce.receiver.plotting import legend_beside
 from gnuradio.wiforce.signal.carrier import same_carrier, wrap_deg
 
 from ..shell.plots import save_picture
@@ -9,7 +11,6 @@ from ..shell.plots import save_picture
 _POINTS = 80
 # Forces whose phases are drawn against location.
 _FORCES_SHOWN = 4
-_SHADES = ("#9ecae1", "#4292c6", "#2171b5", "#08306b")
 
 
 def plot_calibration(table, model, path):
@@ -23,7 +24,7 @@ def plot_calibration(table, model, path):
     from matplotlib.figure import Figure
 
     rows = [(index, port) for index in range(len(model.carriers)) for port in (1, 2)]
-    canvas = Figure(figsize=(13, 0.6 + 3.0 * len(rows)), layout="constrained")
+    canvas = Figure(figsize=(15, 0.6 + 3.0 * len(rows)), layout="constrained")
     panels = canvas.subplots(len(rows), 3, squeeze=False)
     canvas.suptitle(f"{model.name}: points measured, lines model, dashed untouched")
     for (index, port), axes in zip(rows, panels, strict=True):
@@ -42,6 +43,7 @@ class _Port:
         self.pressed = own.take(own.force_n > 0)
         self.force_span_n = model.force_span_n
         self.locations = model.carriers[index].location_mm
+        self.length_mm = model.length_mm
 
     def curve(self, force_n, location_mm):
         """The model's phases, not wrapped."""
@@ -61,18 +63,18 @@ class _Port:
 def _plot_port(port, axes):
     forces = np.linspace(*port.force_span_n, _POINTS)
     for number, location in enumerate(port.locations):
-        color = f"C{number % 10}"
+        style = series_style(number)
         here = port.pressed.take(port.pressed.location_mm == location)
         residuals = port.residuals(here)
-        axes[0].plot(forces, port.curve(forces, location), color=color)
+        axes[0].plot(forces, port.curve(forces, location), color=style["color"])
         measured = port.curve(here.force_n, location) + residuals
-        axes[0].plot(here.force_n, measured, ".", ms=3, color=color)
-        axes[2].plot(here.force_n, residuals, ".", ms=4, color=color, label=f"{location:g} mm")
+        axes[0].plot(here.force_n, measured, ls="", ms=2.5, **style)
+        axes[2].plot(here.force_n, residuals, ls="", ms=3, label=f"{location:g} mm", **style)
     _plot_over_location(port, axes[1])
     for axis in axes[:2]:
         middle = np.mean(axis.get_ylim())
-        axis.axhline(port.untouched_near(middle), color="0.4", ls="--", lw=1, label="untouched")
-    axes[2].axhline(0.0, color="0.4", lw=0.8)
+        axis.axhline(port.untouched_near(middle), color=FAINT, ls="--", lw=1, label="untouched")
+    axes[2].axhline(0.0, color=FAINT, lw=0.8)
     labels = ("phase (deg)", "phase (deg)", "measured - model (deg)")
     for axis, across, up in zip(
         axes, ("force (N)", "location (mm)", "force (N)"), labels, strict=True
@@ -80,8 +82,9 @@ def _plot_port(port, axes):
         axis.set_xlabel(across)
         axis.set_ylabel(up)
         axis.grid(alpha=0.3)
-    axes[1].legend(fontsize=7)
-    axes[2].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))
+    axes[1].set_xlim(0, port.length_mm)
+    for axis in axes[1:]:
+        legend_beside(axis)
 
 
 def _plot_over_location(port, axis):
@@ -90,8 +93,8 @@ def _plot_over_location(port, axis):
     shown = every[np.unique(np.linspace(0, len(every) - 1, _FORCES_SHOWN).round().astype(int))]
     locations = np.linspace(min(port.locations), max(port.locations), _POINTS)
     for number, force_n in enumerate(shown):
-        color = _SHADES[number]
-        axis.plot(locations, port.curve(force_n, locations), color=color, label=f"{force_n:g} N")
+        style, label = series_style(number), f"{force_n:g} N"
+        axis.plot(locations, port.curve(force_n, locations), color=style["color"], label=label)
         here = port.pressed.take(port.pressed.force_n == force_n)
         measured = port.curve(force_n, here.location_mm) + port.residuals(here)
-        axis.plot(here.location_mm, measured, ".", ms=4, color=color)
+        axis.plot(here.location_mm, measured, ls="", ms=3, **style)

@@ -18,7 +18,7 @@ class _PaperOrScenes(click.Group):
     """Takes ``paper``, or names of scenes."""
 
     def resolve_command(self, ctx, args):
-        if args and args[0] in self.commands and not self.commands[args[0]].hidden:
+        if args and args[0] in self.commands:
             return super().resolve_command(ctx, args)
         return "scenes", self.commands["scenes"], args
 

@@ -2,8 +2,9 @@
 """Picture of the error distributions on the published trials."""
 
 import numpy as np
+from gnuradio.wiforce.io.palette import SERIES
 
-from ..shell.plots import save_picture
+from ..shell.plots import legend_below, save_picture
 
 
 def plot_error_distributions(scores, forms, path):
@@ -24,7 +25,7 @@ def plot_error_distributions(scores, forms, path):
         _plot_distribution(row[0], own, methods, "force_error", "force error (N)")
         _plot_distribution(row[1], own, methods, "location_error", "location error (mm)")
         row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\nshare of the readings")
-    axes[0, 0].legend(fontsize=7, loc="lower right")
+    legend_below(canvas, *axes[0, 0].get_legend_handles_labels(), ncols=len(methods))
     canvas.suptitle("Published wireless trials (dashed: with one wireless press per location)")
     save_picture(canvas, path)
 
@@ -40,7 +41,8 @@ def _plot_distribution(axis, scores, methods, what, label):
             axis.step(
                 errors,
                 part,
-                f"C{i}{'--' if refined else '-'}",
+                "--" if refined else "-",
+                color=SERIES[i % len(SERIES)],
                 where="post",
                 linewidth=1.2,
                 label=None if refined else method,

@@ -2,6 +2,8 @@
 """Picture of readings and a force gauge."""
 
 import numpy as np
+from gnuradio.wiforce.io.palette import TRUTH, series_style
+from gnuradio.wiforce.receiver.plotting import legend_beside
 
 from ..shell.plots import save_picture
 
@@ -18,23 +20,23 @@ def plot_comparison(readings, gauge, found, path, title):
     """
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(9, 8), layout="constrained")
+    canvas = Figure(figsize=(11, 8), layout="constrained")
     canvas.suptitle(title, fontsize=11)
     over_time, errors, of_force = canvas.subplots(3, 1, height_ratios=(3, 2, 2))
     errors.sharex(over_time)
     gauge_n = found.sign * (gauge.force_n - found.zero_n)
-    over_time.plot(gauge.time_s - found.offset_s, gauge_n, color="0.6", lw=2, label="gauge")
+    over_time.plot(gauge.time_s - found.offset_s, gauge_n, color=TRUTH, lw=3, label="gauge")
     clear, touched = readings.clear, readings.touched
-    over_time.plot(
-        readings.time_s[clear], readings.force_n[clear], ".", ms=4, color="C0", label="reading"
-    )
+    reading, median = ({"ms": ms, **series_style(i)} for i, ms in enumerate((2.5, 4)))
+    times_s, forces_n = readings.time_s[clear], readings.force_n[clear]
+    over_time.plot(times_s, forces_n, ls="", label="reading", **reading)
     flagged = touched & ~clear
     over_time.plot(
         readings.time_s[flagged],
         readings.force_n[flagged],
         "x",
         ms=5,
-        color="C3",
+        color=reading["color"],
         label="flagged, not compared",
     )
     span = readings.time_s[[0, -1]]
@@ -42,19 +44,17 @@ def plot_comparison(readings, gauge, found, path, title):
     top = 1.15 * max(found.force_n.max(), found.gauge_n.max())
     over_time.set_ylim(-0.1 * top, top)
     over_time.set_ylabel("force (N)")
-    over_time.legend(loc="upper right", fontsize=8)
-    errors.errorbar(
-        found.time_s, found.error_n, 2 * found.force_std_n, fmt=".", ms=4, lw=0.7, color="C0"
-    )
-    errors.axhline(0, color="0.6", lw=1)
+    legend_beside(over_time)
+    errors.errorbar(found.time_s, found.error_n, 2 * found.force_std_n, ls="", lw=0.7, **reading)
+    errors.axhline(0, color=TRUTH, lw=1)
     errors.set_ylabel("reading - gauge (N)\nbars: 2 std")
     errors.set_xlabel("time (s)")
-    of_force.plot(found.gauge_n, found.error_n, ".", ms=4, color="C0", label="error")
-    of_force.plot(*_medians(found.gauge_n, found.error_n), "o-", ms=4, color="C1", label="median")
-    of_force.axhline(0, color="0.6", lw=1)
+    of_force.plot(found.gauge_n, found.error_n, ls="", label="error", **reading)
+    of_force.plot(*_medians(found.gauge_n, found.error_n), label="median", **median)
+    of_force.axhline(0, color=TRUTH, lw=1)
     of_force.set_xlabel("force of the gauge (N)")
     of_force.set_ylabel("reading - gauge (N)")
-    of_force.legend(loc="upper right", fontsize=8)
+    legend_beside(of_force)
     for axis in (over_time, errors, of_force):
         axis.grid(alpha=0.3)
     save_picture(canvas, path)

@@ -2,11 +2,14 @@
 """Picture of a survey: the Doppler spectrum with everything that was found in it."""
 
 import numpy as np
+from gnuradio.wiforce.io.palette import FAINT, INK, SERIES
 from gnuradio.wiforce.signal.lines import aliased_hz
 
-from ..shell.plots import save_picture
+from ..shell.plots import legend_below, save_picture
 
 _MARKERS = "ovsDP*Xd"
+# The first two are of the tags and of what the weights reject.
+_FOUND = SERIES[2:]
 _OWN_MARKERS = "^v<>"
 _LOWEST_DB = -6.0
 # Lines of the scene's tags are drawn where more than this part of the floor is expected, and lines
@@ -30,11 +33,11 @@ def plot_survey(survey, found, plan, path, title=""):
     """
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(10, 6), layout="constrained")
-    axis = canvas.subplots()
+    canvas = Figure(figsize=(10, 8), layout="constrained")
+    axis, slow = canvas.subplots(2, 1, height_ratios=(3, 2))
     khz = survey.frequency_hz / 1e3
     level = 10 * np.log10(np.maximum(survey.spectrum, 1e-3))
-    axis.plot(khz, level, lw=0.7, color="0.45", label="spectrum of the untouched reference")
+    axis.plot(khz, level, lw=0.7, color=FAINT, label="spectrum of the untouched reference")
     own = (survey.own > _VISIBLE) & (level > _STANDS_OUT_DB)
     own &= survey.spectrum < 2 + _STRONGER * survey.own
     own[1:-1] &= (level[1:-1] >= level[:-2]) & (level[1:-1] >= level[2:])  # tops of lines
@@ -43,15 +46,15 @@ def plot_survey(survey, found, plan, path, title=""):
         khz,
         np.where(around, level, np.nan),
         lw=0.9,
-        color="C0",
+        color=SERIES[0],
         label="higher and aliased lines of the scene's tags",
     )
-    axis.axhline(0, color="k", lw=1.0, ls="--", label="noise floor")
+    axis.axhline(0, color=INK, lw=1.0, ls="--", label="noise floor")
     if plan.clutter_hz:
         axis.axvspan(
             0,
             plan.clutter_hz / 1e3,
-            color="C1",
+            color=SERIES[1],
             alpha=0.25,
             lw=0,
             label=f"rejected by the weights, 0 to {plan.clutter_hz:.0f} Hz",
@@ -65,12 +68,12 @@ def plot_survey(survey, found, plan, path, title=""):
             survey,
             lines,
             f"lines of '{name}' ({clock.clock_hz:g} Hz)",
-            color="C0",
+            color=SERIES[0],
             marker=_OWN_MARKERS[index % len(_OWN_MARKERS)],
         )
     for index, finding in enumerate(found):
         style = {
-            "color": f"C{2 + index % 8}",
+            "color": _FOUND[index % len(_FOUND)],
             "marker": _MARKERS[index % len(_MARKERS)],
         }
         label = f"{finding.name}, {finding.level_db:+.1f} dB"
@@ -84,8 +87,30 @@ def plot_survey(survey, found, plan, path, title=""):
     axis.set_ylabel("power above the noise floor (dB)")
     axis.set_title(title, fontsize=11)
     axis.grid(alpha=0.3)
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=2, fontsize=9)
+    _plot_slow(slow, survey, found, plan)
+    legend_below(canvas, *axis.get_legend_handles_labels(), ncols=2)
     save_picture(canvas, path)
+
+
+def _plot_slow(axis, survey, found, plan):
+    """Plot the frequencies below the lines of all tags, where people and machines move."""
+    hertz = survey.frequency_hz[1:]
+    level = 10 * np.log10(np.maximum(survey.spectrum[1:], 1e-3))
+    top = min([clock.clock_hz for clock in plan.clocks], default=hertz[-1])
+    axis.plot(hertz, level, lw=0.7, color=FAINT)
+    axis.axhline(0, color=INK, lw=1.0, ls="--")
+    if plan.clutter_hz:
+        axis.axvspan(hertz[0], plan.clutter_hz, color=SERIES[1], alpha=0.25, lw=0)
+    for index, finding in enumerate(found):
+        if finding.kind == "clutter":
+            axis.axvline(finding.frequency_hz, color=_FOUND[index % len(_FOUND)], lw=1.2)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.set_xlim(hertz[0], top)
+    axis.set_ylim(_LOWEST_DB, float(level[hertz <= top].max()) + 5)
+    axis.set_xlabel("frequency below the lines of the tags (Hz)")
+    axis.set_ylabel("the same power (dB)")
+    axis.grid(alpha=0.3)
 
 
 def _mark(axis, survey, lines_hz, label, **style):

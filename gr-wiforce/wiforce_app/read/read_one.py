@@ -54,7 +54,8 @@ def read_one(
     if plot_path is not None:
         from ..shell.plots import plot_readings
 
-        plot_readings(kept, plot_path, title=str(capture))
+        length_mm = max(each.model.length_mm for each in settings.sensors)
+        plot_readings(kept, plot_path, title=str(capture), length_mm=length_mm)
     return 0
 
 

@@ -78,7 +78,8 @@ def demo(folder):
     readings = _read(scene, folder, _run_flowgraph if has_gnuradio else _run_library)
     truth = read_truth(folder / "demo.truth.csv")
     _show(readings, truth)
-    plot_readings(readings, folder / "readings.png", "gr-wiforce demo: readings and truth", truth)
+    title = "gr-wiforce demo: readings and truth"
+    plot_readings(readings, folder / "readings.png", title, truth, line.length_mm)
     result = score(readings, truth, scene.sensors[0].name)
     click.echo(
         f"\nmedian error over {len(result.force_error_n)} touched groups: "

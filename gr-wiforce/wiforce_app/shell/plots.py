@@ -37,13 +37,20 @@ def figure(rows, title):
     """Make a figure of stacked panels over time, without a display."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(9, 1.0 + _PANEL_IN * rows), layout="constrained")
+    canvas = Figure(figsize=(11, 1.0 + _PANEL_IN * rows), layout="constrained")
     axes = canvas.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     canvas.suptitle(title, fontsize=11)
     for axis in axes:
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time (s)")
     return canvas, axes
+
+
+def legend_below(canvas, lines, labels, ncols):
+    """Add a legend below all panels; Matplotlib before 3.7 has no location "outside"."""
+    height = 0.22 * (-(-len(labels) // ncols) + 1) / canvas.get_figheight()
+    canvas.get_layout_engine().set(rect=(0, height, 1, 1 - height))
+    canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=8)
 
 
 def save_picture(canvas, path, dpi=110):
@@ -63,7 +70,7 @@ def save_picture(canvas, path, dpi=110):
         raise unwritable(path, error) from error
 
 
-def plot_readings(readings, path, title="", truth=None):
+def plot_readings(readings, path, title="", truth=None, length_mm=None):
     """Write the picture that :func:`gnuradio.wiforce.plot` draws.
 
     Parameters
@@ -72,7 +79,9 @@ def plot_readings(readings, path, title="", truth=None):
         PNG, PDF or SVG.
     truth : sequence of dict, optional
         Rows of a truth file.
+    length_mm : float, optional
+        Length of the sensors.
     """
     canvas, axes = figure(PANELS, title)
-    plot(readings, truth=truth, axes=axes)
+    plot(readings, truth=truth, axes=axes, length_mm=length_mm)
     save_picture(canvas, path)

@@ -14,8 +14,8 @@ from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 from bokeh.resources import Resources
+from gnuradio.wiforce.io.palette import FAINT, GRID, INK
 
-INK, FAINT, GRID = "#202428", "#737a82", "#e3e7eb"
 _HEIGHT_PX = 210
 # The same on both plots, so that their time axes are aligned.
 _LEFT_PX = 52

@@ -131,21 +131,26 @@ double phase_motion::update(const pair_of_ends& phase, const phase_covariance& n
     const double square = c.off[0] * c.off[0] * c.second -
                           2 * c.off[0] * c.off[1] * c.both +
                           c.off[1] * c.off[1] * c.first;
-    double before[2][4];
-    std::copy_n(&d_covariance[0][0], 8, &before[0][0]);
+    double gain[4][2], rest[4][4];
     for (int i = 0; i < 4; i++) {
         const double to_first = d_covariance[i][0], to_second = d_covariance[i][1];
-        const double first = (to_first * c.second - to_second * c.both) / c.determinant,
-                     second = (to_second * c.first - to_first * c.both) / c.determinant;
-        d_state[i] += first * c.off[0] + second * c.off[1];
+        gain[i][0] = (to_first * c.second - to_second * c.both) / c.determinant;
+        gain[i][1] = (to_second * c.first - to_first * c.both) / c.determinant;
+        d_state[i] += gain[i][0] * c.off[0] + gain[i][1] * c.off[1];
         for (int j = 0; j < 4; j++)
-            d_covariance[i][j] -= first * before[0][j] + second * before[1][j];
+            rest[i][j] = d_covariance[i][j] - gain[i][0] * d_covariance[0][j] -
+                         gain[i][1] * d_covariance[1][j];
     }
-    // Rounding would grow from group to group.
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < i; j++)
+    // Joseph's form: after a gap a turn that both ends share is known to radians, and its
+    // difference to microradians, which the shorter form would leave negative.
+    for (int i = 0; i < 4; i++) {
+        const double by_first = gain[i][0] * noise.first + gain[i][1] * noise.both,
+                     by_second = gain[i][0] * noise.both + gain[i][1] * noise.second;
+        for (int j = 0; j <= i; j++)
             d_covariance[i][j] = d_covariance[j][i] =
-                (d_covariance[i][j] + d_covariance[j][i]) / 2;
+                rest[i][j] + (by_first - rest[i][0]) * gain[j][0] +
+                (by_second - rest[i][1]) * gain[j][1];
+    }
     return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
 }
 

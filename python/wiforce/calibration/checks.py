@@ -51,6 +51,25 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
         raise InputError(f"{table.at(index)}: location_mm", rule, float(table.location_mm[index]))
 
 
+def complete_locations(table: CalibrationTable) -> list[float]:
+    """Locations with enough forces for curves at both ports, rising.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+        Rows of one carrier.
+    """
+    touched = table.take(~table.untouched)
+    forces = {
+        place: [
+            np.unique(touched.force_n[(touched.location_mm == place) & (touched.port == port)])
+            for port in (1, 2)
+        ]
+        for place in np.unique(touched.location_mm).tolist()
+    }
+    return [place for place, own in forces.items() if min(map(len, own)) >= LEAST_FORCES]
+
+
 def check_places(table: CalibrationTable) -> None:
     """Reject data that do not determine a model of one carrier.
 

@@ -105,7 +105,7 @@ def calibration_warnings(model: CurveModel) -> list[str]:
         at = f"{carrier.frequency_hz / 1e6:g} MHz: "
         own = [
             *_few_locations(model, carrier),
-            *_cross_validation(model, carrier),
+            *_contradicted_locations(model, carrier),
             *_misfit(carrier),
             *_steps(model, index),
             *_falls(model, index),
@@ -133,7 +133,16 @@ def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
     return texts
 
 
-def _cross_validation(model: CurveModel, carrier: Carrier) -> list[str]:
+def location_warnings(model: CurveModel) -> list[str]:
+    """Locations that the others contradict, as a wrong mark of the ruler makes them.
+
+    Returns list of str: a sentence for each carrier, location and port.
+    """
+    return [text for each in model.carriers for text in _contradicted_locations(model, each)]
+
+
+def _contradicted_locations(model: CurveModel, carrier: Carrier) -> list[str]:
+    slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
     rows = [
         row
         for row in model.cross_validation.get("locations", [])
@@ -141,7 +150,8 @@ def _cross_validation(model: CurveModel, carrier: Carrier) -> list[str]:
     ]
     return [
         f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
-        f"{row['rms_deg']:.1f} deg from what they say ({row['expected_deg']:.1f} expected)"
+        f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
+        f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
         for row in rows
         if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]
     ]

@@ -9,13 +9,15 @@ from PyQt5.QtCore import QSize, Qt, QTimer
 from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
-from .style import INK, SENSORS, time_plot
+from ..io.palette import SERIES
+from .display import Display
+from .style import INK, time_plot
 
 _REFRESH_MS = 200
 _LEAST_POWER = 1e-20
 
 
-class Spectrum(QWidget):
+class Spectrum(Display):
     """Power over Doppler frequency, from 0 Hz to half the snapshot rate.
 
     Parameters
@@ -54,12 +56,12 @@ class Spectrum(QWidget):
         self._plot.setMinimumHeight(120)
         self._plot.setXRange(0, snapshot_rate_hz / 2, padding=0)
         for number, (label, hertz) in enumerate(self.lines_hz.items()):
-            pen = pg.mkPen(SENSORS[(number + 1) % len(SENSORS)], style=Qt.DashLine)
+            pen = pg.mkPen(SERIES[(number + 1) % len(SERIES)], style=Qt.DashLine)
             options = {"color": INK, "position": 0.92, "fill": (255, 255, 255, 200)}
             self._plot.addItem(
                 pg.InfiniteLine(hertz, angle=90, pen=pen, label=label, labelOpts=options)
             )
-        self._curve = self._plot.plot(pen=pg.mkPen(SENSORS[0]))
+        self._curve = self._plot.plot(pen=pg.mkPen(SERIES[0]))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self._plot)

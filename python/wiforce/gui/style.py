@@ -4,11 +4,12 @@
 import pyqtgraph as pg
 from PyQt5.QtGui import QColor
 
-# One per sensor, distinguishable with red-green colour blindness: M. Okabe and K. Ito, "Color
-# Universal Design", 2008, but for the last one: theirs is too near to the second.
-SENSORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e6c200")
-INK, FAINT, PAPER, WARNING = map(QColor, ("#202428", "#737a82", "#ffffff", "#b45f00"))
-BEAM, GROUND = map(QColor, ("#cdd4db", "#9aa3ac"))
+from ..io import palette
+
+INK, FAINT, PAPER, WARNING, BEAM, GROUND = map(
+    QColor,
+    (palette.INK, palette.FAINT, palette.PAPER, palette.WARNING, palette.BEAM, palette.GROUND),
+)
 # Width of the left axis: the same in all plots, so that their time axes are aligned.
 _LEFT_PX = 56
 

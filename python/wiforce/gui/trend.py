@@ -10,13 +10,15 @@ from PyQt5.QtCore import QSize, QTimer
 from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
-from .style import INK, SENSORS, time_plot
+from ..io.palette import SERIES
+from .display import Display
+from .style import INK, time_plot
 
 _REFRESH_MS = 200
 _MOST = 20_000
 
 
-class Trend(QWidget):
+class Trend(Display):
     """Rolling plot of values that arrive at a steady rate, up to some hundreds per second.
 
     Parameters
@@ -73,7 +75,7 @@ class Trend(QWidget):
         if y_range is not None:
             self._plot.setYRange(*y_range)
         self._curves = [
-            self._plot.plot(pen=pg.mkPen(SENSORS[n % len(SENSORS)]), name=label, connect="finite")
+            self._plot.plot(pen=pg.mkPen(SERIES[n % len(SERIES)]), name=label, connect="finite")
             for n, label in enumerate(labels)
         ]
         layout = QVBoxLayout(self)

@@ -3,7 +3,7 @@
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,13 @@ from PyQt5.QtWidgets import (
 )
 
 from ..errors import InputError
+from ..io.palette import SERIES
 from ..io.reading_messages import as_reading
 from ..io.readings import Reading, SurfaceReading
+from .display import Display
 from .history import History
 from .sensor_view import SensorView
-from .style import PAPER, SENSORS
+from .style import PAPER
 from .surface_view import SurfaceView
 from .track import Track
 from .words import tare_outcome
@@ -39,7 +41,7 @@ _FORGET_S = 10.0
 _MOST_WAITING = 10_000
 
 
-class ForceDisplay(QWidget):
+class ForceDisplay(Display):
     """Live picture of readings: every sensor with its press, and the recent past.
 
     A sensor appears with its first reading, turns grey 1 s after its latest one, and is removed
@@ -110,6 +112,8 @@ class ForceDisplay(QWidget):
         self._refreshes = 0
         self._tare_state: dict[str, Any] = {}
         self._warning_text = ""
+        self._count = 0
+        self._late: Callable[[], Iterable[Any]] | None = None
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.refresh)
@@ -145,6 +149,20 @@ class ForceDisplay(QWidget):
         """
         self._warning_text = text
 
+    def show_start(self) -> None:
+        """Show that readings follow. May be called from any thread."""
+        self._late = None
+
+    def show_end(self, late: Callable[[], Iterable[Any]] = tuple) -> None:
+        """Show that the recording has ended, and keep the last readings. Thread-safe as ``add``.
+
+        Parameters
+        ----------
+        late : callable
+            Gives readings that arrived since its last call; called at each refresh.
+        """
+        self._late = late
+
     def sensors(self) -> list[str]:
         """Names of the sensors shown, from top to bottom."""
         return list(self._views)
@@ -156,15 +174,19 @@ class ForceDisplay(QWidget):
     def clear(self) -> None:
         """Remove everything shown."""
         self._waiting.clear()
+        self._count = 0
         for name in self.sensors():
             self._forget(name)
 
     def refresh(self) -> None:
         """Redraw with the readings that wait; the widget's timer calls this 25 times per second."""
         now = time.monotonic()
+        if self._late is not None:
+            self._waiting.extend(self._late())
         while self._waiting:
             reading = as_reading(self._waiting.popleft())
             if reading is not None:
+                self._count += 1
                 self._track(reading.sensor).add(reading)
                 if not reading.flags:
                     self._warning_text = ""
@@ -173,7 +195,7 @@ class ForceDisplay(QWidget):
                 self._seen[reading.sensor] = now
         for name in self.sensors():
             age = now - self._seen[name]
-            if age > _FORGET_S:
+            if age > _FORGET_S and self._late is None:
                 self._forget(name)
             else:
                 self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)
@@ -182,8 +204,8 @@ class ForceDisplay(QWidget):
         self._warning.setVisible(bool(self._warning_text))
         self._draw_tare(self._tare_state)
         self._refreshes += 1
+        self._time.setText(self._progress())
         if self._refreshes % _HISTORY_EVERY == 0 and self._history.isVisible():
-            self._time.setText(self._newest())
             self._history.draw(self._tracks, self._colors)
 
     def sizeHint(self) -> QSize:
@@ -247,7 +269,9 @@ class ForceDisplay(QWidget):
         width = max(0, self.width() - self._time.width() - self._tare.width() - 30)
         self._outcome.setText(self._outcome.fontMetrics().elidedText(text, Qt.ElideRight, width))
 
-    def _newest(self) -> str:
+    def _progress(self) -> str:
+        if self._late is not None:
+            return f"recording ended, {self._count} readings"
         times = [track.latest.time_s for track in self._tracks.values() if track.latest]
         return f"{max(times):.1f} s of signal" if times else ""
 
@@ -272,7 +296,7 @@ class ForceDisplay(QWidget):
 
     def _free_color(self) -> str:
         """The first colour that no sensor has, or the least used one."""
-        return min(SENSORS, key=list(self._colors.values()).count)
+        return min(SERIES, key=list(self._colors.values()).count)
 
     def _forget(self, name: str) -> None:
         del self._tracks[name], self._seen[name], self._colors[name]

@@ -190,6 +190,8 @@ def _read_one(
             warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=3)
     frame = pandas.DataFrame(rows, columns=list(columns))
     frame = frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
+    # For `plot`, whose location axis shows whole sensors.
+    frame.attrs["length_mm"] = max(each.model.length_mm for each in reader.plan.sensors)
     return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.words[0]]))
 
 

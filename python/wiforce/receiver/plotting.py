@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..io.palette import TRUTH, series_style
 from ..io.readings import Flag, Reading
 
 if TYPE_CHECKING:
     import pandas
 
 PANELS = 4
-_LABELS = ("force (N)", "location\n(mm from port 1)", "phases psi 1, 2\n(deg)", "SNR (dB)")
+_LABELS = ("force (N)", "location\n(mm from port 1)", "phases (deg)", "SNR (dB)")
 _NEEDED = ("time_s", "sensor", "touch", "force_n", "location_mm")
 _Rows = Sequence[Mapping[str, Any]]
 
@@ -25,8 +27,9 @@ def plot(
     *,
     truth: pandas.DataFrame | Iterable[Mapping[str, Any]] | None = None,
     axes: Sequence[Any] | None = None,
+    length_mm: float | None = None,
 ) -> Sequence[Any]:
-    """Plot force, location, phases and SNR over time, one colour per sensor.
+    """Plot force, location, phases and SNR over time, one colour and marker per sensor.
 
     Readings with a flag other than ``reference`` are crossed out and do not widen the axes. The
     force of an untouched sensor is drawn as 0.
@@ -39,6 +42,9 @@ def plot(
         Rows of the truth file of a simulated capture, drawn as grey lines.
     axes : sequence of four matplotlib Axes, optional
         A new figure of pyplot by default.
+    length_mm : float, optional
+        Length of the sensors: the location axis shows all of it. By default that of the scene where
+        :func:`read` made the readings, else the largest location.
 
     Returns
     -------
@@ -68,28 +74,41 @@ def plot(
             axis.grid(alpha=0.3)
     elif len(axes) != PANELS:
         raise InputError("axes", f"must be {PANELS}", len(axes))
+    if length_mm is None:
+        length_mm = getattr(readings, "attrs", {}).get("length_mm")
     runs = list(dict.fromkeys((row.get("capture"), row["sensor"]) for row in rows))
+    flagged = []
     for i, (capture, sensor) in enumerate(runs):
         own = [row for row in rows if (row.get("capture"), row["sensor"]) == (capture, sensor)]
         name = sensor if capture is None else f"{capture}, {sensor}"
-        _plot_sensor(axes, own, f"C{2 * i}", name if len(runs) > 1 else "reading")
+        _plot_sensor(axes, own, series_style(i), name if len(runs) > 1 else "reading")
+        label = f"{name}, flagged" if len(runs) > 1 else "flagged"
+        flagged.append((label, [row for row in own if _flagged(row)]))
         if truth is not None:
             real = [row for row in _rows("truth", truth) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
-    _plot_flagged(axes, rows)
+    _plot_flagged(axes, flagged)
+    axes[1].set_ylim(bottom=0, top=length_mm)
     for axis, label in zip(axes, _LABELS, strict=True):
         axis.set_ylabel(label)
     axes[2].set_ylim(-185, 185)
     axes[2].set_yticks([-180, -90, 0, 90, 180])
     for axis in (axes[0], axes[2]):
         if axis.get_legend_handles_labels()[0]:
-            axis.legend(loc="upper right", fontsize=8)
+            legend_beside(axis)
     return axes
+
+
+def legend_beside(axis: Any) -> None:
+    """Add a legend to the right of an axis, where it hides nothing."""
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=8)
 
 
 def _rows(name: str, table: Any) -> _Rows:
     """Rows by the names of their columns, unknown values None or NaN, flags as one text."""
     if hasattr(table, "to_dict"):
+        if "flags" in table:  # pandas reads no flags as NaN from a file
+            table = table.assign(flags=table["flags"].fillna(""))
         rows = table.to_dict("records")
     else:
         rows = [
@@ -116,7 +135,7 @@ def _force(rows: _Rows) -> np.ndarray:
     return np.where(_column(rows, "touch") == 0, 0.0, _column(rows, "force_n"))
 
 
-def _plot_sensor(axes: Sequence[Any], rows: _Rows, color: str, label: str) -> None:
+def _plot_sensor(axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], label: str) -> None:
     """The values of readings without a warning, and the phases and SNR of all of them."""
     time = _column(rows, "time_s")
     reliable = [row for row in rows if not _flagged(row)]
@@ -129,44 +148,48 @@ def _plot_sensor(axes: Sequence[Any], rows: _Rows, color: str, label: str) -> No
             _column(reliable, "time_s")[known],
             values[known],
             2 * np.nan_to_num(_column(reliable, std)[known]),
-            fmt=".",
-            ms=4,
+            ls="",
+            ms=2.5,
             lw=0.7,
-            color=color,
             label=f"{label} (bars: 2 std)",
+            **style,
         )
-    axes[2].plot(time, _column(rows, "phase1_deg"), ".", ms=3, color=color, label="psi 1")
-    axes[2].plot(time, _column(rows, "phase2_deg"), "+", ms=4, color=color, label="psi 2")
-    axes[3].plot(time, _column(rows, "snr_db"), ".", ms=3, color=color)
+    for end, face in ((1, style["color"]), (2, "none")):
+        phases = _column(rows, f"phase{end}_deg")
+        name = f"{label}, psi {end}"
+        axes[2].plot(time, phases, ls="", ms=2.5, mfc=face, mew=0.6, label=name, **style)
+    axes[3].plot(time, _column(rows, "snr_db"), ls="", ms=2.5, **style)
 
 
 def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:
     time, touched = _column(rows, "time_s"), _column(rows, "touch") == 1
     for axis, name, untouched in ((axes[0], "force_n", 0.0), (axes[1], "location_mm", np.nan)):
         values = np.where(touched, _column(rows, name), untouched)
-        axis.plot(time, values, color="0.6", lw=2.5, zorder=0, label="truth" if labelled else None)
+        axis.plot(time, values, color=TRUTH, lw=3, zorder=0, label="truth" if labelled else None)
 
 
-def _plot_flagged(axes: Sequence[Any], rows: _Rows) -> None:
+def _plot_flagged(axes: Sequence[Any], flagged: Sequence[tuple[str, _Rows]]) -> None:
     """Cross out flagged readings, at the edge where they lie outside the axis of all others."""
-    flagged = [row for row in rows if _flagged(row)]
-    time = _column(flagged, "time_s")
-    for axis, values in ((axes[0], _force(flagged)), (axes[1], _column(flagged, "location_mm"))):
-        known = np.isfinite(values)
-        if np.any(np.isfinite(axis.dataLim.get_points())) or not np.any(known):
+    everyone = [row for _, rows in flagged for row in rows]
+    for axis, column in ((axes[0], _force), (axes[1], partial(_column, name="location_mm"))):
+        values = column(everyone)
+        values = values[np.isfinite(values)]
+        if np.any(np.isfinite(axis.dataLim.get_points())) or not len(values):
             limits = axis.get_ylim()
         else:  # there is no other
-            limits = np.min(values[known]) - 1, np.max(values[known]) + 1
-        lowest = -0.05 * limits[1] if axis is axes[0] else limits[0]
-        limits = lowest, limits[1]
-        if np.any(known):  # Matplotlib gives markers outside the axis no size without any
-            axis.plot(
-                time[known],
-                np.clip(values[known], *limits),
-                "x",
-                ms=6,
-                color="C3",
-                clip_on=False,
-                label="flagged",
-            )
+            limits = np.min(values) - 1, np.max(values) + 1
+        limits = -0.05 * limits[1] if axis is axes[0] else limits[0], limits[1]
+        for number, (label, rows) in enumerate(flagged):
+            own = column(rows)
+            known = np.isfinite(own)
+            if np.any(known):  # Matplotlib gives markers outside the axis no size without any
+                axis.plot(
+                    _column(rows, "time_s")[known],
+                    np.clip(own[known], *limits),
+                    "x",
+                    ms=6,
+                    color=series_style(number)["color"],
+                    clip_on=False,
+                    label=label,
+                )
         axis.set_ylim(limits)

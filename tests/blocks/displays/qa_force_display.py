@@ -297,6 +297,59 @@ def test_block_shows_messages_and_sends_tare(qt):
     assert isinstance(block.widget, QtWidgets.QWidget)
 
 
+def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_path):
+    """The window went empty ten seconds after the end, and nobody saw that it was the end."""
+    scene = {
+        "sensors": [{"name": "arm", "model": "line-900mhz"}],
+        "reference_s": 0.1,
+        "simulation": {"truth_model": "line-900mhz", "duration_s": 0.3},
+    }
+    wiforce.simulate(scene, tmp_path / "short")
+    flowgraph, reader = gr.top_block(), wiforce.reader(scene, input_type="sc16")
+    block = wiforce.force_display()
+    block.widget._timer.stop()
+    samples = blocks.file_source(4, str(tmp_path / "short.sigmf-data"))
+    flowgraph.connect(samples, reader)
+    flowgraph.msg_connect(reader, "readings", block, "readings")
+    flowgraph.run()
+    block.widget.refresh()
+    read = reader.counts.clear + reader.counts.flagged
+    assert read == 8 and block.widget._time.text() == f"recording ended, {read} readings"
+    block.widget._seen["arm"] -= 60
+    block.widget.refresh()
+    assert block.widget.sensors() == ["arm"]
+    assert block.start() and block.widget._time.text()
+    block.widget.refresh()
+    assert "recording ended" not in block.widget._time.text()
+
+
+def test_window_of_companion_opens_at_a_size_that_shows_the_display_whole(qt):
+    """Companion puts widgets into a scroll area: the histories were hidden, and bars shown."""
+    window, content, area = QtWidgets.QWidget(), QtWidgets.QWidget(), QtWidgets.QScrollArea()
+    column = QtWidgets.QVBoxLayout(content)
+    control, display = QtWidgets.QSlider(QtCore.Qt.Horizontal), wiforce.ForceDisplay()
+    column.addWidget(control)
+    column.addWidget(display)
+    area.setWidgetResizable(True)
+    area.setWidget(content)
+    QtWidgets.QVBoxLayout(window).addWidget(area)
+    window.show()
+    for _ in range(5):
+        qt.processEvents()
+    try:
+        assert display._history.isVisible()
+        assert area.verticalScrollBar().maximum() == area.horizontalScrollBar().maximum() == 0
+        window.resize(300, 200)
+        window.hide()
+        window.show()
+        for _ in range(5):
+            qt.processEvents()
+        assert window.size() == QtCore.QSize(300, 200)  # the size that somebody chose
+    finally:
+        window.close()
+        display._timer.stop()
+
+
 def test_display_tare_button_shows_what_becomes_of_the_request(qt):
     """A user must see that a press or a refusal left the former reference in use."""
     display = wiforce.ForceDisplay()

@@ -6,11 +6,15 @@ import re
 import time
 
 import pytest
+from click.testing import CliRunner
 from gnuradio.wiforce.calibration.gauges.units import ForceGauge
+from gnuradio.wiforce.calibration.guided.press_measurement import measure_press, measure_untouched
 from gnuradio.wiforce.calibration.guided.session import CalibrationSession
 from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor
+from wiforce_app.calibrate.calibrate import calibrate
 from wiforce_app.calibrate.dialogue import GuidedCalibration
 from wiforce_app.calibrate.operator_lines import OperatorLines
 
@@ -167,6 +171,26 @@ def test_skipped_forces_and_locations_are_omitted(sensor, path):
     assert finished
     assert [each.force_n for each in measurements if each.location_mm == 30] == [2]
     assert len([each for each in measurements if each.location_mm == 50]) == 5
+
+
+@pytest.mark.parametrize("forces_n", [(1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0)])
+def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch, forces_n):
+    """An hour of work at four locations would be refused for the fifth."""
+    path, output = tmp_path / "arm.taps.csv", tmp_path / "arm.yaml"
+    held = HandHeldSensor()
+    with CalibrationSession(SessionPlan("arm", 900e6), path) as session:
+        session.add(measure_untouched(held.readings(), 0.6))
+        for location_mm in (20.0, 30.0, 40.0, 50.0, 60.0):
+            for held.force_n in (1.0, 2.0, 4.0, 6.0, 8.0) if location_mm < 60 else forces_n:
+                held.location_mm = location_mm
+                session.add(measure_press(held.readings(), location_mm, held.force_n, 0.6))
+    monkeypatch.setattr("wiforce_app.calibrate.calibrate.guide", lambda *_: 900e6)
+    command = [path, "-o", output, "--live", "--scene", "demo", "--args", "addr=127.0.0.1"]
+    done = CliRunner().invoke(calibrate, list(map(str, command)))
+    assert done.exit_code == 0, done.output
+    complete = len(forces_n) == 5
+    assert ("left out: 60 mm, with fewer than 5 forces" in done.output) != complete
+    assert load_sensor(output).location_span_mm == (20.0, 60.0 if complete else 50.0)
 
 
 def test_finishing_early_makes_a_sensor_of_what_is_stored(sensor, path):

@@ -79,6 +79,35 @@ def test_plot_of_flagged_readings_alone_shows_them(figures):
         assert axis.get_ylim()[0] < value < axis.get_ylim()[1]
 
 
+def test_plot_of_several_sensors_has_a_marker_for_each(figures):
+    """A print in grey must tell the sensors from one another."""
+    both = [replace(each, sensor=name) for name in ("arm", "leg") for each in readings()]
+    plot_readings(both, "out.png", length_mm=80.0)
+    force, location, phases, _ = figures[0].axes
+    bars = [each.lines[0] for each in force.containers]
+    assert [line.get_marker() for line in bars] == ["o", "s"]
+    assert len({line.get_color() for line in bars}) == 2
+    crosses = {line.get_label(): line for line in force.get_lines() if line.get_marker() == "x"}
+    assert set(crosses) == {"arm, flagged", "leg, flagged"}
+    assert crosses["leg, flagged"].get_color() == bars[1].get_color()
+    labels = [text.get_text() for text in phases.get_legend().get_texts()]
+    assert labels == ["arm, psi 1", "arm, psi 2", "leg, psi 1", "leg, psi 2"]
+    assert location.get_ylim() == (0.0, 80.0)
+
+
+@pytest.mark.parametrize("with_length", [True, False])
+def test_plot_of_readings_shows_whole_sensors_and_legends_beside(figures, with_length):
+    """A zoomed location axis makes a tenth of a millimetre look like a movement."""
+    plot_readings(readings(), "out.png", length_mm=100.0 if with_length else None)
+    canvas = figures[0]
+    canvas.draw_without_rendering()
+    low, high = canvas.axes[1].get_ylim()
+    assert low == 0.0 and (high == 100.0 if with_length else 40.0 < high < 75.0)
+    for axis in (canvas.axes[0], canvas.axes[2]):
+        beside = axis.get_legend().get_window_extent()
+        assert beside.x0 >= axis.get_window_extent().x1 and beside.x1 <= canvas.bbox.x1
+
+
 @pytest.fixture(scope="module")
 def calibration():
     """A table whose phases cross 180 deg, and its model."""

@@ -292,6 +292,61 @@ def test_phase_that_no_press_can_cause_causes_a_warning():
     assert "port 1 jumps" in warning and "further than a press can" in warning
 
 
+@pytest.mark.parametrize("slip_mm", [20.0, -20.0])
+@pytest.mark.parametrize("name", ["line-900mhz", "line-2400mhz", "wiforce-2400mhz"])
+def test_press_that_slipped_in_mid_sweep_causes_a_warning_at_once(name, slip_mm):
+    """The rest of the sweep would be measured somewhere else, and refused at the end."""
+    model, rng = load_sensor(name), np.random.default_rng(6)
+    frequency = model.frequencies_hz[0]
+
+    def measured(force_n, place):
+        new = press(force_n, place, model=model, frequency_hz=frequency)
+        phases = np.array(new.phase_deg) + 0.1 * rng.standard_normal(2)
+        typed_n = round(force_n * 1.01 + 0.03 * rng.standard_normal(), 2)
+        phase_deg = tuple((np.mod(phases + 180, 360) - 180).tolist())
+        return dataclasses.replace(new, location_mm=40.0, force_n=typed_n, phase_deg=phase_deg)
+
+    taken = []
+    for force_n in PLAN.force_n:
+        slipped = measured(force_n, 40.0 + slip_mm)
+        warnings = press_warnings(slipped, taken, frequency, 80.0, 1.0)
+        if taken:
+            assert len(warnings) == 1 and "slipped" in warnings[0]
+            assert f"nearer to port {2 if slip_mm > 0 else 1} than" in warnings[0]
+            assert 14 <= float(warnings[0].split("about ")[1].split(" mm")[0]) <= 26
+        taken.append(measured(force_n, 40.0))
+
+
+@pytest.mark.parametrize("error_mm", [3.0, -3.0])
+@pytest.mark.parametrize("place", [30.0, 40.0, 50.0])
+def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place, error_mm):
+    """Each location has curves of its own, so residuals cannot show it."""
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path, {"ruler_std_mm": 0.3}) as session:
+        session.add(untouched())
+        while target := session.next_target():
+            there = target.location_mm + (error_mm if target.location_mm == place else 0.0)
+            new = press(target.force_n, there)
+            session.add(dataclasses.replace(new, location_mm=target.location_mm))
+        assert max(max(row.rms_deg) for row in session.residuals()) < 0.3
+        found = [text for text in session.location_warnings() if f"location {place:g} mm" in text]
+    assert len(found) == 2 and "was the ruler right" in found[0]
+
+
+def test_correct_locations_are_not_doubted(tmp_path):
+    """A ruler is read within some tenths of a millimetre."""
+    rng = np.random.default_rng(7)
+    errors_mm = dict(zip(PLAN.location_mm, 0.2 * rng.standard_normal(5), strict=True))
+    path = tmp_path / "arm.taps.csv"
+    with CalibrationSession(PLAN, path, {"ruler_std_mm": 0.3}) as session:
+        session.add(untouched())
+        while target := session.next_target():
+            new = press(target.force_n, target.location_mm + errors_mm[target.location_mm])
+            session.add(dataclasses.replace(new, location_mm=target.location_mm))
+            if session.next_target() is None or target.force_n == PLAN.force_n[-1]:
+                assert session.location_warnings() == []
+
+
 def test_force_far_from_the_target_causes_a_warning(tmp_path):
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
         warnings = session.warnings(press(6.2, 20.0), session.next_target())

@@ -60,9 +60,19 @@ def test_plot_shows_frames_and_truth(folder, readings):
     assert len(axes) == 4 and axes[0].get_ylabel() == "force (N)"
     labels = axes[0].get_legend_handles_labels()[1]
     assert "truth" in labels and "reading (bars: 2 std)" in labels
+    assert axes[1].get_ylim() == (0.0, 80.0)  # the whole sensor of the scene
     (bars,) = axes[0].containers
     shown = readings[readings["ok"] & readings["touch"].notna()]
     assert bars.lines[0].get_ydata().tolist() == shown["force_n"].fillna(0).tolist()
+
+
+def test_plot_takes_a_file_of_readings(folder, readings):
+    """Fields of readings without flags are empty, which pandas reads as NaN."""
+    readings.drop(columns="ok").to_csv(folder / "saved.csv", index=False)
+    axes = wiforce.plot(pandas.read_csv(folder / "saved.csv"), length_mm=80.0)
+    (bars,) = axes[0].containers
+    shown = readings[readings["ok"] & readings["touch"].notna()]
+    assert len(bars.lines[0].get_ydata()) == len(shown)
 
 
 def test_plot_of_several_captures_labels_each(folder):

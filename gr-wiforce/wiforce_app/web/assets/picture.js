@@ -2,8 +2,8 @@
 // One sensor: its reading as text, and the line with the press at its location.
 "use strict";
 
-// One per sensor, distinguishable with red-green colour blindness: M. Okabe and K. Ito, "Color
-// Universal Design", 2008, but for the sixth: theirs is too near to the second. Further sensors have the same colours with dashed lines.
+// One per sensor, those of python/wiforce/io/palette.py. Further sensors have the same colours with
+// dashed lines.
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e6c200", "#202428"];
 const FORCE_SPAN_N = 8; // force of the longest arrow, unless a sensor is pressed harder
 const STALE_S = 1;

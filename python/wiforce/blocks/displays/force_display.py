@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a window on the readings."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pmt
@@ -19,7 +19,8 @@ class force_display(Kept, gr.basic_block):
     Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Message
     port ``tare_state`` (in): dicts as ``reader`` gives them, shown beside the tare button. Message
     port ``warnings`` (in): dicts as ``reader`` gives them, shown until a reading has no flag.
-    Message port ``tare`` (out): sent when the tare button is pressed. The attribute ``widget`` is
+    Message port ``tare`` (out): sent when the tare button is pressed. When the flowgraph has ended,
+    the last readings stay, with their number. The attribute ``widget`` is
     the Qt widget, to be put into a window; a QApplication must exist.
 
     Parameters
@@ -62,6 +63,22 @@ class force_display(Kept, gr.basic_block):
         self.set_msg_handler(pmt.intern(names.TARE_STATE), self._on_tare_state)
         self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
         self.widget.tare_requested.connect(self._on_tare)
+
+    def start(self) -> bool:
+        self.widget.show_start()
+        return bool(super().start())
+
+    def stop(self) -> bool:
+        self.widget.show_end(self._late)
+        return bool(super().stop())
+
+    def _late(self) -> Iterator[Any]:
+        """Readings of the end of a stream: GNU Radio does not handle them any more."""
+        port = pmt.intern(names.READINGS)
+        while self.gateway.nmsgs(port):
+            message = self.gateway.delete_head_nowait(port)
+            if pmt.is_dict(message):
+                yield pmt.to_python(message)
 
     def _on_reading(self, message: Any) -> None:
         if pmt.is_dict(message):

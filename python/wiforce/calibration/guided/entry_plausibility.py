@@ -22,7 +22,8 @@ from .press_measurement import PressMeasurement
 _NEIGHBOURS, _LEAST_NEIGHBOURS = 5, 3
 _WIDENING_MM, _WIDENING_PART, _WIDENING_STDS = 0.75, 0.5, 3.0
 # The contact law moves the middle of the short by up to 4 mm from a location to the next, 10 mm
-# away; a wrong mark of the ruler by the whole step or more.
+# away; a wrong mark of the ruler by the whole step or more. In the published sweeps an end moves by
+# up to 3 mm the wrong way when the force rises; in a slip both ends move by all of it.
 _STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
 # Part of the asked force, and force in N, by which another force is no slip of the hand.
 _FORCE_PART, _FORCE_N = 0.4, 0.5
@@ -65,7 +66,9 @@ def press_warnings(
     here = [each for each in presses if each.location_mm == new.location_mm]
     warnings: list[str] = []
     if here:
-        warnings += _jump(new, here, frequency_hz, permittivity)
+        warnings += _slip(new, here, frequency_hz, length_mm, permittivity)
+        if not warnings:
+            warnings += _jump(new, here, frequency_hz, permittivity)
         if not warnings:
             warnings += _widening(new, here, frequency_hz, length_mm, permittivity)
     else:
@@ -114,6 +117,32 @@ def _added_mm(
     exact = line.short_phase_deg(distances, frequency_hz, permittivity)
     slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
     return np.asarray((np.array(press.phase_deg) - exact) / slope)
+
+
+def _slip(
+    new: PressMeasurement,
+    here: Sequence[PressMeasurement],
+    frequency_hz: float,
+    length_mm: float,
+    permittivity: float,
+) -> list[str]:
+    """Whether the ends of the short moved the same way along the line.
+
+    With a change of force, whatever its amount, both move outward or both inward: a short only
+    widens.
+    """
+    nearest = min(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))
+    turn = 360.0 / line.round_trip_deg_per_mm(frequency_hz, permittivity)
+    outward = _added_mm(new, frequency_hz, length_mm, permittivity)
+    outward -= _added_mm(nearest, frequency_hz, length_mm, permittivity)
+    outward -= turn * np.round(outward / turn)
+    if outward.prod() >= 0 or np.abs(outward).min() <= _LEAST_STEP_MM:
+        return []
+    slip = (outward[1] - outward[0]) / 2
+    return [
+        f"the press is about {abs(slip):.0f} mm nearer to port {2 if slip > 0 else 1} than that "
+        f"with {nearest.force_n:.2f} N; the sensor or the indenter slipped"
+    ]
 
 
 def _widening(

@@ -13,9 +13,10 @@ from ...errors import InputError
 from ...sensor.curves import CurveModel
 from ...signal.carrier import wrap_deg
 from ..calibrate import calibrate
-from ..checks import LEAST_FORCES
+from ..checks import complete_locations
 from ..gauges.units import UNITS_N
 from ..tables import read_tap_csv
+from ..verdict import location_warnings
 from .entry_plausibility import force_warning, press_warnings
 from .press_measurement import PressMeasurement
 from .session_file import SessionFile
@@ -200,10 +201,9 @@ class CalibrationSession:
 
     def complete_locations(self) -> list[float]:
         """Locations with enough forces for curves, rising."""
-        forces: dict[float, set[float]] = {}
-        for press in self.presses:
-            forces.setdefault(press.location_mm, set()).add(press.force_n)
-        return sorted(place for place, values in forces.items() if len(values) >= LEAST_FORCES)
+        if not self.presses:
+            return []
+        return complete_locations(read_tap_csv(self.path, self.plan.frequency_hz))
 
     def model(self, name: str | None = None) -> CurveModel:
         """Calibrate with the locations that have enough forces.
@@ -223,6 +223,16 @@ class CalibrationSession:
         table = table.take(table.untouched | np.isin(table.location_mm, places))
         line = {"length_mm": plan.length_mm, "permittivity": plan.permittivity}
         return calibrate(table, name or plan.sensor, **{**self.settings, **line})
+
+    def location_warnings(self) -> list[str]:
+        """Locations that the others contradict, as a wrong mark of the ruler makes them.
+
+        Residuals do not show it, because each location has curves of its own.
+
+        Returns list of str: a sentence each; empty while there are not three locations with enough
+        forces.
+        """
+        return location_warnings(self.model()) if len(self.complete_locations()) > 2 else []
 
     def residuals(self) -> list[Residual]:
         """Residuals of the measurements against the model of all.
