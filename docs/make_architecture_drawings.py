@@ -13,31 +13,25 @@ IMAGES = Path(__file__).resolve().parent / "images"
 # The layers of python/wiforce, from the top; the names in a layer do not import each other.
 CHAPTERS = (
     ({"blocks": "GNU Radio blocks"}, "#f4f4f4"),
-    ({"captures": "read, survey, plan by name"}, "#e3eef6"),
-    ({"recording": "from a file", "stream": "from a radio"}, "#e3eef6"),
-    ({"snapshot_recording": "from a Wi-Fi card"}, "#e3eef6"),
-    ({"receiver": "the stages in their order"}, "#e3eef6"),
+    ({"receiver": "the stages in their order, from a file, a radio or a Wi-Fi card"}, "#e3eef6"),
     ({"press": "what may have happened"}, "#fbe9dd"),
     ({"planning": "settings, errors, advice"}, "#f4f4f4"),
     ({"simulation": "rooms, tags, presses"}, "#f4f4f4"),
-    ({"scene": "the scene file", "gui": "Qt widgets", "plotting": "Matplotlib"}, "#f4f4f4"),
+    ({"scene": "the scene file", "gui": "Qt widgets"}, "#f4f4f4"),
     ({"calibration": "sensor files from presses"}, "#f4f4f4"),
-    (
-        {"estimation": "phases", "sensor": "models", "surface": "skins", "gauges": "readers"},
-        "#fbe9dd",
-    ),
+    ({"estimation": "phases", "sensor": "models", "surface": "skins"}, "#fbe9dd"),
     ({"io": "files and sockets"}, "#f4f4f4"),
     ({"signal": "frames, switches, weights, bound"}, "#f4f4f4"),
 )
-KERNELS = "lib/kernel in C++: fold, timing, doppler, recording, inversion, press"
+KERNELS = "lib/kernel (C++): fold, timing, doppler, fourier, screening, recording, inversion, press"
 # Of the stages: name, what leaves it, its rate, where it is.
 STAGES = (
     ("samples", "from the radio", "12.5 M/s", "io, blocks"),
     ("fold", "snapshots of 64", "17 361/s", "lib/kernel/fold"),
     ("tones", "lines of the tags", "27.8/s", "lib/kernel/doppler"),
-    ("separation", "channels of the ends", "27.8/s", "estimation/separation"),
-    ("reference", "change of each end", "27.8/s", "estimation/reference"),
-    ("average", "ratio R of each end", "27.8/s", "estimation/average"),
+    ("separation", "channels of the ends", "27.8/s", "estimation/ends"),
+    ("reference", "change of each end", "27.8/s", "estimation/phases"),
+    ("average", "ratio R of each end", "27.8/s", "estimation/phases"),
     ("press", "what happened", "27.8/s", "press/sensor_state"),
     ("readout", "force, location, flags", "27.8/s", "press/readout"),
 )

@@ -8,7 +8,7 @@ build/run python3 docs/make_clock_spectra.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.palette import SERIES
+from gnuradio.wiforce.io.palette import SERIES
 from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
 from gnuradio.wiforce.planning.clocks.pulses import (
     double_rate_pulses,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 from gnuradio import wiforce
-from gnuradio.wiforce.palette import BEAM, FAINT, GRID, GROUND, SERIES, TRUTH
+from gnuradio.wiforce.io.palette import BEAM, FAINT, GRID, GROUND, SERIES, TRUTH
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch

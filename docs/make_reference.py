@@ -13,7 +13,7 @@ import re
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
+from gnuradio.wiforce.io.text.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.scene import Scene, shipped_scenes
 from gnuradio.wiforce.scene.effects import OtherTag
 from gnuradio.wiforce.scene.load import about_scene

@@ -8,7 +8,7 @@ build/run python3 docs/make_setup_drawing.py
 from html import escape
 from pathlib import Path
 
-from gnuradio.wiforce.palette import SERIES
+from gnuradio.wiforce.io.palette import SERIES
 
 PICTURE = Path(__file__).resolve().parent / "images" / "setup.svg"
 WIDTH, HEIGHT = 960, 330

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.gui.surface_view import ellipse
+from gnuradio.wiforce.io.palette import BEAM, INK, SERIES
 from gnuradio.wiforce.io.readings import SurfaceReading
-from gnuradio.wiforce.palette import BEAM, INK, SERIES
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.simulation.presses.skin import plate_share
 from gnuradio.wiforce.surface.estimator import SurfaceEstimator

@@ -8,7 +8,7 @@ build/run python3 docs/make_waveforms.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.palette import SERIES, series_style
+from gnuradio.wiforce.io.palette import SERIES, series_style
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from matplotlib.figure import Figure

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "kernel/doppler/channel_equalizer.h"
+#include "kernel/fourier/channel_equalizer.h"
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 
 #include <memory>

@@ -6,7 +6,7 @@ import os
 import stat
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.zmq_sockets import Replies, endpoint_of, is_loopback
+from gnuradio.wiforce.io.network.zmq_sockets import Replies, endpoint_of, is_loopback
 
 from .faults import parse_fault
 

@@ -16,42 +16,54 @@ _BLOCKS_IN_CPP = (
     "preamble_fold",
     "recording_source",
 )
-_BLOCKS_IN_PYTHON = (
-    "antenna_ratio",
-    "backscatter_tag",
-    "capture_source",
-    "clock_offset",
-    "conjugate_difference",
-    "doppler_display",
-    "end_separation",
-    "force_display",
-    "force_inversion",
-    "frame_alignment",
-    "phase_display",
-    "reader",
-    "readings_to_floats",
-    "sigmf_recorder",
-    "sounding_source",
-    "subcarrier_average",
-    "trend_display",
-)
+_BLOCKS_IN_PYTHON = {
+    "samples": (
+        "backscatter_tag",
+        "capture_source",
+        "frame_alignment",
+        "sigmf_recorder",
+        "sounding_source",
+    ),
+    "chain": (
+        "antenna_ratio",
+        "clock_offset",
+        "conjugate_difference",
+        "end_separation",
+        "force_inversion",
+        "subcarrier_average",
+    ),
+    "reading": (
+        "reader",
+        "readings_to_floats",
+    ),
+    "displays": (
+        "doppler_display",
+        "force_display",
+        "phase_display",
+        "trend_display",
+    ),
+}
 _MODULES = {
     **dict.fromkeys(_BLOCKS_IN_CPP, "wiforce_python"),
-    **{name: f"blocks.{name}" for name in _BLOCKS_IN_PYTHON},
+    **{
+        name: f"blocks.{chapter}.{name}"
+        for chapter, names in _BLOCKS_IN_PYTHON.items()
+        for name in names
+    },
     "ForceDisplay": "gui",
     "Groups": "estimation.groups",
-    "Receiver": "receiver",
+    "Receiver": "receiver.receiver",
     "load_scene": "scene",
     "load_sensor": "sensor",
-    "open_writer": "io.writers",
+    "open_writer": "io.files.writers",
     "plan": "planning.plan",
-    "plot": "plotting",
-    "plan_for_capture": "captures",
-    "read": "captures",
-    "score": "gauges.score",
-    "simulate": "captures",
+    "plot": "receiver.plotting",
+    "plan_for_capture": "receiver.captures",
+    "read": "receiver.captures",
+    "score": "calibration.gauges.score",
+    "simulate": "receiver.captures",
     "calibrate": "calibration.calibrate",
-    "survey": "captures",
+    "survey": "receiver.captures",
     "phase_bound_deg": "signal.bound",
     "sounding_waveform": "signal.waveform",
 }

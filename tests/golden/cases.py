@@ -7,11 +7,11 @@ from pathlib import Path
 import faults
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.channel_snapshots import open_snapshots
+from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.io.readings import SurfaceReading
+from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.snapshot_recording import SnapshotReader
 from wiforce_app.read.recordings import read_capture
 
 FOLDER = Path(__file__).parent

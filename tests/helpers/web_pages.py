@@ -9,8 +9,8 @@ import time
 from contextlib import closing, contextmanager
 from urllib.parse import urlsplit
 
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, answer_words
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, Replies, answer_words
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.server import PageServer
 

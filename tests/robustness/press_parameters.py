@@ -8,8 +8,8 @@ import csv
 import sys
 from functools import partial
 
-from gnuradio.wiforce import receiver
 from gnuradio.wiforce.press.explanations import filter_of
+from gnuradio.wiforce.receiver import receiver
 from sequence_readings import score
 
 # As in lib/kernel/press/press_parameters.h.

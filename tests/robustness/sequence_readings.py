@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 from gnuradio import wiforce
+from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.stream import StreamReader
+from gnuradio.wiforce.receiver.stream import StreamReader
 from press_sequences import REFERENCE_S, SNAPSHOT_S, Sequence
 
 CLOCKS_HZ, TURNS_PER_S = (1000.0, 1400.0), 0.3

@@ -30,7 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parent.parent
-sys.path[:1] = [str(TESTS), str(TESTS / "helpers")]
+sys.path[:1] = [str(TESTS), str(TESTS / "helpers"), str(TESTS / "models")]
 
 from command_runs import run_command  # noqa: E402
 
@@ -61,10 +61,11 @@ def read_stream(capture, scene, output):
     """Read a capture as a stream of samples; returns exit status and message."""
     program = (
         "import sys; from gnuradio import blocks, gr, wiforce\n"
-        "from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames\n"
+        "from gnuradio.wiforce.estimation.capture import recorded_frames\n"
         "from gnuradio.wiforce.io.capture import open_capture\n"
         "capture, plan = open_capture(sys.argv[1]), wiforce.plan(sys.argv[2])\n"
-        "offset = first_frame(capture, plan.waveform, require_frames(capture, plan.waveform))\n"
+        "frames = recorded_frames.require_frames(capture, plan.waveform)\n"
+        "offset = recorded_frames.first_frame(capture, plan.waveform, frames)\n"
         "flowgraph = gr.top_block()\n"
         "with wiforce.open_writer(sys.argv[3]) as writer:\n"
         "    reader = wiforce.reader(plan, 'sc16', offset, on_reading=writer.begin().write)\n"

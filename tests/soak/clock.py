@@ -48,8 +48,8 @@ class PlayedTime:
         on_health : callable
             Called with the RunHealth of each run.
         """
-        from gnuradio.wiforce.blocks import resumed_time, sample_receiver
-        from gnuradio.wiforce.io import rotation
+        from gnuradio.wiforce.blocks.samples import resumed_time, sample_receiver
+        from gnuradio.wiforce.io.files import rotation
         from wiforce_app.live import health, live, monitor, radio_keeper, service_report, session
 
         for module in (resumed_time, sample_receiver, session, health):

@@ -5,7 +5,7 @@ import socket
 import time
 
 import numpy as np
-from gnuradio.wiforce.io.sample_packets import SampleTag, pack_head
+from gnuradio.wiforce.io.network.sample_packets import SampleTag, pack_head
 from loops import RATE_HZ
 from wiforce_app.radio.clock_comparison import ClockComparison
 from wiforce_app.radio.request import DeviceAbsent, DeviceLost

@@ -2,7 +2,7 @@
 """Pictures of the benchmarks: loss to the bound over SNR; run time against error; scaling."""
 
 import numpy as np
-from gnuradio.wiforce.palette import FAINT, INK, SERIES, series_style
+from gnuradio.wiforce.io.palette import FAINT, INK, SERIES, series_style
 
 from ..shell.plots import legend_below, save_picture
 from .scenes.front import front

@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.clocks.proposals import clocks_for
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 

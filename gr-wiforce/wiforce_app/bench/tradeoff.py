@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.text.textfile import check_output
 
 from ..shell.markdown import filled_page, markdown_table
 from ..shell.progress import progress

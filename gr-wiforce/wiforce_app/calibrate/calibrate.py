@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from ..shell.grouped_help import GroupedHelp

@@ -3,13 +3,13 @@
 
 import time
 
+from gnuradio.wiforce.calibration.gauges.units import parse_force
 from gnuradio.wiforce.calibration.guided.press_measurement import (
     measure_press,
     measure_untouched,
     steady_deg,
 )
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.units import parse_force
 
 HELP = """\
   Type the force that the gauge shows while you hold the press still: 2.5, or with a unit, 250 g.

@@ -4,7 +4,7 @@
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
+from gnuradio.wiforce.estimation.phases.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 

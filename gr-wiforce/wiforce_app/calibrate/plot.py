@@ -2,8 +2,8 @@
 """Picture of a calibration: what was measured, the model's curves, and what lies between them."""
 
 import numpy as np
-from gnuradio.wiforce.palette import FAINT, series_style
-from gnuradio.wiforce.plotting import legend_beside
+from gnuradio.wiforce.io.palette import FAINT, series_style
+from gnuradio.wiforce.receiver.plotting import legend_beside
 from gnuradio.wiforce.signal.carrier import same_carrier, wrap_deg
 
 from ..shell.plots import save_picture

@@ -6,8 +6,8 @@ import os
 import stat
 import time
 
+from gnuradio.wiforce.calibration.gauges.units import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.units import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.io.optional import optional_module
 
 _CHUNK_BYTES = 65536

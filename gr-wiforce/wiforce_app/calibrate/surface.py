@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
 from gnuradio.wiforce.surface.calibration import fit_spreading

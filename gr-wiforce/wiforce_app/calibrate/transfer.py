@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.text.textfile import check_output
 
 from ..shell.options import CARRIER_HZ, sensor_output
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.text.textfile import check_output
 
 from ..shell.options import worker_options
 from ..shell.progress import progress

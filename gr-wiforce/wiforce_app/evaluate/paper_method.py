@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
+from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.signal.carrier import wrap_deg

@@ -4,8 +4,8 @@
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.palette import INK, TRUTH, series_style
-from gnuradio.wiforce.plotting import legend_beside
+from gnuradio.wiforce.io.palette import INK, TRUTH, series_style
+from gnuradio.wiforce.receiver.plotting import legend_beside
 from gnuradio.wiforce.scene import load_scene
 
 from ..shell.plots import save_picture

@@ -2,7 +2,7 @@
 """Picture of the error distributions on the published trials."""
 
 import numpy as np
-from gnuradio.wiforce.palette import SERIES
+from gnuradio.wiforce.io.palette import SERIES
 
 from ..shell.plots import legend_below, save_picture
 

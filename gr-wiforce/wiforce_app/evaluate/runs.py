@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import check_output, write_whole
+from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
 
 from ..shell.log import log

@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 
 import click
+from gnuradio.wiforce.calibration.gauges.comparison import compare_with_gauge
+from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
+from gnuradio.wiforce.calibration.gauges.score import timed_forces
 from gnuradio.wiforce.errors import InputError, unwritable
-from gnuradio.wiforce.gauges.comparison import compare_with_gauge
-from gnuradio.wiforce.gauges.file import read_gauge_file
-from gnuradio.wiforce.gauges.score import timed_forces
-from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.textfile import check_output, write_whole
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
 

@@ -2,8 +2,8 @@
 """Picture of readings and a force gauge."""
 
 import numpy as np
-from gnuradio.wiforce.palette import TRUTH, series_style
-from gnuradio.wiforce.plotting import legend_beside
+from gnuradio.wiforce.io.palette import TRUTH, series_style
+from gnuradio.wiforce.receiver.plotting import legend_beside
 
 from ..shell.plots import save_picture
 

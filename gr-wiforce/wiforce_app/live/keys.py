@@ -2,7 +2,7 @@
 """``gr-wiforce keys``: keys for the ZMQ sockets of a live reader."""
 
 import click
-from gnuradio.wiforce.io.zmq_keys import create_keys
+from gnuradio.wiforce.io.network.zmq_keys import create_keys
 
 
 @click.command()

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.addresses import host_and_port
-from gnuradio.wiforce.io.capture_files import recording_stem
-from gnuradio.wiforce.io.rotation import Rotation, open_rotating
-from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
+from gnuradio.wiforce.io.capture.names import recording_stem
+from gnuradio.wiforce.io.files.rotation import Rotation, open_rotating
+from gnuradio.wiforce.io.network.addresses import host_and_port
+from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.scene import load_scene
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.estimation.frame import describe_frames
+from gnuradio.wiforce.estimation.capture.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.planning.room.report import finding_rows
 

@@ -6,11 +6,11 @@ from contextlib import ExitStack
 from typing import Any
 
 from gnuradio.wiforce.errors import OutputError
+from gnuradio.wiforce.io.files.rotation import RotatingWriter
+from gnuradio.wiforce.io.files.writers import ReadingsWriter
+from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.rotation import RotatingWriter
-from gnuradio.wiforce.io.writers import ReadingsWriter
-from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 
 # Files in a folder of MCAP are ended at this size, some seven hours of one sensor: the index of an
 # open file takes memory, a quarter of its size.
@@ -144,7 +144,7 @@ class FoxgloveMessages(Output):
     """The messages of an MCAP file for Foxglove clients."""
 
     def __init__(self, address: str, sensors: Iterable[str]):
-        from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
+        from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 
         self._server = FoxgloveServer(address, sensors)
 
@@ -165,7 +165,7 @@ class LslStreams(Output):
     """A stream of the Lab Streaming Layer for each sensor."""
 
     def __init__(self, scene, reach: str, details: Mapping[str, str]):
-        from gnuradio.wiforce.io.lsl_outlets import LslOutlets
+        from gnuradio.wiforce.io.network.lsl_outlets import LslOutlets
 
         network = reach == "network"
         self._outlets = LslOutlets(

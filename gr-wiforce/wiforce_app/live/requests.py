@@ -5,8 +5,8 @@ import json
 import time
 from collections.abc import Callable
 
-from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
+from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.network.zmq_sockets import Later, Replies, answer_words
 from gnuradio.wiforce.press.tares import TareState
 
 from .session import LiveSession

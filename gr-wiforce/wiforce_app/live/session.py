@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.frame_search import FrameSearch
-from gnuradio.wiforce.blocks.free_fold import free_fold
-from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
+from gnuradio.wiforce.blocks.chain.free_fold import free_fold
+from gnuradio.wiforce.blocks.samples.frame_search import FrameSearch
+from gnuradio.wiforce.blocks.samples.sample_receiver import sample_receiver
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.io.capture_files import second_antenna
+from gnuradio.wiforce.io.capture.names import second_antenna
+from gnuradio.wiforce.io.capture.samples import FULL_SCALE
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.samples import FULL_SCALE
 from gnuradio.wiforce.scene.schema import Scene
 
 from ..radio.link import RadioLink

@@ -5,8 +5,8 @@ import json
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.zmq_keys import ClientKeys
-from gnuradio.wiforce.io.zmq_request import request
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_request import request
 
 from ..shell.options import FiniteRange, client_keys
 

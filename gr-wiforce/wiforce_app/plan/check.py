@@ -8,10 +8,10 @@ import json
 from dataclasses import asdict, dataclass, field
 
 import click
-from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
-from gnuradio.wiforce.estimation.levels import measure_levels
-from gnuradio.wiforce.estimation.survey import survey_samples
-from gnuradio.wiforce.io.samples import samples_of
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames
+from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.room.survey import survey_samples
+from gnuradio.wiforce.io.capture.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted
@@ -104,7 +104,7 @@ def _receive(scene, request):
     """The device, a session that has run a little longer than the reference, its first frames."""
     import time
 
-    from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
+    from gnuradio.wiforce.blocks.samples.sample_keeper import sample_keeper
 
     from ..live.radio_keeper import RadioKeeper
     from ..live.session import LiveSession

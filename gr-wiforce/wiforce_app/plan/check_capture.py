@@ -6,14 +6,14 @@ from dataclasses import asdict
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.levels import measure_levels
-from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.capture_files import second_antenna
+from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .check_advice import advice_on_levels, advice_on_sensors

@@ -2,7 +2,7 @@
 """``gr-wiforce check FILE`` of samples without a scene: levels, bursts and repeated symbols."""
 
 import numpy as np
-from gnuradio.wiforce.io.samples import likely_datatype
+from gnuradio.wiforce.io.capture.samples import likely_datatype
 
 from .check_advice import advice_on_levels
 

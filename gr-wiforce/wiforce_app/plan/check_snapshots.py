@@ -4,9 +4,18 @@
 from dataclasses import asdict
 
 import numpy as np
-from gnuradio.wiforce.estimation.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, find_states
-from gnuradio.wiforce.estimation.packet_survey import find_tag, phase_std_deg, snapshot_snr_db
-from gnuradio.wiforce.io.packet_times import CLOCK_STEP_S
+from gnuradio.wiforce.estimation.packets.antenna_states import (
+    FOREIGN,
+    LEAST_STEP,
+    TAG_STEP,
+    find_states,
+)
+from gnuradio.wiforce.estimation.packets.packet_survey import (
+    find_tag,
+    phase_std_deg,
+    snapshot_snr_db,
+)
+from gnuradio.wiforce.io.capture.packet_times import CLOCK_STEP_S
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 
 # Length of a reading that errors are stated for, in s, and the error at which readings are flagged

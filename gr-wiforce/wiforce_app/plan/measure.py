@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
+from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import MORE_LINES, with_more_lines

@@ -109,8 +109,8 @@ def _propose_clocks(scene, count, as_json):
 
 def _room(capture, datatype, settings):
     """What a capture's room holds, and what it changes in the plan."""
-    from gnuradio.wiforce.captures import survey_room
     from gnuradio.wiforce.io.capture import open_capture
+    from gnuradio.wiforce.receiver.captures import survey_room
 
     found = survey_room(open_capture(capture, datatype), settings)
     report = found.report()

@@ -4,9 +4,9 @@
 import json
 
 import click
-from gnuradio.wiforce.captures import survey_room
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver.captures import survey_room
 from gnuradio.wiforce.scene import scene_of
 
 from ..read.recordings import warn

@@ -2,7 +2,7 @@
 """Picture of a survey: the Doppler spectrum with everything that was found in it."""
 
 import numpy as np
-from gnuradio.wiforce.palette import FAINT, INK, SERIES
+from gnuradio.wiforce.io.palette import FAINT, INK, SERIES
 from gnuradio.wiforce.signal.lines import aliased_hz
 
 from ..shell.plots import legend_below, save_picture

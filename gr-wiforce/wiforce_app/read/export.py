@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.ros_definitions import READING, fields_of
-from gnuradio.wiforce.io.textfile import check_output, replacing
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.ros_messages import READING, fields_of
+from gnuradio.wiforce.io.text.textfile import check_output, replacing
 from gnuradio.wiforce.scene import load_scene
 
 from ..live.outputs import STAMP_COLUMNS
@@ -94,7 +94,7 @@ def _without_field(also, output):
 
 def _writer(path, also, metadata):
     if path.suffix.lower() == ".mcap":
-        from gnuradio.wiforce.io.mcap_file import McapWriter
+        from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
         return McapWriter(path, metadata=metadata)
     return open_writer(path, also=also, metadata=metadata)

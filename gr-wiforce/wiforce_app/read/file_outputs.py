@@ -6,7 +6,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.files.writers import open_writer
 
 from ..shell.interrupts import uninterrupted
 from ..shell.provenance import provenance
@@ -25,7 +25,7 @@ def open_mcap(path, inputs, metadata, sensors):
     InputError
         As ``McapWriter``, and where the name is neither a folder nor ends in ``.mcap``.
     """
-    from gnuradio.wiforce.io.mcap_file import McapWriter
+    from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
     if Path(path).is_dir():
         # Names with milliseconds differ, however often a run is started again.

@@ -4,7 +4,7 @@
 import json
 
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.io.textfile import check_output, replacing
+from gnuradio.wiforce.io.text.textfile import check_output, replacing
 
 CAPTURE = "capture"
 _METADATA = b"wiforce:captures"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce read`` of one capture, into files or to standard output."""
 
-from gnuradio.wiforce.io.capture_files import is_snapshots
-from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots
+from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
+from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 

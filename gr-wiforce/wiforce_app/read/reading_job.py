@@ -91,7 +91,7 @@ def read_capture_file(job):
 
 def _read(job):
     # In the process of a worker alone: the command, which sends jobs to it, starts faster without.
-    from gnuradio.wiforce.io.writers import open_writer
+    from gnuradio.wiforce.io.files.writers import open_writer
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import scene_of
 

@@ -2,14 +2,14 @@
 """Recordings of every kind: opened and read, with warnings of what is wrong with them."""
 
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.capture_files import is_snapshots
-from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
-from gnuradio.wiforce.io.csi_format import tool_of
+from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
+from gnuradio.wiforce.io.capture.names import is_snapshots
+from gnuradio.wiforce.io.csi_tools.formats import tool_of
 from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
-from gnuradio.wiforce.recording import RecordingReader
-from gnuradio.wiforce.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
 from ..shell.log import log
 from ..shell.options import refuse

@@ -13,8 +13,8 @@ from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import read_vna_csv, write_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.writers import open_writer
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.simulation.score import read_truth, score

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.io.textfile import check_output, replacing
-from gnuradio.wiforce.plotting import PANELS, plot
+from gnuradio.wiforce.io.text.textfile import check_output, replacing
+from gnuradio.wiforce.receiver.plotting import PANELS, plot
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 _PANEL_IN = 2.1  # height of a panel
@@ -71,7 +71,7 @@ def save_picture(canvas, path, dpi=110):
 
 
 def plot_readings(readings, path, title="", truth=None, length_mm=None):
-    """Write the picture that :func:`gnuradio.wiforce.plotting.plot` draws.
+    """Write the picture that :func:`gnuradio.wiforce.plot` draws.
 
     Parameters
     ----------

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 
 from ..live.outputs import Output
 from .address import OPTION, PageAddress

@@ -14,7 +14,7 @@ from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 from bokeh.resources import Resources
-from gnuradio.wiforce.palette import FAINT, GRID, INK
+from gnuradio.wiforce.io.palette import FAINT, GRID, INK
 
 _HEIGHT_PX = 210
 # The same on both plots, so that their time axes are aligned.

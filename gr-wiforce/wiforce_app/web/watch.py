@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 
 from ..shell.log import log
 from ..shell.options import FiniteRange, client_keys, web_options

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.io.zmq_keys import ClientKeys
-from gnuradio.wiforce.io.zmq_sockets import endpoint_of
 
 from .messages import loaded, status_of, text
 from .page_state import PageState

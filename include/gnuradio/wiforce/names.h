@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Names of stream tags, message ports and message keys. names.py holds the same names,
-// which a test checks.
+// Names of stream tags, message ports and message keys. blocks/names.py holds the same
+// names, which a test checks.
 #pragma once
 
 namespace gr::wiforce::names {

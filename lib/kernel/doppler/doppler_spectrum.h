@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../fourier/fourier_transform.h"
 #include "doppler_transform.h"
-#include "fourier_transform.h"
 
 namespace gr::wiforce::kernel {
 

@@ -13,7 +13,7 @@ namespace gr::wiforce::kernel {
 /*
  * Mean of the first frames of a stream as a whole, guard included, in units of the
  * samples. It shows what is the same in all frames: static paths, the receiver's offset
- * and its compression (estimation/compression.py).
+ * and its compression (estimation/capture/compression.py).
  *
  * One thread takes samples, others may ask for the mean.
  */

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "../doppler/group_collector.h"
-#include "../doppler/tone_channel.h"
+#include "../fourier/tone_channel.h"
 #include "recorded_frames.h"
 
 #include <memory>

@@ -7,8 +7,8 @@ from typing import Any
 
 import pmt
 
-from .. import names
 from ..io.readings import Reading
+from . import names
 
 
 class ReadingPort:
@@ -23,7 +23,7 @@ class ReadingPort:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.blocks.force_inversion import force_inversion
+    >>> from gnuradio.wiforce.blocks.chain.force_inversion import force_inversion
     >>> issubclass(force_inversion, ReadingPort)
     True
     """

@@ -8,17 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from gnuradio import gr
 
-from ..estimation.frame_period import samples_needed
-from ..estimation.groups import Array
-from ..estimation.snapshot_group import SnapshotGroup
-from ..estimation.stream_problems import (
+from ..estimation.capture.frame_period import samples_needed
+from ..estimation.capture.snapshot_group import SnapshotGroup
+from ..estimation.capture.stream_problems import (
     frame_problem,
     level_problem,
     search_problem,
     snapshots_problem,
 )
+from ..estimation.groups import Array
+from ..io.capture.samples import samples_of
 from ..io.readings import Reading
-from ..io.samples import samples_of
 from ..planning.plan import Plan
 from ..signal.waveform import Waveform
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..io.csv_cells import cell_number, require_columns
 from ..io.optional import optional_module
-from ..io.textfile import read_bytes, read_csv
+from ..io.text.csv_cells import cell_number, require_columns
+from ..io.text.textfile import read_bytes, read_csv
 from ..signal.carrier import same_carrier
 
 # A two-port file with 100 000 frequencies.

@@ -13,11 +13,11 @@ from ..errors import InputError
 from ..signal.packets import PacketWaveform
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
+from .clocks.tracked_tag import TagClock
+from .ends.paper import LineSeparator
+from .ends.separation import EndSeparator
 from .groups import Array, Groups
-from .paper import LineSeparator
-from .reference import ConjugateDifference
-from .separation import EndSeparator
-from .tracked_tag import TagClock
+from .phases.reference import ConjugateDifference
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 import pyqtgraph as pg
 from PyQt5.QtGui import QColor
 
-from .. import palette
+from ..io import palette
 
 INK, FAINT, PAPER, WARNING, BEAM, GROUND = map(
     QColor,

@@ -10,7 +10,7 @@ from PyQt5.QtCore import QSize, QTimer
 from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
-from ..palette import SERIES
+from ..io.palette import SERIES
 from .display import Display
 from .style import INK, time_plot
 

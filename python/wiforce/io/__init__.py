@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files: recordings, readings, CSV and YAML; checked when read, written whole or row by row."""
+"""Files and network: captures, texts, readings; checked when read, written whole or row by row."""

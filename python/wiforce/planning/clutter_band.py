@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
-from ..estimation.tracked_tag import TagClock
 from ..scene import Scene
 from ..signal.clutter import clutter_basis
 from ..signal.lines import CLUTTER_MARGIN, centered_times_s

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..estimation.tracked_tag import TagClock
+from ..estimation.clocks.tracked_tag import TagClock
 from ..signal.clutter import clutter_basis
 from ..signal.lines import centered_times_s, tag_lines
 from ..signal.switching import switch_averages

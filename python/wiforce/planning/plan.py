@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.compression import Compression
+from ..estimation.capture.compression import Compression
+from ..estimation.clocks.likelihood import PhaseLikelihood
+from ..estimation.clocks.tracked_tag import WIDEST_PPM, TagClock
 from ..estimation.estimators import estimator_named
-from ..estimation.likelihood import PhaseLikelihood
-from ..estimation.tracked_tag import WIDEST_PPM, TagClock
 from ..scene import Scene, load_scene
 from ..scene.surface import skin_of
 from ..sensor import SensorModel

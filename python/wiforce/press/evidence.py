@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..estimation.groups import Array
-from ..estimation.off_state import off_circle
+from ..estimation.phases.off_state import off_circle
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel

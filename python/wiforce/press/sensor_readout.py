@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..estimation.antennas import curvature_deg
+from ..estimation.capture.antennas import curvature_deg
 from ..estimation.groups import Array, Groups
-from ..estimation.off_state import corrected_phase_deg
+from ..estimation.phases.off_state import corrected_phase_deg
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from ..wiforce_kernels import INVERSION_FLAGS
 from .evidence import Suspicion

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..estimation.reference import ConjugateDifference
+from ..estimation.phases.reference import ConjugateDifference
 from .sensor_readout import SensorReadout
 from .sensor_state import RETUNED
 

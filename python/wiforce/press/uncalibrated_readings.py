@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Groups
-from ..estimation.off_state import corrected_phase_deg
+from ..estimation.phases.off_state import corrected_phase_deg
 from ..io.readings import Reading, flag_words
 from .stage_flags import has_phases, stage_flags
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..io.values import KeyPath
+from ..io.text.values import KeyPath
 from .schema import Scene
 from .surface import surface_violations
 

@@ -4,8 +4,8 @@
 Only the simulator and the software device use it; a reader does not know it.
 """
 
-from ..io.schema import declared, key
-from ..io.values import Integer, Number, Scope
+from ..io.text.schema import declared, key
+from ..io.text.values import Integer, Number, Scope
 
 _LEVEL = Number(unit="dB", low=-100, high=100)
 _SHARE = Number(low=0, above=True, high=0.95)

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, name_rule
-from ..io.capture import Capture
-from ..io.capture_files import SUFFIXES
-from ..io.channel_snapshots import ChannelSnapshots
-from ..io.schema import read
-from ..io.values import KeyPath
-from ..io.yamlfile import read_yaml
+from ..io.capture.channel_snapshots import ChannelSnapshots
+from ..io.capture.names import SUFFIXES
+from ..io.capture.recordings import Capture
+from ..io.text.schema import read
+from ..io.text.values import KeyPath
+from ..io.text.yamlfile import read_yaml
 from ..signal.symbols import decode_symbol, encode_symbol, read_symbol
 from .consistency import check_scene
 from .schema import Scene, Sounding

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..io.values import KeyPath, Scope, ValueType, as_number
+from ..io.text.values import KeyPath, Scope, ValueType, as_number
 
 # All public power grids use one of these.
 FREQUENCIES_HZ = (50.0, 60.0)

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..io.values import KeyPath, Number, Scope, ValueType, as_number
+from ..io.text.values import KeyPath, Number, Scope, ValueType, as_number
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Packets whose channel another device measures, instead of frames that a radio samples."""
 
-from ..io.schema import declared, key
-from ..io.values import Choice, Integer, Number
+from ..io.text.schema import declared, key
+from ..io.text.values import Choice, Integer, Number
 
 # Time that a channel estimate averages, in s: two long training symbols of 3.2 us each, as in the
 # legacy and HT preambles (IEEE 802.11-2020, 17.3.3 and 19.3.9).

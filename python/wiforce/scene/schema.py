@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..io.readings import SURFACE_COLUMNS
-from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
-from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
-from ..io.waveform_name import WaveformName
+from ..io.text.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
+from ..io.text.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
 from ..signal.packets import packet_waveform
@@ -24,6 +23,7 @@ from .packets import Packets
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
 from .surface import Surface
+from .waveform_name import WaveformName
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel

@@ -6,8 +6,8 @@ Only the simulator and the software device use this part of a scene; a reader ne
 
 from typing import Any
 
-from ..io.schema import Derived, ListOf, Mapping, declared, key
-from ..io.values import Integer, Number, Text
+from ..io.text.schema import Derived, ListOf, Mapping, declared, key
+from ..io.text.values import Integer, Number, Text
 from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
 from .packets import PacketFaults
 from .simulated_tags import (

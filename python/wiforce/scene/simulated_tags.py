@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..io.schema import Derived, Mapping, declared, key, read
-from ..io.values import Choice, KeyPath, Number, Scope, Text
+from ..io.text.schema import Derived, Mapping, declared, key, read
+from ..io.text.values import Choice, KeyPath, Number, Scope, Text
 from .effects import Beam, Hand
 
 if TYPE_CHECKING:

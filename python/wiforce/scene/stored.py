@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..io.capture import Capture
-from ..io.channel_snapshots import ChannelSnapshots
-from ..io.schema import read
-from ..io.values import KeyPath
+from ..io.capture.channel_snapshots import ChannelSnapshots
+from ..io.capture.recordings import Capture
+from ..io.text.schema import read
+from ..io.text.values import KeyPath
 from .load import load_capture_scene, load_scene
 from .schema import Scene
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..io.schema import ListOf, Mapping, declared, key
-from ..io.values import Choice, Integer, Text
+from ..io.text.schema import ListOf, Mapping, declared, key
+from ..io.text.values import Choice, Integer, Text
 from ..surface.checks import law_violations
 from ..surface.file import SpreadingKeys, read_spreading
 from ..surface.skin import Skin, Strip

@@ -3,8 +3,8 @@
 
 from typing import Any
 
-from ..io.schema import Derived, declared, key
-from ..io.values import Number
+from ..io.text.schema import Derived, declared, key
+from ..io.text.values import Number
 
 _TIME = Number(unit="s", low=0, high=1e6)
 POSITION = Number(unit="mm", low=-10_000, high=10_000)

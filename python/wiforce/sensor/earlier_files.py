@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ..io.values import KeyPath
+from ..io.text.values import KeyPath
 from .location import SHAPES
 
 # The columns of a row of `interpolation`, which had no names: the shape as its position in SHAPES,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unwritable
-from ..io.textfile import check_output
+from ..io.text.textfile import check_output
 from ..scene import Scene, load_scene
 from .presses.presses import TouchState
 from .random_sources import RandomSources

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unwritable
-from ..io.capture_files import recording_stem, second_antenna
-from ..io.samples import DATATYPES, samples_of
-from ..io.sigmf_metadata import write_metadata
-from ..io.textfile import check_output
+from ..io.capture.names import recording_stem, second_antenna
+from ..io.capture.samples import DATATYPES, samples_of
+from ..io.capture.sigmf_metadata import write_metadata
+from ..io.text.textfile import check_output
 from ..scene import Scene, load_scene
 from .channel import AirChannel
 from .packets import simulate_packets

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 # Strips bear a press together, or less where it also rests on what is between them. Those of the
-# tests' skin (tests/skin_law.py) bear 103 % at most, since it is bent upward elsewhere; the rest
-# is for the errors of the strips' own calibrations.
+# tests' skin (tests/models/skin_law.py) bear 103 % at most, since it is bent upward elsewhere; the
+# rest is for the errors of the strips' own calibrations.
 _MOST_BORNE = 1.1
 # Strips can be placed this accurately by hand; accuracy was judged with such errors
 # (docs/sensors.md).

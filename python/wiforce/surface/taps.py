@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..io.csv_cells import cell_number, require_columns
-from ..io.textfile import read_csv
+from ..io.text.csv_cells import cell_number, require_columns
+from ..io.text.textfile import read_csv
 from .calibration import REACH_SPACINGS, SurfaceTaps
 from .skin import Skin
 

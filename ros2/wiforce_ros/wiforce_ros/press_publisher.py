@@ -6,8 +6,8 @@ import json
 
 import rclpy
 import zmq
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.ros_messages import built, ros_messages
-from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 

@@ -7,11 +7,11 @@ import time
 
 import pytest
 from click.testing import CliRunner
+from gnuradio.wiforce.calibration.gauges.units import ForceGauge
 from gnuradio.wiforce.calibration.guided.press_measurement import measure_press, measure_untouched
 from gnuradio.wiforce.calibration.guided.session import CalibrationSession
 from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.units import ForceGauge
 from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor
 from wiforce_app.calibrate.calibrate import calibrate

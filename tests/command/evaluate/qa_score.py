@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.calibration.gauges.comparison import TimedForces, compare_with_gauge
+from gnuradio.wiforce.calibration.gauges.file import GaugeRecord, read_gauge_file
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gauges.comparison import TimedForces, compare_with_gauge
-from gnuradio.wiforce.gauges.file import GaugeRecord, read_gauge_file
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.writers import open_writer
 
 PERIOD_S, STD_N, OFFSET_S = 0.036, 0.1, 1234.567
 # Starts and ends of presses, which do not repeat regularly, and their forces.

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "examples" / "headless")]
+sys.path[:0] = [str(ROOT / "tests/helpers"), str(ROOT / "examples/headless")]
 
 from chain_from_usrp import ChainFromUsrp  # noqa: E402
 from chain_runs import assert_equal_readings  # noqa: E402

@@ -11,7 +11,7 @@ import numpy as np
 import pandas
 import pylsl
 import pytest
-from gnuradio.wiforce.io.lsl_outlets import CHANNELS
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
 from gnuradio.wiforce.io.readings import flag_bits
 from live_runs import GAINS, SLOW, free_ports, live, rows_of, scene_of, wait_until
 from mcap.reader import make_reader

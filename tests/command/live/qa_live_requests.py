@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import zmq
 from fuzzing import LIMIT_BYTES, peak_memory
-from gnuradio.wiforce.estimation.frame import MARGIN
-from gnuradio.wiforce.io.zmq_keys import ClientKeys, create_keys
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
 from live_runs import GAINS, SLOW_GROUP_S, ask, command, connected, free_ports, live, rows_of
 from mutations import mutated
 

@@ -14,7 +14,7 @@ from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
 from long_cases import cases
 

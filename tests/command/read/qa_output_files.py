@@ -15,14 +15,14 @@ import pandas
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io import output_file
-from gnuradio.wiforce.io.mcap_file import McapWriter
-from gnuradio.wiforce.io.mcap_rows import mcap_rows
-from gnuradio.wiforce.io.output_file import OutputFile
-from gnuradio.wiforce.io.parquet import ParquetWriter
+from gnuradio.wiforce.io.files import output_file
+from gnuradio.wiforce.io.files.mcap_file import McapWriter
+from gnuradio.wiforce.io.files.mcap_rows import mcap_rows
+from gnuradio.wiforce.io.files.output_file import OutputFile
+from gnuradio.wiforce.io.files.parquet import ParquetWriter
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.writers import open_writer
 from mcap.reader import make_reader
 from pyarrow import parquet
 from ros_clients import bag_messages
@@ -178,7 +178,7 @@ def test_mcap_at_limit_of_size_keeps_whole_chunks(tmp_path, monkeypatch):
 
 KILLED = """
 import os, signal, sys
-from gnuradio.wiforce.io.mcap_file import McapWriter
+from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.readings import Reading
 writer = McapWriter(sys.argv[1])
 for group in range(200):

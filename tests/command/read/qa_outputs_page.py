@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_runs import run_command
-from gnuradio.wiforce.io.lsl_outlets import CHANNELS
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
 from gnuradio.wiforce.io.ros_messages import topics_of
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs/outputs.md").read_text(encoding="utf-8")

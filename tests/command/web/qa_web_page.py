@@ -5,7 +5,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.files.writers import open_writer
 from web_pages import RawViewer, publishing, serving, touched, untouched
 from wiforce_app.web import zmq_source
 from wiforce_app.web.file_source import FileSource

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
-from gnuradio.wiforce.io.writers import open_writer
 from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
 from wiforce_app.web import connections, live_page
 from wiforce_app.web import server as server_module

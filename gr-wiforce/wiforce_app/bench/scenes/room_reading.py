@@ -5,8 +5,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.estimation.compression import Compression, image_operator
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.capture.compression import Compression, image_operator
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.room.report import (
     COMPRESSION,
     NOISE_WEIGHTS,
@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.room.report import (
     skipped_of,
 )
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.signal.room_noise import room_noise
 
 # Clock of a tag that is not there, relative to the highest of the scene: none of its lines should

@@ -2,9 +2,9 @@
 """The receiver's stages on channel snapshots that come from no capture."""
 
 import numpy as np
-from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
 from gnuradio.wiforce.signal.partial_weights import tones_of
 
 

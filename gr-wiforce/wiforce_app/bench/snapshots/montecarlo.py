@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
-from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg

@@ -8,8 +8,8 @@ import time
 
 import numpy as np
 from gnuradio import wiforce
-from gnuradio.wiforce.blocks.group_block import GroupBlock
-from gnuradio.wiforce.blocks.group_reader import snapshot_group
+from gnuradio.wiforce.blocks.chain.group_block import GroupBlock
+from gnuradio.wiforce.blocks.reading.group_reader import snapshot_group
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.wiforce_kernels import tone_transform
 

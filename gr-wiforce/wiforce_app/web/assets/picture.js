@@ -2,7 +2,7 @@
 // One sensor: its reading as text, and the line with the press at its location.
 "use strict";
 
-// One per sensor, those of python/wiforce/palette.py. Further sensors have the same colours with
+// One per sensor, those of python/wiforce/io/palette.py. Further sensors have the same colours with
 // dashed lines.
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e6c200", "#202428"];
 const FORCE_SPAN_N = 8; // force of the longest arrow, unless a sensor is pressed harder

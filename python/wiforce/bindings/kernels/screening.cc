@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <kernel/doppler/interference_screen.h>
+#include <kernel/screening/interference_screen.h>
 
 #include <algorithm>
 

@@ -3,7 +3,7 @@
 
 #include <kernel/doppler/switching_mixer.h>
 #include <kernel/doppler/tone_accumulator.h>
-#include <kernel/doppler/tone_channel.h>
+#include <kernel/fourier/tone_channel.h>
 
 #include <pybind11/stl.h>
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...gauges.units import UNITS_N
 from ...sensor.curves import CurveModel
 from ...signal.carrier import wrap_deg
 from ..calibrate import calibrate
 from ..checks import complete_locations
+from ..gauges.units import UNITS_N
 from ..tables import read_tap_csv
 from ..verdict import location_warnings
 from .entry_plausibility import force_warning, press_warnings

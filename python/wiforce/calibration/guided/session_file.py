@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from ...errors import InputError, unwritable
-from ...io.textfile import check_output, read_csv
+from ...io.text.textfile import check_output, read_csv
 from ...signal.carrier import same_carrier
 from .press_measurement import PressMeasurement
 

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from ...estimation.likelihood import PHASE_MARGIN, phase_margin
+from ...estimation.clocks.likelihood import PHASE_MARGIN, phase_margin
 from ...signal.clutter import clutter_basis
 from ...signal.lines import aliased_hz, centered_times_s
 from ...signal.waveform import Waveform

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...errors import InputError
-from ...estimation.sources import RoomLine
+from ...estimation.room.sources import RoomLine
 from ...signal.lines import STRONG_LINES
 from ..plan import Plan
 from .proposals import propose_clocks

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ...errors import InputError
-from ...estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
-from ...estimation.tracked_tag import TagClock
+from ...estimation.clocks.likelihood import PHASE_MARGIN, own_lines, phase_margin
+from ...estimation.clocks.tracked_tag import TagClock
 from ...scene import Scene, load_scene
 from ...signal.lines import (
     CLUTTER_MARGIN,

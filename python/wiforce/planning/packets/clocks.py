@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.tracked_tag import TagClock
+from ...estimation.clocks.tracked_tag import TagClock
 from ...scene import Scene
 from ...signal.lines import STRONG_LINES, lamp_distances_hz
 from ...signal.timed_weights import clutter_at, timed_lines

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError
+from ...estimation.ends.separation import EndSeparator
 from ...estimation.groups import Groups
-from ...estimation.packet_channels import DividedPackets
-from ...estimation.packet_groups import PacketGroups
-from ...estimation.separation import EndSeparator
-from ...estimation.tag_parts import SolvedTags, solve_tags
+from ...estimation.packets.packet_channels import DividedPackets
+from ...estimation.packets.packet_groups import PacketGroups
+from ...estimation.packets.tag_parts import SolvedTags, solve_tags
 from ...signal.packets import packet_waveform
 from ...signal.timed_weights import TimedTable
 from ..plan import Plan

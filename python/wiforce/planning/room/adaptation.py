@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.clock_lines import measured
-from ...estimation.sources import RoomLine, Source
-from ...estimation.survey import Survey
-from ...estimation.tracked_tag import TagClock
+from ...estimation.clocks.tracked_tag import TagClock
+from ...estimation.room.clock_lines import measured
+from ...estimation.room.sources import RoomLine, Source
+from ...estimation.room.survey import Survey
 from ...signal.lines import CLUTTER_MARGIN
 from ...signal.room_noise import RoomNoise, room_noise
 from ...signal.switching import harmonics

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
-from ...estimation.survey import Survey
+from ...estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
+from ...estimation.room.survey import Survey
 from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from ..clocks.mains import line_numbers
 from ..clocks.other_clock import other_clock_hz

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...estimation.frame_slip import without_slip
-from ...estimation.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
+from ...estimation.capture.frame_slip import without_slip
+from ...estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
 from ..plan import Plan
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...estimation.sources import RoomLine, Source
-from ...estimation.survey import Survey
-from ...estimation.tracked_tag import TagClock
+from ...estimation.clocks.tracked_tag import TagClock
+from ...estimation.room.sources import RoomLine, Source
+from ...estimation.room.survey import Survey
 from ...signal.lines import aliased_hz
 from ...signal.waveform import Waveform
 

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: frames of a free-running transmitter, from two antennas, as folded vectors."""
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from ...estimation.capture.frame_follower import FrameFollower
+from ...estimation.groups import Array
+from ...signal.waveform import Waveform
+from .. import names
+from ..argument_types import typed
+from ..kept import Kept
+from ..stream_time import Timeline
+from .noise_tags import noise_value
+
+_RX_TIME, _RETUNED = pmt.intern(names.RX_TIME), pmt.intern(names.RETUNED)
+_SNAPSHOT, _NOISE = pmt.intern(names.SNAPSHOT), pmt.intern(names.NOISE)
+_SATURATED = pmt.intern(names.SATURATED)
+_MOST_WAITING = 4096  # vectors
+# The largest code of a converter of 12 bits, left-justified; as in preamble_folder.cc.
+_SATURATED_CODE = 32752
+
+
+class free_fold(Kept, gr.basic_block):
+    """Folds the frames of a transmitter on a sample clock of its own.
+
+    ``preamble_fold`` expects frames of a constant length. Here the length follows the transmitter
+    (:class:`estimation.frame_follower.FrameFollower`), and both antennas keep the same frames.
+    Connect the outputs to an ``antenna_ratio``.
+
+    Input 0 and 1: complex 16-bit samples of two antennas, from the first frame on, with the tags of
+    input 0. Output 0 and 1: vectors of a symbol's samples, as ``preamble_fold`` gives them.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        As it was sent.
+
+    Attributes
+    ----------
+    follower : FrameFollower
+        Its period and what it has lost.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> free_fold(sounding_waveform("repeated", 400, 2.5e6)).samples_lost()
+    0
+    """
+
+    @typed
+    def __init__(self, waveform: Waveform) -> None:
+        vector = (np.complex64, waveform.symbol_length)
+        gr.basic_block.__init__(
+            self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
+        )
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        self._waveform = waveform
+        self.follower = FrameFollower(waveform.frame_length)
+        self._timeline = Timeline(waveform.sample_rate_hz)
+        self._gaps = self._lost = 0
+        # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
+        self._waiting: list[tuple[Array, Array, Array]] = []
+        self._count = self._written = 0  # vectors folded and put out
+        self._marks: list[tuple[int, object, object]] = []  # vector, key, value
+        self._retuned = False
+        self._begins = True
+
+    def gaps(self) -> int:
+        """Number of gaps that tags ``rx_time`` report."""
+        return self._gaps
+
+    def samples_lost(self) -> int:
+        """Number of samples that they account for."""
+        return self._lost
+
+    def frames_moved(self) -> int:
+        """Times that the frame timing shifted without such a tag."""
+        return self.follower.moved
+
+    def samples_moved(self) -> int:
+        """What is known of the samples lost by these shifts: nothing."""
+        return 0
+
+    def times_ignored(self) -> int:
+        """Number of implausible tags, which are not counted here."""
+        return 0
+
+    def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
+        return [0 if self._waiting else 1] * ninputs
+
+    def general_work(self, input_items: list[Array], output_items: list[Array]) -> int:
+        count = min(map(len, input_items))
+        if self._count - self._written > _MOST_WAITING:
+            count = 0
+        if count:
+            self._take(np.concatenate([each[:count] for each in input_items], axis=1))
+            for port in range(2):
+                self.consume(port, count)
+        return self._put_out(output_items)
+
+    def _take(self, items: Array) -> None:
+        first, begin = self.nitems_read(0), 0
+        tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
+        for tag in tags:
+            if pmt.eq(tag.key, _RETUNED):
+                self._retuned = True
+            if not pmt.eq(tag.key, _RX_TIME):
+                continue
+            if lost := self._timeline.note(tag.offset, tag.value):
+                at = tag.offset - first
+                self._fold(self.follower.take(items[begin:at]))
+                self._fold(self.follower.lose(lost, items.shape[1]))
+                begin = at
+                self._gaps += 1
+                self._lost += lost
+                self._begins = True
+        self._fold(self.follower.take(items[begin:]))
+
+    def _fold(self, samples: Array) -> None:
+        frames = samples.reshape(-1, self._waveform.frame_length, 4)
+        if not len(frames):
+            return
+        if self._begins:
+            self._mark(_SNAPSHOT, pmt.from_uint64(self._count + self.follower.lost))
+            self._begins = False
+        if self._retuned:
+            self._mark(_RETUNED, pmt.from_uint64(1))
+            self._retuned = False
+        begin, repetitions = self._waveform.first_averaged, self._waveform.repetitions
+        length = self._waveform.symbol_length
+        averaged = frames[:, begin : begin + repetitions * length]
+        shape = len(frames), repetitions, length, 2, 2
+        parts = averaged.reshape(shape).astype(np.float32) / 32768
+        # A single repetition has no difference, as in simd_loops.h.
+        other = parts if repetitions > 1 else np.concatenate([parts, parts], axis=1)
+        steps = np.sum(np.diff(other, axis=1) ** 2, axis=-1)
+        noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)
+        mean = np.moveaxis(parts.mean(axis=1), 2, 1)
+        vectors = np.ascontiguousarray(mean).view(np.complex64)[..., 0]
+        full = np.any(np.abs(averaged.astype(np.int32)) >= _SATURATED_CODE, axis=(1, 2))
+        self._waiting.append((vectors, noise, full))
+        self._count += len(frames)
+
+    def _mark(self, key: object, value: object) -> None:
+        self._marks.append((self._count, key, value))
+
+    def _put_out(self, outputs: list[Array]) -> int:
+        produced = 0
+        room = min(map(len, outputs))
+        while self._waiting and produced < room:
+            vectors, noise, full = self._waiting[0]
+            count = min(len(vectors), room - produced)
+            for port, out in enumerate(outputs):
+                out[produced : produced + count] = vectors[:count, port]
+                tag = noise_value(noise[:count, port])
+                self.add_item_tag(port, self._written, _NOISE, tag)
+            for item in np.flatnonzero(full[:count]):
+                value = pmt.from_uint64(1)
+                self.add_item_tag(0, self._written + int(item), _SATURATED, value)
+            while self._marks and self._marks[0][0] < self._written + count:
+                item, key, value = self._marks.pop(0)
+                self.add_item_tag(0, item, key, value)
+            self._waiting[0] = vectors[count:], noise[count:], full[count:]
+            if count == len(vectors):
+                self._waiting.pop(0)
+            produced += count
+            self._written += count
+        return produced

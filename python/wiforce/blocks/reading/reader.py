@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: received samples to readings of force and location."""
+
+import math
+from collections.abc import Callable
+from threading import Event
+
+from gnuradio import gr
+
+from ...errors import InputError
+from ...io.capture.samples import ITEM_TYPES
+from ...io.readings import GroupCounts, Reading
+from ...planning.plan import Plan, PlanOrScene, as_plan
+from ...planning.room.findings import Finding
+from ...press.tares import TareState
+from ...receiver.stream import StreamReader
+from ...wiforce_python import phase_group_doppler, preamble_fold
+from .. import names
+from ..argument_types import typed
+from ..kept import Kept
+from ..output_buffer import enlarge_output_buffer
+from .group_reader import group_reader
+
+# Groups that the receiver may leave waiting, in seconds of signal.
+_BUFFERED_S = 2.0
+_ITEM_BYTES = {name: kind.sample_bytes for name, kind in ITEM_TYPES.items()}
+
+
+class reader(Kept, gr.hier_block2):
+    """Reads force and location from received samples.
+
+    Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
+    Message port ``tare`` (in): measure a new untouched reference; a dict with ``force`` true also
+    while a sensor is touched. Message port ``tare_state`` (out): what became of it, a dict with
+    ``state`` (``measuring``, ``complete``, ``refused``, ``failed``), ``reason`` and ``forced``.
+    Message port ``warnings`` (out): a dict with ``text``, a sentence that names what keeps the
+    samples from being read, once this has lasted for a second or the stream has ended.
+
+    Parameters
+    ----------
+    scene : str, Path, dict, Scene or Plan
+        Scene file, the scene itself, or its plan.
+    input_type : str
+        ``fc32`` or ``sc16`` samples, or ``folded`` vectors from a ``recording_source``.
+    frame_offset : int
+        Samples before the first frame of the stream.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_reading : callable, optional
+        Called with every :class:`io.readings.Reading`.
+
+    Attributes
+    ----------
+    fold : block or None
+        The block that folds samples; None for folded vectors.
+    groups : block
+        The inner block, with the :class:`StreamReader`. Its attribute ``on_warning`` is called with
+        every text on the port ``warnings``, and is GNU Radio's log unless it is set.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, file and key, rule and value.
+
+    Examples
+    --------
+    >>> from gnuradio import blocks, gr
+    >>> flowgraph = gr.top_block()
+    >>> source = blocks.null_source(4)  # 16-bit samples
+    >>> flowgraph.connect(source, reader("demo", input_type="sc16", on_reading=print))
+    """
+
+    @typed
+    def __init__(
+        self,
+        scene: PlanOrScene,
+        input_type: str = "fc32",
+        frame_offset: int = 0,
+        tracked: bool = False,
+        on_reading: Callable[[Reading], None] | None = None,
+    ) -> None:
+        if input_type not in (*_ITEM_BYTES, "folded"):
+            rule = f"must be one of {', '.join((*_ITEM_BYTES, 'folded'))}"
+            raise InputError("input_type", rule, input_type)
+        if frame_offset < 0:
+            raise InputError("frame_offset", "must be 0 or more", frame_offset)
+        settings = as_plan(scene)
+        antennas = settings.require_scene().environment.receive_antennas
+        if antennas > 1 and input_type != "folded":
+            rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
+            raise InputError("environment.receive_antennas", rule, 2)
+        folded_bytes = settings.waveform.symbol_length * gr.sizeof_gr_complex
+        gr.hier_block2.__init__(
+            self,
+            "reader",
+            gr.io_signature(1, 1, _ITEM_BYTES.get(input_type, folded_bytes)),
+            gr.io_signature(0, 0, 0),
+        )
+        self.message_port_register_hier_out(names.READINGS)
+        self.message_port_register_hier_out(names.TARE_STATE)
+        self.message_port_register_hier_out(names.WARNINGS)
+        self.message_port_register_hier_in(names.TARE)
+        self.fold = None
+        length = settings.group_length
+        if input_type == "folded":
+            first = phase_group_doppler.collected(length, settings.waveform.symbol_length)
+        else:
+            waveform = settings.waveform
+            first = self.fold = preamble_fold.collected(
+                length,
+                **waveform.folding,
+                sample_rate=waveform.sample_rate_hz,
+                frame_offset=frame_offset,
+                item_type=input_type,
+            )
+        # Python pauses now and then: the samples must not wait for it.
+        enlarge_output_buffer(first, math.ceil(_BUFFERED_S / settings.group_period_s))
+        self.groups = group_reader(settings, tracked, on_reading, frame_offset)
+        if self.fold is not None:
+            self.groups.stream.mean_frame = self.groups.watch.mean_frame = self.fold.mean_frame
+            self.groups.watch.frames = self.fold.snapshots
+            self.fold.expect_carrier(settings.center_frequency_hz)
+        # The inner connections hold C++ parts only: GNU Radio never destroys those of messages to
+        # the block itself, and a flowgraph keeps this object, which has the others.
+        own, groups = self._impl, self.groups.gateway
+        self.connect(own, first, groups)
+        for port in (names.READINGS, names.TARE_STATE, names.WARNINGS):
+            self.msg_connect(groups, port, own, port)
+        self.msg_connect(own, names.TARE, groups, names.TARE)
+
+    @property
+    def stream(self) -> StreamReader:
+        """What reads the groups."""
+        return self.groups.stream
+
+    @property
+    def plan(self) -> Plan:
+        """Plan that is used: of the scene, or adapted to the room once that is surveyed."""
+        return self.stream.plan
+
+    @property
+    def findings(self) -> list[Finding] | None:
+        """What the latest survey of the room has found; None without one."""
+        return self.stream.findings
+
+    @property
+    def failure(self) -> Exception | None:
+        """The exception that ended the flowgraph; None without one."""
+        return self.groups.failure
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
+        return self.stream.counts
+
+    @property
+    def ended(self) -> Event:
+        """A threading.Event: the stream has ended and its last group is read."""
+        return self.groups.ended
+
+    def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
+        """Measure a new untouched reference in the groups that follow.
+
+        Refused while a sensor is touched, unless forced. May be called from any thread.
+
+        Parameters
+        ----------
+        force : bool
+            Also while a sensor is touched; its readings are then flagged until a release is seen.
+        done : callable, optional
+            Called once, in another thread, with the TareState in which the request ends.
+        """
+        self.groups.tare(force, done)
+
+    def cancel_tare(self, reason: str) -> None:
+        """Give up a tare that is being measured; may be called from any thread.
+
+        Parameters
+        ----------
+        reason : str
+            Part of the TareState in which the request ends.
+        """
+        self.groups.cancel_tare(reason)

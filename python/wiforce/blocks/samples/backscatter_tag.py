@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a sensor with its tag on the air."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gnuradio import gr
+
+from ...errors import InputError
+from ...estimation.groups import Array
+from ...scene import Scene, load_scene
+from ...simulation.channel import AirChannel
+from ..argument_types import typed
+from ..frame_settings import scene_meant
+from ..kept import Kept
+from ..output_buffer import enlarge_output_buffer
+
+# The tag is pressed by calls, and rounding is the receiver's part.
+_WITHOUT_EFFECT = ("presses", "truth_model", "adc_bits")
+_WORK_ITEMS = 16384  # as many samples at once as keep the cost of a call small
+
+
+class backscatter_tag(Kept, gr.sync_block):
+    """Adds the reflection of a pressed sensor, and noise, to the samples that pass.
+
+    Input: complex transmit samples, as they are or behind a channel (of stock blocks, say).
+    Output: input + tag + noise. The tag's clock runs free, its switches are exact to a fraction of
+    a sample, and its phases are those of a sensor model at the force and location that are set.
+
+    Parameters
+    ----------
+    model : str
+        Name of a shipped sensor, or path of a sensor file.
+    clock_hz : float
+        Clock of the tag, fs; 4 fs below half the frame rate.
+    clock_offset_ppm : float
+        Error of the tag's clock; positive when it is fast.
+    force_n : float
+        0 or more; the line is touched from the model's ``onset_force_n`` on.
+    location_mm : float
+        From port 1, on the line.
+    snr_db : float
+        |c1[1] G1|^2 against the noise, per subcarrier and snapshot.
+    static_clutter_db : float
+        Power of the input against that of the tag's line, |c1[1] G1|^2.
+    amplitude : float
+        Root of the mean preamble power of the input, as set in ``sounding_source``.
+    off_reflection : complex
+        G_off / rho of the open switches, below 1 in magnitude.
+    center_frequency, sample_rate : float
+        In Hz and samples per second.
+    waveform : str or Scene
+        As of ``sounding_source``: what ``snr_db`` counts for.
+    frame_length : int
+        Samples per frame.
+    seed : int
+        Of the noise and of the clock's start phase.
+    effects : dict, optional
+        Further keys of a scene's ``simulation``, for rooms and components that are not ideal, such
+        as ``{"bursts": {"share": 0.2}, "tags": [{"clock_jitter_s": 3e-7}]}``.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> tag = backscatter_tag("line-900mhz", clock_hz=1000.0)
+    >>> tag.set_force_n(4.0)
+    >>> tag.force_n()
+    4.0
+    """
+
+    @typed
+    def __init__(
+        self,
+        model: str = "line-900mhz",
+        clock_hz: float = 1000.0,
+        clock_offset_ppm: float = 40.0,
+        force_n: float = 0.0,
+        location_mm: float = 40.0,
+        snr_db: float = 10.0,
+        static_clutter_db: float = 60.0,
+        amplitude: float = 0.5,
+        off_reflection: complex = 0j,
+        center_frequency: float = 900e6,
+        sample_rate: float = 12.5e6,
+        waveform: str | Scene = "repeated",
+        frame_length: int = 720,
+        seed: int = 1,
+        effects: dict[str, Any] | None = None,
+        symbol_length: int = 0,
+        repetitions: int = 0,
+        averaged_repetitions: int = 0,
+    ) -> None:
+        if not (np.isfinite(amplitude) and amplitude > 0):
+            raise InputError("amplitude", "must be above 0", amplitude)
+        off = complex(off_reflection)
+        stated = {
+            "duration_s": 1e6,
+            "clock_offset_ppm": clock_offset_ppm,
+            "clock_drift_ppm_per_s": 0.0,
+            "static_clutter_db": static_clutter_db,
+            "snr_db": snr_db,
+            "seed": seed,
+        }
+        twice = sorted({*stated, *_WITHOUT_EFFECT} & {*(effects or {})})
+        if twice:
+            rule = f"must not hold what the block itself sets ({', '.join(twice)})"
+            raise InputError("effects", rule)
+        meant = scene_meant(waveform)
+        sounding = {
+            "waveform": waveform,
+            "frame_length": int(frame_length),
+            "symbol_length": symbol_length or None,
+            "repetitions": repetitions or None,
+            "averaged_repetitions": averaged_repetitions or None,
+        }
+        scene = load_scene(
+            {
+                "radio": {"center_frequency_hz": center_frequency, "sample_rate_hz": sample_rate},
+                "sounding": meant.as_dict()["sounding"] if meant else sounding,
+                "sensors": [
+                    {
+                        "name": "tag",
+                        "model": model,
+                        "clock_hz": clock_hz,
+                        "off_reflection": [off.real, off.imag],
+                    }
+                ],
+                "simulation": stated | (effects or {}),
+            }
+        )
+        gr.sync_block.__init__(self, "backscatter_tag", [np.complex64], [np.complex64])
+        self._length_mm = scene.load_model(model).length_mm
+        self._rate = scene.radio.sample_rate_hz
+        self._air = AirChannel(scene, amplitude, through=True)
+        self._tag = self._air.sensors["tag"]
+        self._changes: deque[Callable[[float], None]] = deque()
+        self._force_n, self._location_mm = 0.0, 0.0
+        self.set_location_mm(location_mm)
+        self.set_force_n(force_n)
+        enlarge_output_buffer(self, 4 * _WORK_ITEMS)
+
+    @typed
+    def set_force_n(self, force_n: float) -> None:
+        """Press with this force from now on."""
+        self._force_n = _checked("force_n", force_n, 0, 1000)
+        self._press()
+
+    @typed
+    def set_location_mm(self, location_mm: float) -> None:
+        """Press here from now on."""
+        self._location_mm = _checked("location_mm", location_mm, 0, self._length_mm)
+        self._press()
+
+    @typed
+    def set_clock_offset_ppm(self, offset_ppm: float) -> None:
+        """Change the rate of the tag's clock; its phase stays continuous."""
+        offset_ppm = _checked("clock_offset_ppm", offset_ppm, -20_000, 20_000)
+        self._changes.append(lambda now_s: self._tag.clock.retune(now_s, offset_ppm))
+
+    @typed
+    def set_snr_db(self, snr_db: float) -> None:
+        """Change the noise; the tag stays as strong as it is."""
+        snr_db = _checked("snr_db", snr_db, -100, 140)
+        self._changes.append(lambda now_s: self._air.set_snr_db(snr_db))
+
+    @typed
+    def set_on(self, on: bool) -> None:
+        """Take the tag off the air, or put it back."""
+        self._tag.on = bool(on)
+
+    def force_n(self) -> float:
+        """Force that is set, in N."""
+        return self._force_n
+
+    def location_mm(self) -> float:
+        """Location that is set, in mm from port 1."""
+        return self._location_mm
+
+    def _press(self) -> None:
+        self._tag.pressed.hold(self._force_n, self._location_mm)
+
+    def start(self) -> bool:
+        self._air.restart(self.nitems_read(0))
+        return True
+
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
+        first = self.nitems_read(0)
+        while self._changes:  # set by other threads, applied between two calls
+            self._changes.popleft()(first / self._rate)
+        output_items[0][:] = self._air.process(input_items[0], first)
+        return len(output_items[0])
+
+
+def _checked(name: str, value: float, low: float, high: float) -> float:
+    if not low <= value <= high:
+        raise InputError(name, f"must be from {low:g} to {high:g}", value)
+    return float(value)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The search for the first frame of a stream, for the blocks that begin with it."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pmt
+
+from ...estimation.capture.frame import find_frame_offset, searched_samples
+from ...estimation.groups import Array
+from ...io.capture.samples import samples_of
+from ...signal.waveform import Waveform
+from .. import names
+from ..stream_time import Timeline, time_value
+
+_RX_TIME = pmt.intern(names.RX_TIME)
+
+Tag = tuple[int, Any, Any]
+
+
+class FrameSearch:
+    """Holds the samples of a stream until its frames are found, and gives those from the first on.
+
+    The offset is estimated over the first frames. A gap while they are searched begins the search
+    anew.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        Whose frames are searched.
+    search_frames : int, optional
+        Frames that are averaged to find the offset; as many as for recordings unless given.
+    antennas : int
+        Number of antennas whose samples are in each item; the first one is searched.
+
+    Attributes
+    ----------
+    offset : int or None
+        Samples before the first frame; None until frames are found.
+    start_time : tuple or None
+        (whole seconds, fraction) of the first frame's first sample; None without ``rx_time``.
+    searches : int
+        Number of searches without a result.
+    tags : deque of tuple
+        Tags of samples that were not put out yet: (item, key, value).
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> search = FrameSearch(waveform, search_frames=20)
+    >>> sent = np.concatenate([np.zeros(100), np.tile(0.4 * waveform.frame(), 20)])
+    >>> search.take(sent[: search.wanted].astype(np.complex64), [])
+    >>> search.offset
+    92
+    """
+
+    def __init__(
+        self, waveform: Waveform, search_frames: int | None = None, antennas: int = 1
+    ) -> None:
+        self._waveform = waveform
+        self._antennas = antennas
+        self._needed = searched_samples(waveform)
+        if search_frames is not None:
+            self._needed = search_frames * waveform.frame_length
+        self.offset: int | None = None
+        self.start_time: tuple[int, float] | None = None
+        self.searches = 0
+        self.tags: deque[Tag] = deque()
+        self._timeline = Timeline(waveform.sample_rate_hz)
+        self._items = 0  # taken
+        self._held: deque[Array] = deque()
+        self._held_start = self._held_count = 0
+
+    @property
+    def wanted(self) -> int:
+        """Number of samples that the search takes next.
+
+        Where frames are found must not depend on how many samples happen to come at once.
+        """
+        return self._needed - self._held_count
+
+    @property
+    def holds(self) -> bool:
+        """Whether samples from the first frame on are to be put out."""
+        return self.offset is not None and bool(self._held)
+
+    def take(self, items: Array, tags: Iterable[Tag]) -> None:
+        """Take the next samples, and search frames when they are enough.
+
+        Parameters
+        ----------
+        items : ndarray of complex64, shape (n,), or of int16, shape (n, 2 antennas)
+            At most ``wanted``.
+        tags : iterable of tuple
+            Their tags: (item, key, value), the first sample of the stream being item 0.
+        """
+        gap = None
+        for item, key, value in tags:
+            if pmt.eq(key, _RX_TIME) and self._timeline.note(item, value):
+                gap = item
+            self.tags.append((item, key, value))
+        if gap is not None:
+            self._hold_from(gap)
+            items = items[gap - self._items :]
+            self._items = gap
+        self._items += len(items)
+        self._held.append(items.copy())
+        self._held_count += len(items)
+        if self._held_count < self._needed:
+            return
+        held = np.concatenate(self._held)
+        samples = held if np.iscomplexobj(held) else samples_of(held[:, :2].copy())
+        found = find_frame_offset(samples, self._waveform)
+        if found is None:
+            self.searches += 1
+            self._hold_from(self._held_start + self._held_count)
+            return
+        self._begin(held, found)
+
+    def put_out(self, block: Any, out: Array) -> int:
+        """Copy samples that are held to the output of a block, with their tags.
+
+        Parameters
+        ----------
+        block : gr.block
+            Whose output begins with the first frame.
+        out : ndarray
+            Its output items.
+
+        Returns
+        -------
+        int
+            Number of samples.
+        """
+        if not self.holds:
+            return 0
+        count = min(len(self._held[0]), len(out))
+        out[:count] = self._held[0][:count]
+        self._held[0] = self._held[0][count:]
+        if not len(self._held[0]):
+            self._held.clear()
+        self.put_tags(block, count)
+        return count
+
+    def put_tags(self, block: Any, produced: int) -> None:
+        """Add the tags of the samples that a block puts out now.
+
+        Parameters
+        ----------
+        block : gr.block
+        produced : int
+            Number of the samples.
+        """
+        assert self.offset is not None
+        end = self.offset + block.nitems_written(0) + produced
+        while self.tags and self.tags[0][0] < end:
+            item, key, value = self.tags.popleft()
+            for port in range(self._antennas):
+                block.add_item_tag(port, item - self.offset, key, value)
+
+    def _begin(self, held: Array, found: int) -> None:
+        """The stream begins so many samples into what is held."""
+        first = self._held_start + found
+        self._held = deque([held[found:]])
+        self.start_time = time = self._time_at(first)
+        self.tags = deque(
+            (max(item, first), key, value)
+            for item, key, value in self.tags
+            if item > first or not pmt.eq(key, _RX_TIME)
+        )
+        if time is not None:
+            self.tags.appendleft((first, _RX_TIME, time_value(*time)))
+        self.offset = first
+
+    def _hold_from(self, item: int) -> None:
+        """Discard the samples held, and hold those from an item on."""
+        self._held.clear()
+        # Without frames this may go on for weeks: of the tags before, only the last ones matter.
+        latest = {pmt.symbol_to_string(key): at for at, key, _ in self.tags if at <= item}
+        self.tags = deque(
+            tag
+            for tag in self.tags
+            if tag[0] > item or latest[pmt.symbol_to_string(tag[1])] == tag[0]
+        )
+        self._held_start, self._held_count = item, 0
+
+    def _time_at(self, item: int) -> tuple[int, float] | None:
+        """Time of an item among those held, by the last tag at or before it."""
+        timeline = Timeline(self._waveform.sample_rate_hz)
+        for at, key, value in self.tags:
+            if pmt.eq(key, _RX_TIME) and at <= item:
+                timeline.note(at, value)
+        return timeline.time_at(item)

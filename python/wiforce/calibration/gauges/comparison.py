@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings compared with the record of a force gauge that has a clock of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.optimize import minimize_scalar
+
+from ...errors import InputError
+from .errors import GaugeComparison, TimedForces
+from .file import GaugeRecord
+
+# Readings and gauge must overlap by this share of the shorter one at any offset that is tried.
+_LEAST_OVERLAP = 0.5
+# Below this correlation the two did not record the same presses. Few presses of other shapes reach
+# 0.7, the right offset gives 0.95 and more.
+_LEAST_CORRELATION = 0.8
+# Another offset, away from the best one by more than a second, whose correlation reaches this share
+# of the best: presses that repeat regularly.
+_AMBIGUOUS, _ELSEWHERE_S = 0.98, 1.0
+# Parts of the recording that are left out in turn for the standard deviation of the offset.
+_PARTS = 10
+# An interval between two values of the gauge that is longer than so many usual ones is a hole: it
+# lacks a value at least. Shorter ones are the jitter of a logger's clock.
+_HOLE = 1.75
+# Longest record of a gauge, in half groups: some 100 hours at 28 readings per second.
+_MOST_STEPS = 20_000_000
+
+
+def compare_with_gauge(
+    readings: TimedForces,
+    gauge: GaugeRecord,
+    touch_n: float = 0.5,
+    offset_s: float | None = None,
+) -> GaugeComparison:
+    """Align readings and a gauge in time, and compare their forces.
+
+    Parameters
+    ----------
+    touch_n : float
+        Force in N from which the gauge shows a press that the sensor must read.
+    offset_s : float, optional
+        Time of the gauge at time 0 of the readings; estimated by default.
+
+    Raises
+    ------
+    InputError
+        When there are fewer than two readings or none is clear, readings or gauge span days, the
+        gauge has too few values, no offset correlates, or no steady press remains to be compared.
+
+    Notes
+    -----
+    A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
+    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises
+    the correlation over the readings that are clear (touched or not), first on a grid of half a
+    group by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
+    correlation does not depend on the gauge's gain and zero. A group is steady when it and its
+    neighbours are pressed according to the gauge.
+    """
+    _check_times(readings, gauge)
+    if not np.any(readings.clear):
+        raise InputError("readings", "must hold some without flags to be compared")
+    average = _Average(gauge, readings.period_s)
+    other = None
+    if offset_s is None:
+        offset_s, other = _coarse_offset(readings, gauge, average)
+        offset_s, std_s = _fine_offset(readings, average, offset_s)
+    else:
+        std_s = 0.0
+    expected = average.at(readings.time_s + offset_s)
+    correlation = _correlation(readings.force_n, expected, readings.clear)
+    if not abs(correlation) >= _LEAST_CORRELATION:
+        rule = f"must agree with the readings: the correlation is {correlation:.2f} at best"
+        raise InputError("gauge", f"{rule}, at an offset of {offset_s:.3f} s")
+    sign = 1 if correlation > 0 else -1
+    covered = np.isfinite(expected)
+    idle = covered & readings.clear & ~readings.touched
+    zero_n = float(np.median(expected[idle])) if np.any(idle) else 0.0
+    force = sign * (expected - zero_n)
+    with np.errstate(invalid="ignore"):
+        pressed = force >= touch_n
+    steady = pressed & _neighbours(pressed)
+    compared = steady & readings.clear & readings.touched
+    if not np.any(compared):
+        raise InputError("gauge", f"must show steady presses of {touch_n:g} N that are read")
+    none = covered & ~pressed & _neighbours(covered & ~pressed)
+    return GaugeComparison(
+        offset_s,
+        std_s,
+        other,
+        correlation,
+        sign,
+        zero_n,
+        readings.time_s[compared],
+        readings.force_n[compared],
+        readings.force_std_n[compared],
+        force[compared],
+        flagged=int(np.sum(steady & ~readings.clear)),
+        missed=int(np.sum(steady & readings.clear & ~readings.touched)),
+        false=int(np.sum(none & readings.clear & readings.touched)),
+        unrecorded=int(np.sum(readings.clear & average.in_hole(readings.time_s + offset_s))),
+    )
+
+
+def _check_times(readings: TimedForces, gauge: GaugeRecord) -> None:
+    """Refuse what would take minutes and gigabytes, and gauges that cannot show a press."""
+    if len(readings.time_s) < 2:
+        raise InputError("readings", "must be two or more", len(readings.time_s))
+    span_s = readings.time_s[-1] - readings.time_s[0]
+    most_s = _MOST_STEPS * readings.period_s / 2
+    for name, time_s in (("readings", readings.time_s), ("gauge", gauge.time_s)):
+        if time_s[-1] - time_s[0] > most_s:
+            raise InputError(name, f"must span at most {most_s:.0f} s")
+    interval_s = float(np.median(np.diff(gauge.time_s)))
+    if interval_s > span_s:
+        rule = f"must hold several values while the readings last, {span_s:.3g} s"
+        raise InputError("gauge", f"{rule}; it has one in {interval_s:.3g} s")
+
+
+class _Average:
+    """Means of the gauge's force over windows of one group."""
+
+    def __init__(self, gauge: GaugeRecord, window_s: float) -> None:
+        self._time_s, self._half_s = gauge.time_s, window_s / 2
+        steps = np.diff(gauge.time_s) * (gauge.force_n[1:] + gauge.force_n[:-1]) / 2
+        self._integral = np.concatenate([[0.0], np.cumsum(steps)])
+        interval_s = np.diff(gauge.time_s)
+        # Over less than a window, what was not recorded hardly changes the mean.
+        hole = interval_s > max(_HOLE * float(np.median(interval_s)), window_s)
+        self._holes_s = gauge.time_s[:-1][hole], gauge.time_s[1:][hole]
+
+    def at(self, time_s: np.ndarray) -> np.ndarray:
+        """Means around times of the gauge's clock; NaN where it did not record all of a window."""
+        first, last = time_s - self._half_s, time_s + self._half_s
+        values = (self._upto(last) - self._upto(first)) / (2 * self._half_s)
+        inside = (first >= self._time_s[0]) & (last <= self._time_s[-1]) & ~self.in_hole(time_s)
+        return np.where(inside, values, np.nan)
+
+    def in_hole(self, time_s: np.ndarray) -> np.ndarray:
+        """Whether the gauge has a hole in the window around each of its times."""
+        starts, ends = self._holes_s
+        begun = np.searchsorted(starts, time_s + self._half_s)
+        ended = np.searchsorted(ends, time_s - self._half_s, side="right")
+        return begun > ended
+
+    def _upto(self, time_s: np.ndarray) -> np.ndarray:
+        return np.interp(time_s, self._time_s, self._integral)
+
+
+def _coarse_offset(
+    readings: TimedForces, gauge: GaugeRecord, average: _Average
+) -> tuple[float, float | None]:
+    """The offset with the largest correlation on a grid, and another that is nearly as good."""
+    step_s = readings.period_s / 2
+    start_s = readings.time_s[0]
+    places = np.round((readings.time_s - start_s) / step_s).astype(int)
+    ours, known = np.zeros(places[-1] + 1), np.zeros(places[-1] + 1)
+    used = readings.clear & np.isfinite(readings.force_n)
+    ours[places[used]], known[places[used]] = readings.force_n[used], 1.0
+    grid_s = np.arange(gauge.time_s[0], gauge.time_s[-1], step_s)
+    theirs = average.at(grid_s)
+    present = np.isfinite(theirs)
+    theirs = np.where(present, theirs, 0.0)
+    lags, correlation = _masked_correlation(ours, known, theirs, present.astype(float))
+    best = int(np.argmax(np.abs(correlation)))
+    offsets = grid_s[0] + lags * step_s - start_s
+    away = np.abs(offsets - offsets[best]) > _ELSEWHERE_S
+    rival = int(np.argmax(np.where(away, np.abs(correlation), -1)))
+    ambiguous = away[rival] and abs(correlation[rival]) > _AMBIGUOUS * abs(correlation[best])
+    return float(offsets[best]), float(offsets[rival]) if ambiguous else None
+
+
+def _masked_correlation(
+    a: np.ndarray, a_known: np.ndarray, b: np.ndarray, b_known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is known of both."""
+    size = next_fast_len(len(a) + len(b))
+
+    def products(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return irfft(rfft(x, size).conj() * rfft(y, size), size)
+
+    count = np.maximum(np.round(products(a_known, b_known)), 0)
+    sum_a, sum_b = products(a, b_known), products(a_known, b)
+    safe = np.maximum(count, 1)
+    covariance = products(a, b) - sum_a * sum_b / safe
+    power_a = products(a**2, b_known) - sum_a**2 / safe
+    power_b = products(a_known, b**2) - sum_b**2 / safe
+    least = _LEAST_OVERLAP * min(np.sum(a_known), np.sum(b_known) / 2)
+    # Where one of them hardly changes, rounding would decide.
+    floor = 1e-9 * max(np.max(power_a), 0) * max(np.max(power_b), 0)
+    valid = (count >= least) & (power_a * power_b > floor)
+    correlation = np.zeros(size)
+    correlation[valid] = covariance[valid] / np.sqrt((power_a * power_b)[valid])
+    lags = np.arange(size)
+    return np.where(lags > len(b), lags - size, lags), correlation
+
+
+def _fine_offset(readings: TimedForces, average: _Average, near_s: float) -> tuple[float, float]:
+    """The offset that maximises the correlation, and its jackknife standard deviation."""
+    reach_s = 2 * readings.period_s
+
+    def best(used: np.ndarray) -> float:
+        # Of the distance, since the optimiser's tolerance grows with its variable: dates since 1970
+        # would not be refined at all.
+        def loss(distance_s: float) -> float:
+            expected = average.at(readings.time_s[used] + (near_s + distance_s))
+            return -abs(_correlation(readings.force_n[used], expected, readings.clear[used]))
+
+        bounds = (-reach_s, reach_s)
+        found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-6})
+        return near_s + float(found.x)
+
+    count = len(readings.time_s)
+    part = np.arange(count) * _PARTS // count
+    without = np.array([best(part != each) for each in range(_PARTS)])
+    variance = (_PARTS - 1) / _PARTS * np.sum((without - without.mean()) ** 2)
+    return best(np.ones(count, bool)), float(np.sqrt(variance))
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, clear: np.ndarray) -> float:
+    both = clear & np.isfinite(a) & np.isfinite(b)
+    a, b = a[both], b[both]
+    if len(a) < 2 or not (np.ptp(a) and np.ptp(b)):
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _neighbours(values: np.ndarray) -> np.ndarray:
+    """Whether a condition holds before and after each place."""
+    padded = np.concatenate([[False], values, [False]])
+    return padded[:-2] & padded[2:]

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of force gauges and load cells, whose columns everybody names differently."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError
+from ...io.text.textfile import read_bytes
+from .units import UNITS_N, unit_n
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# An hour at 10 kHz.
+_MAX_BYTES = 1_000_000_000
+_TIME = re.compile(r"(?i)(?:time|timestamp|elapsed|date|t)(?:\b|_|$)")
+_FORCE = re.compile(r"(?i)(?:force|load|weight|fz?|cell)(?:\b|_|$|\d)")
+# A unit in brackets or after the last underscore: "Force (N)", "Load [kgf]", "force_n".
+_UNIT = re.compile(r"[(\[{]\s*([^)\]}]+?)\s*[)\]}]\s*$|_([A-Za-z]+)$")
+_SECONDS = {
+    **{"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    **{"min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0},
+}
+# The largest testing machines reach 1e8 N. Sums and squares of more could overflow.
+_MOST_N = 1e12
+# Values that are shown for a column that cannot be used.
+_SHOWN = 8
+
+
+@dataclass(frozen=True)
+class GaugeRecord:
+    """What a force gauge recorded.
+
+    Attributes
+    ----------
+    time_s : ndarray of float, shape (n,)
+        Increasing; from any origin, in the gauge's clock.
+    force_n : ndarray of float, shape (n,)
+        As recorded: with the gauge's zero and sign.
+    """
+
+    time_s: np.ndarray
+    force_n: np.ndarray
+
+
+def read_gauge_file(
+    path: str | Path,
+    time_column: str | None = None,
+    force_column: str | None = None,
+    unit: str | None = None,
+) -> GaugeRecord:
+    """Read times and forces from a CSV file with a header.
+
+    Commas, semicolons or tabs separate columns; with the latter two, numbers may have decimal
+    commas. Times are seconds, or of the unit that the column's name ends in, or dates in ISO 8601.
+
+    Returns GaugeRecord: rows without a force are left out; a longer interval between two values
+    remains.
+
+    Parameters
+    ----------
+    time_column, force_column : str, optional
+        Their names; by default the only ones that sound like a time and a force.
+    unit : str, optional
+        Of the force; by default the one in the column's name, and N where there is none.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, a column is missing or ambiguous, times do
+        not increase, or fewer than two rows have values.
+    """
+    table = _table(path)
+    names = [str(name) for name in table.columns]
+    time_name = _column(path, names, time_column, _TIME, "time")
+    force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))
+    times = _times(path, table[time_name], time_name)
+    forces = _numbers(path, table[force_name], force_name) * _newtons(force_name, unit)
+    if np.nanmax(np.abs(forces), initial=0) > _MOST_N:
+        row = int(np.nanargmax(np.abs(forces))) + 2
+        raise InputError(f"{path}: row {row}", f"{force_name} must be below {_MOST_N:g} N")
+    present = np.isfinite(forces)
+    times, forces, rows = times[present], forces[present], np.flatnonzero(present) + 2
+    if np.any(np.isnan(times)):
+        raise InputError(path, f"{time_name} must be given where there is a force")
+    if len(times) < 2:
+        raise InputError(path, "must hold two forces or more", len(times))
+    if not np.all(np.diff(times) >= 0):
+        row = rows[1 + int(np.argmax(np.diff(times) < 0))]
+        raise InputError(f"{path}: row {row}", f"{time_name} must not decrease")
+    # Some gauges stamp several values with one time: the last one counts.
+    last = np.append(np.diff(times) > 0, True)
+    if np.sum(last) < 2:
+        raise InputError(path, f"{time_name} must increase", times[0])
+    return GaugeRecord(times[last], forces[last])
+
+
+def _table(path: str | Path) -> pd.DataFrame:
+    import io
+
+    import pandas as pd
+
+    data = read_bytes(path, _MAX_BYTES)
+    first = data.lstrip(b"\xef\xbb\xbf").split(b"\n", 1)[0]
+    separator = max(b",;\t", key=lambda sign: (first.count(sign), sign == ord(",")))
+    text = chr(separator)
+    commas = text != "," and b"," in data and b"." not in data.split(b"\n", 1)[-1][:4096]
+    try:
+        table = pd.read_csv(
+            io.BytesIO(data),
+            sep=text,
+            decimal="," if commas else ".",
+            skipinitialspace=True,
+            encoding="utf-8-sig",
+            index_col=False if _ends_in(data, text) else None,
+        )
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(path, f"is not a CSV file ({str(error).splitlines()[0]})") from error
+    if len(table) and not isinstance(table.index, pd.RangeIndex):
+        raise InputError(path, "rows must not have more fields than there are columns")
+    table.columns = [str(name).strip() for name in table.columns]
+    if table.shape[1] < 2:
+        raise InputError(path, "must have columns of times and forces, and a row with their names")
+    if not len(table):
+        raise InputError(path, "must hold two forces or more", 0)
+    return table
+
+
+def _ends_in(data: bytes, separator: str) -> bool:
+    """Whether the first rows, but not the names of the columns, end in a separator."""
+    first, second = (data.split(b"\n", 2) + [b"", b""])[:2]
+    sign = separator.encode()
+    return second.rstrip(b"\r ").endswith(sign) and not first.rstrip(b"\r ").endswith(sign)
+
+
+def _column(
+    path: str | Path,
+    names: Sequence[str],
+    given: str | None,
+    pattern: re.Pattern[str],
+    kind: str,
+    taken: Sequence[str] = (),
+) -> str:
+    """The name of a column: the one given, or the only one that sounds like it."""
+    if given is not None:
+        if given not in names:
+            rule = f"must be one of the columns of {path}: {', '.join(names[:_SHOWN])}"
+            raise InputError(f"--{kind}-column", rule, given)
+        return given
+    found = [name for name in names if pattern.match(name) and name not in taken]
+    if len(found) != 1:
+        which = "several columns sound" if found else "no column sounds"
+        listed = ", ".join((found or names)[:_SHOWN])
+        raise InputError(path, f"{which} like a {kind} ({listed}); state it with --{kind}-column")
+    return found[0]
+
+
+def _unit_of(name: str) -> str:
+    match = _UNIT.search(name)
+    return "" if match is None else (match[1] or match[2]).strip()
+
+
+def _newtons(name: str, unit: str | None) -> float:
+    """Newtons of the unit of a column."""
+    if unit is not None:
+        return unit_n(unit, "--unit")
+    named = _unit_of(name).lower()
+    if named and named not in UNITS_N and name.lower() != f"force_{named}":
+        raise InputError(name, "names an unknown unit of force; state it with --unit", named)
+    return UNITS_N.get(named, 1.0)
+
+
+def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
+    """Times in s: numbers, or dates from the first one on."""
+    import pandas as pd
+
+    if column.dtype.kind in "iuf":
+        return _numbers(path, column, name) * _scale_of_times(name)
+    # Seconds may have decimals in some rows only.
+    mixed = {} if int(pd.__version__.split(".")[0]) < 2 else {"format": "mixed"}
+    dates = pd.to_datetime(column, errors="coerce", utc=True, **mixed)
+    if dates.notna().all():
+        return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
+    return _numbers(path, column, name) * _scale_of_times(name)
+
+
+def _scale_of_times(name: str) -> float:
+    """Seconds of the unit of a column."""
+    unit = _unit_of(name).lower()
+    if unit not in _SECONDS and name.endswith((")", "]", "}")):
+        raise InputError(name, f"names an unknown unit of time; known are {', '.join(_SECONDS)}")
+    return _SECONDS.get(unit, 1.0)
+
+
+def _numbers(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
+    import pandas as pd
+
+    if column.dtype.kind == "b":  # which pandas counts as 0 and 1
+        column = column.astype(str)
+    numbers = pd.to_numeric(column, errors="coerce")
+    wrong = (numbers.isna() & column.notna()) | np.isinf(numbers)
+    if wrong.any():
+        row = int(np.argmax(wrong.to_numpy())) + 2
+        rule = f"{name} must be a finite number"
+        raise InputError(f"{path}: row {row}", rule, column[wrong].iloc[0])
+    return numbers.to_numpy(float)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of one sensor scored against the record of a force gauge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...io.files.readings_files import ReadingsFile
+from .comparison import compare_with_gauge
+from .errors import GaugeComparison, TimedForces
+from .file import GaugeRecord, read_gauge_file
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def score(
+    readings: pandas.DataFrame | str | Path,
+    gauge: GaugeRecord | str | Path,
+    *,
+    sensor: str | None = None,
+    touch_n: float = 0.5,
+    offset_s: float | None = None,
+) -> GaugeComparison:
+    """Compare readings with the record of a force gauge or load cell.
+
+    Parameters
+    ----------
+    readings : DataFrame, or str or Path
+        As :func:`read` returns them, or a file of readings.
+    gauge : str or Path, or GaugeRecord
+        CSV file with columns of times and forces, which are recognised by their names
+        (``read_gauge_file`` takes others). It may have any clock, zero and sign.
+    sensor : str, optional
+        Name of the one that was pressed, where there are several.
+    touch_n : float
+        Force in N from which the gauge shows a press that the sensor must read.
+    offset_s : float, optional
+        Time of the gauge at time 0 of the readings; estimated from the presses by default.
+
+    Returns
+    -------
+    GaugeComparison
+        ``print`` shows it as ``gr-wiforce score`` does.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) when a file or column is missing or broken, when there are several sensors
+        or runs, and as :func:`compare_with_gauge`.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> files = wiforce.simulate("tabletop", "press")
+    >>> found = wiforce.score(wiforce.read("press"), "press.truth.csv")
+    >>> bool(abs(found.offset_s) < 0.01), bool(abs(found.error_n).mean() < 0.3)
+    (True, True)
+    """
+    rows: Sequence[Mapping[str, Any]]
+    if isinstance(readings, str | Path):
+        rows = list(ReadingsFile(readings).rows())
+    elif hasattr(readings, "to_dict"):
+        rows = readings.to_dict("records")
+    else:
+        raise InputError("readings", "must be a pandas frame or a file of readings", readings)
+    record = gauge if isinstance(gauge, GaugeRecord) else read_gauge_file(gauge)
+    return compare_with_gauge(timed_forces(rows, sensor), record, touch_n, offset_s)
+
+
+def timed_forces(rows: Sequence[Mapping[str, Any]], sensor: str | None = None) -> TimedForces:
+    """Forces of one sensor from rows of readings.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Unknown values are None or NaN, flags one text.
+    sensor : str, optional
+        Its name, where there are several.
+
+    Raises
+    ------
+    InputError
+        When there are no readings, several sensors or several runs, or a column is missing.
+    """
+    for name in ("time_s", "sensor", "touch", "force_n", "force_std_n", "flags"):
+        if len(rows) and name not in rows[0]:
+            raise InputError("readings", f"must have the column {name}")
+    names = sorted({row["sensor"] for row in rows})
+    if not names:
+        raise InputError("readings", "holds no readings")
+    if sensor is None and len(names) != 1:
+        raise InputError("sensor", f"must be one of {', '.join(names)}")
+    if sensor is not None and sensor not in names:
+        raise InputError("sensor", f"must be one of {', '.join(names)}", sensor)
+    own = [row for row in rows if sensor in (None, row["sensor"])]
+    times = _column(own, "time_s")
+    if not np.all(np.diff(times) > 0):
+        first = times[1:][np.diff(times) <= 0][0]
+        raise InputError("readings", "time_s must increase: score one run at a time", first)
+    touch = _column(own, "touch")
+    touched, known = touch == 1, np.isfinite(touch)
+    force = np.where(touched, _column(own, "force_n"), 0.0)
+    return TimedForces(
+        times,
+        np.where(known, force, np.nan),
+        _column(own, "force_std_n"),
+        touched,
+        known & np.isfinite(force) & np.array([not row["flags"] for row in own]),
+    )
+
+
+def _column(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray:
+    return np.array([np.nan if row[name] is None else row[name] for row in rows], float)

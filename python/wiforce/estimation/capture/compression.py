@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compression of a receiver by its strongest signal, the static path, and its effect on the tags.
+
+A third-order amplifier gives y = x + c |x|^2 x. For a tag v beside a static path s this is
+v (1 + 2 c |s|^2) + c s^2 conj(v). The first part rotates touched and untouched sensor alike. The
+second is an image that turns the opposite way, with nearly the tag's own profile over the
+subcarriers: it cannot be distinguished from the tag in a group, but it can be computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...signal.waveform import Waveform
+from ..groups import Array, Groups
+from .frame import whole_frames
+
+# Samples behind the preamble in which its echoes fade and filters ring, samples before the next one
+# in which they ring, and how many must lie between.
+_ECHOES = 160
+_RINGING = 64
+_QUIET = 96
+# Largest mean of a symbol, over its rms, that sends nothing on subcarrier 0: rounding.
+_SILENT = 1e-6
+# Share of compression at the largest static sample below which it is neither certain nor of
+# consequence: 0.1 deg of a reading.
+_LEAST = 0.003
+# Part of |s|^2 s that must fall on subcarrier 0 for it to tell.
+_LEAST_SHARE = 1e-3
+# Standard deviations by which the result must exceed that of the offset, which is uncertain where
+# others transmit in the guards.
+_SIGNIFICANT = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """What c s^2 conj(v) adds to the channel, v being the samples that a tag's channel stands for.
+
+    Attributes
+    ----------
+    product : ndarray of complex, shape (symbol_length,)
+        c s^2 at each sample of the symbol.
+    factors : ndarray of complex, shape (K,)
+        Equalizer of the occupied subcarriers.
+    bins : ndarray of int, shape (K,)
+        Their FFT bins.
+    """
+
+    product: Array = field(repr=False)
+    factors: Array = field(repr=False)
+    bins: Array = field(repr=False)
+
+    def of(self, channel: Array) -> Array:
+        """The image of channels, shape (..., K)."""
+        spectrum = np.zeros((*channel.shape[:-1], len(self.product)), complex)
+        spectrum[..., self.bins] = channel / self.factors
+        samples = self.product * np.fft.ifft(spectrum).conj()
+        image: Array = np.fft.fft(samples)[..., self.bins] * self.factors
+        return image
+
+
+@dataclass(frozen=True, eq=False)
+class Compression:
+    """What compression by the static path adds to the channels of the tags' ends.
+
+    Attributes
+    ----------
+    image : Image
+        Of the tags' channels.
+    std : float
+        Standard deviation of what remains of the image, relative to the channel.
+    """
+
+    image: Image = field(repr=False)
+    std: float
+
+    def correct(self, groups: Groups) -> Groups:
+        """Remove the image from ``ends``; what may remain raises ``gain``."""
+        if not len(groups):
+            return groups
+        power = groups.ends.real**2 + groups.ends.imag**2
+        energy = np.einsum("gek,gk->ge", power, 1 / groups.noise)
+        return groups.having(
+            ends=groups.ends - self.image.of(groups.ends),
+            gain=groups.gain + 2 * self.std**2 * energy,
+        )
+
+
+def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
+    """Measure compression at the start of a run, from the subcarrier that is never sent.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Whole frames; some hundred of them, so that noise does not matter. The static path is by
+        far the strongest.
+    waveform : Waveform
+        Nothing is sent on subcarrier 0; without that nothing is said.
+
+    Returns
+    -------
+    Compression or None
+        None where it is below 0.3 % at the largest sample or not significant, or the guard is too
+        short for the echoes to fade. Its standard deviation is half of the difference between a DC
+        offset that is there before the signal is compressed, and one that is added behind.
+
+    Notes
+    -----
+    What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset. Filters ring at the
+    edges of the preamble, so that only its middle and that of the guard are used.
+    """
+    if not _is_silent_at_zero(waveform):
+        return None
+    frame = _mean_frame(samples, waveform)
+    quiet = None if frame is None else _quiet_part(frame, waveform)
+    if frame is None or quiet is None or not np.isfinite(frame).all():
+        return None
+    offset = complex(np.mean(quiet))
+    first, count = waveform.first_averaged, waveform.repetitions
+    width = waveform.symbol_length
+    repetitions = frame[first : first + count * width].reshape(count, width)
+    symbol = repetitions[count // 4 : count - count // 4].mean(axis=0).astype(complex)
+    before, behind = _compression(symbol, offset), _compression(symbol - offset, 0j)
+    uncertain = float(np.std(quiet)) / np.sqrt(len(quiet))
+    found = max(-before, -behind)
+    if found * np.abs(symbol).max() ** 2 < _LEAST:
+        return None
+    if found * abs(_cubed(symbol, offset)) < _SIGNIFICANT * uncertain:
+        return None
+    std = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
+    return Compression(image_operator(symbol, (before + behind) / 2, waveform), std)
+
+
+def _compression(symbol: Array, offset: complex) -> float:
+    """Coefficient c, at most 0: amplifiers convert amplitude to phase much less."""
+    share = _cubed(symbol, offset)
+    if abs(share) <= _LEAST_SHARE * np.mean(np.abs(symbol) ** 3):
+        return 0.0
+    return min(0.0, float((np.mean(symbol - offset) / share).real))
+
+
+def _cubed(symbol: Array, offset: complex) -> complex:
+    """What a coefficient of 1 would add to subcarrier 0."""
+    return complex(np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset)
+
+
+def _is_silent_at_zero(waveform: Waveform) -> bool:
+    symbol = waveform.symbol
+    return bool(abs(np.mean(symbol)) <= _SILENT * np.sqrt(np.mean(np.abs(symbol) ** 2)))
+
+
+def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
+    length = waveform.frame_length
+    if len(samples) < length:
+        return None
+    frames = whole_frames(samples, length)
+    mean: Array = frames.mean(axis=0)
+    return mean
+
+
+def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
+    """Samples of the guard behind the echoes; None where it is too short."""
+    quiet = slice(waveform.preamble_length + _ECHOES, waveform.frame_length - _RINGING)
+    return None if quiet.stop - quiet.start < _QUIET else frame[quiet]
+
+
+def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Image:
+    """The image that compression by a symbol adds to the channel of a tag's end.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex, shape (symbol_length,)
+        Mean folded symbol.
+    coefficient : float
+        c.
+    """
+    bins = waveform.bins
+    return Image(coefficient * symbol**2, waveform.equalizer()[bins], bins)

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Acquisition of all tags over a block of groups, when only their nominal clocks are known."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from ..ends.least_squares import ToneModel
+from ..ends.noise import OUTLIER_RATIO, NoiseEstimate, robust_noise
+from ..group_tones import GroupTones, without_loud
+from .acquisition import DELAY_EVIDENCE, acquire
+from .joint_clock import likelihood_bias, phase_errors
+from .pulse_fit import fit_pulses
+from .tracked_tag import TrackedTag
+
+# A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
+# 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/data/thresholds.csv
+# states what other values cost.
+_LEAST_GROUPS = 8
+_LEAST_S = 0.4
+# Bias of a tag's likelihood above which clocks are tracked by the complete model: on line 4 it
+# causes errors of 0.4 deg, close to the bound of 0.55 deg at gamma 0 dB.
+_LARGEST_BIAS = np.radians(0.1)
+# Gauss-Newton steps from the phases of the likelihood.
+_REFINEMENTS = 3
+
+
+class ClockSearch:
+    """Finds the tags' clocks, their levels and the noise in a block of groups.
+
+    Parameters
+    ----------
+    model : ToneModel
+        Of the run, with its tags.
+    noise : NoiseEstimate
+        Set by every search.
+    averaging_s : float
+        Ta of the waveform, in s.
+
+    Attributes
+    ----------
+    groups : int
+        Groups per search.
+    jointly : bool
+        Whether the likelihood of some tag is biased, so that all clocks are estimated jointly from
+        the complete model.
+    """
+
+    def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:
+        self._model, self._noise = model, noise
+        self.groups = max(_LEAST_GROUPS, int(np.ceil(_LEAST_S / model.group_period_s)))
+        self.jointly = any(
+            likelihood_bias(model.table, tag.likelihood, tag.clock, averaging_s) > _LARGEST_BIAS
+            for tag in model.tags
+        )
+
+    def run(self, groups: GroupTones) -> None:
+        """Acquire every tag over a block of groups, all of them usable.
+
+        Two or three passes, because the noise and the leakage of other tags into a tag's lines are
+        known only after the first.
+        """
+        groups = without_loud(groups)
+        if len(groups) < 2:
+            return
+        self._noise.set(groups.power().mean(axis=0), groups.level.max())
+        for _ in range(2 if len(self._model.tags) == 1 else 3):
+            for tag in self._model.tags:
+                self.acquire(tag, groups)
+            self._take_residuals(groups)
+        if self.jointly and self._model.locked:
+            self._refine(groups)
+            for tag in self._model.locked:
+                if tag.clock2_delay and not tag.overlapping:
+                    self._verify_delay(tag, groups)
+        for tag in self._model.locked:
+            self._fit_pulses(tag, groups)
+        self._noise.set(self._noise.variance, groups.level.max(), len(groups))
+
+    def retry(self, tag: TrackedTag, group: GroupTones) -> None:
+        """Try to acquire a lost tag over the latest groups, the last of which is given."""
+        tag.waiting.append(group)
+        del tag.waiting[: -self.groups]
+        if len(tag.waiting) < self.groups:
+            return
+        latest = without_loud(GroupTones.concatenate(tag.waiting))
+        if self.acquire(tag, latest):
+            self._fit_pulses(tag, latest)
+            tag.waiting = []
+
+    def _fit_pulses(self, tag: TrackedTag, groups: GroupTones) -> None:
+        """Fit the pulses of a tag over a block of groups, once."""
+        if tag.pulses_known or tag.overlapping:
+            return
+        tag.pulses_known = True
+        if fit_pulses(self._model, tag, groups, self._noise.inverse):
+            self._take_residuals(groups)
+
+    def acquire(self, tag: TrackedTag, groups: GroupTones) -> bool:
+        """Acquire one tag over a block of usable groups; whether it was found."""
+        model, subcarriers = self._model, groups.tones.shape[2]
+        fit = None if len(model.tags) == 1 else model.fit(groups, model.predict(groups))
+        covariances = tag.likelihood.covariance(
+            model.own_tones(tag, groups, fit), self._noise.variance * groups.loss
+        )
+        found = acquire(
+            groups.center_s,
+            covariances,
+            tag.likelihood,
+            tag.rate,
+            tag.clock.tolerance_ppm,
+            subcarriers,
+        )
+        if found.found:
+            tag.start(found, groups.center_s, subcarriers, self._noise.level)
+        else:
+            tag.drop()
+        return found.found
+
+    def _take_residuals(self, groups: GroupTones) -> None:
+        """Estimate the noise from the residuals of a block of groups, without outliers."""
+        fit = self._model.solve(groups, self._model.predict(groups))[2]
+        residuals = fit.noise()
+        levels = residuals.mean(axis=1)
+        fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
+        self._noise.set(robust_noise(fitting, fit.freedom), groups.level.max())
+
+    def _refine(self, groups: GroupTones) -> None:
+        """Fit all clocks to a block of groups by the complete model, from their present values."""
+        for _ in range(_REFINEMENTS):
+            self._step_clocks(groups)
+            self._take_residuals(groups)
+
+    def _step_clocks(self, groups: GroupTones) -> None:
+        """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
+        trackers = self._model.trackers
+        count = len(trackers)
+        fit = self._model.fit(groups, self._model.predict(groups))
+        slope, curvature, noise = fit.expansion().information(self._noise.inverse)
+        # A phase error at the start acts on all groups alike, one of the rate by the time elapsed.
+        elapsed_s = groups.center_s - trackers[0].time_s
+        course = np.stack([np.ones(len(groups)), elapsed_s], axis=1)
+        gradient = np.einsum("gi,gs->is", course, slope).ravel()
+        information = np.einsum("gi,gj,gst->isjt", course, course, curvature)
+        excess = np.einsum("gi,gs->is", course**2, noise).ravel()
+        errors, variances = phase_errors(
+            gradient, information.reshape(2 * count, 2 * count), excess
+        )
+        for i, tracker in enumerate(trackers):
+            own = [i, count + i]
+            tracker.correct(errors[own], variances[own])
+
+    def _verify_delay(self, tag: TrackedTag, groups: GroupTones) -> None:
+        """Set the delay of clock 2 to 0 unless the complete model supports it as well."""
+        locked = self._model.locked
+        delayed, noise = [copy(tracker) for tracker in self._model.trackers], self._noise.variance
+        if tag.tracker is not None:
+            tag.tracker.likelihood = tag.likelihood
+        self._refine(groups)
+        _, tones, subcarriers = groups.tones.shape
+        freedom = len(groups) * subcarriers * (tones - 2 * len(self._model.tags))
+        evidence = freedom * (self._noise.level / np.mean(noise) - 1)
+        if evidence > DELAY_EVIDENCE:
+            for each, tracker in zip(locked, delayed, strict=True):
+                each.tracker = tracker
+            self._noise.set(noise, groups.level.max())

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tracking of all tags' clocks from group to group.
+
+Only the tracking filters and the noise estimate have to run group by group. What they need from a
+group is computed for many groups at once: likelihoods and residual, expanded to second order around
+clocks that are predicted from the last group before them, the *operating point*. It is replaced at
+certain groups whatever the batches are, so the division into batches does not change the clocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..ends.least_squares import ToneModel
+from ..ends.noise import NoiseEstimate, NoiseHistory, Verdict
+from ..group_tones import GroupTones, power_of
+from ..groups import Array
+from .clock_search import ClockSearch
+from .clock_tracker import ClockPath, ClockTracker, predict_clocks
+from .joint_clock import PhaseExpansion, phase_errors
+from .tracked_tag import TrackedTag
+
+# A tag that was not received for this long is acquired again, because its clock may have restarted.
+_LOST_S = 0.5
+# Both times are at least so many groups: in long groups, a single one may be lost.
+_LEAST_GROUPS = 2.5
+# Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
+# d t^2 / 2 = 0.1 cycles at 1 kHz.
+_BRIDGED_S = 20.0
+# An operating point is used for this long, at least this many groups, as long as every clock is
+# near it. Noise, a mean over two seconds, changes little meanwhile.
+# At least the last number of groups is expanded at once.
+_POINT_S = 1.0
+_POINT_GROUPS = 16
+_LEAST_REACH = 4
+# How far a clock may be from its operating point, in radians. The second-order expansion of J errs
+# by n^2 d^3 / 6 at a distance d, where n = 3 is a typical harmonic: at the limit, by this many
+# standard deviations of the clock's phase.
+_POINT_RAD = (0.003, 0.01)
+_POINT_STDS = 1e-3
+
+
+@dataclass(frozen=True)
+class TrackedClocks:
+    """Clocks of the locked tags and noise in G groups.
+
+    Attributes
+    ----------
+    path : ClockPath
+        Corrected by each group; arrays of shape (G, tags).
+    received : ndarray of bool, shape (G, tags)
+        Whether the group contains the tag.
+    noise : NoiseHistory
+        MODEL_LOST where the last of these groups shows that clocks or noise are wrong.
+    """
+
+    path: ClockPath
+    received: Array
+    noise: NoiseHistory
+
+    def __len__(self) -> int:
+        return len(self.noise)
+
+
+@dataclass(frozen=True)
+class _OperatingPoint:
+    """Clocks and noise before a group, by which groups are evaluated up to ``stop``.
+
+    It serves clocks that are not further from it than ``reach_rad``, each by its own.
+    """
+
+    stop: int
+    trackers: list[ClockTracker]
+    reach_rad: list[float]
+    inverse_noise: Array
+    noise_level: float
+
+    def serves(self, ahead: Sequence[float]) -> bool:
+        """Whether clocks that are ahead of it by so much are near enough."""
+        return all(abs(each) <= reach for each, reach in zip(ahead, self.reach_rad, strict=True))
+
+
+@dataclass(frozen=True)
+class _Measurement:
+    """What G groups say of the clocks of S tags, at the clocks assumed.
+
+    Attributes
+    ----------
+    assumed : ndarray, shape (G, S)
+        Phases, in rad.
+    likelihood : ndarray, shape (G, S, 3)
+        J, J' and J'' of each tag without the others.
+    noise_level : float
+        Mean noise variance by which the likelihoods are scaled.
+    errors : ndarray, shape (G, S, 2), or None
+        Errors of the phases by the complete model, and their variances, where these are used.
+    """
+
+    assumed: Array
+    likelihood: Array
+    noise_level: float
+    errors: Array | None
+
+
+class ClockTracking:
+    """Tracks the clocks of a model's tags.
+
+    Parameters
+    ----------
+    model : ToneModel
+        Its tags' trackers are updated.
+    noise : NoiseEstimate
+        Known before the first group is tracked.
+    search : ClockSearch
+        Acquires tags whose clock is not known.
+    """
+
+    def __init__(self, model: ToneModel, noise: NoiseEstimate, search: ClockSearch) -> None:
+        self._model, self._noise, self._search = model, noise, search
+        self._point: _OperatingPoint | None = None
+        self._point_groups = max(_POINT_GROUPS, int(_POINT_S / model.group_period_s))
+        # Groups that are expanded at once: about as many as a point has served lately.
+        self._reach = _POINT_GROUPS
+
+    def predict(self, groups: GroupTones) -> TrackedClocks:
+        """Clocks and noise in groups that they were acquired from."""
+        noise, clocks = self._noise, self._model.predict(groups)
+        fit = self._model.solve(groups, clocks)[2]
+        residual = fit.noise()
+        raised = np.array([noise.raised(each, fit.freedom) for each in residual])
+        last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
+        history = NoiseHistory(
+            np.mean(residual * noise.inverse / raised, axis=1),
+            raised,
+            noise.inverse / raised,
+            np.tile(noise.variance, (len(groups), 1)),
+            Verdict.LEARNED,
+        )
+        return TrackedClocks(clocks, last_seen_s >= groups.center_s[:, None] - 1e-9, history)
+
+    def restart(self) -> None:
+        """Start from clocks that were acquired again."""
+        self._point = None
+
+    def track(self, groups: GroupTones) -> TrackedClocks:
+        """Track clocks and noise over the first of some groups, at least one.
+
+        Returns TrackedClocks: of as many groups as were tracked.
+
+        Parameters
+        ----------
+        groups : GroupTones
+            All of them usable.
+        """
+        model, first = self._model, groups[:1]
+        for tag in model.tags:
+            if self._expired(tag, float(groups.center_s[0])):
+                tag.drop()
+        lost = [tag for tag in model.tags if tag.tracker is None]
+        if not lost:
+            return self._follow(groups)
+        # The tags that are locked may change with every group.
+        self.restart()
+        clocks = self._follow(first)
+        for tag in lost:
+            self._search.retry(tag, first)
+        self.restart()
+        seen = [tag.last_seen_s >= first.center_s[0] for tag in model.locked]
+        return replace(clocks, path=model.predict(first), received=np.array([seen], bool))
+
+    def _follow(self, groups: GroupTones) -> TrackedClocks:
+        model, trackers = self._model, self._model.trackers
+        locked, point = model.locked, self._point_for(groups, trackers)
+        served = int(groups.group.searchsorted(point.stop))
+        groups = groups[: min(served, self._reach)]
+        assumed = predict_clocks(point.trackers, groups.center_s)
+        groups = model.without_spread_lines(groups, assumed)
+        expansion, terms, freedom = self._expand(groups, assumed)
+        measured = _Measurement(
+            assumed.phase,
+            terms @ point.inverse_noise / groups.loss[:, :, None],
+            point.noise_level,
+            self._errors(expansion, point.inverse_noise),
+        )
+        before: list[tuple[ClockTracker, float]] = []
+        if len(groups) > 1:  # a part of them may be tracked again
+            before = [(copy(tag.tracker), tag.last_seen_s) for tag in locked if tag.tracker]
+        path, received = self._filter(groups.center_s, measured, point)
+        count = len(received)
+        if count < len(groups):
+            self._reach = max(count, _LEAST_REACH)
+        elif count == self._reach:
+            self._reach = min(2 * count, self._point_groups)
+        shifts = (path.phase - assumed.phase[:count] + np.pi) % (2 * np.pi) - np.pi
+        for i, tag in enumerate(locked):
+            if tag.clock.wanders:  # contained in the wander that was removed
+                shifts[:, i] = 0.0
+        followed = expansion if count == len(groups) else expansion[:count]
+        residuals = followed.power_at(shifts) / freedom
+        complete = (groups.missing == 0).tolist()
+        noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
+        if noise.verdict is not Verdict.LEARNED:
+            # What follows is tracked by the noise that this group has shown.
+            self.restart()
+            if len(noise) < count:
+                for tag, (tracker, last_seen_s) in zip(locked, before, strict=True):
+                    tag.tracker, tag.last_seen_s = tracker, last_seen_s
+                path, received = self._filter(groups.center_s[: len(noise)], measured, point)
+        return TrackedClocks(path, received, noise)
+
+    def _filter(
+        self, center_s: Array, measured: _Measurement, point: _OperatingPoint
+    ) -> tuple[ClockPath, Array]:
+        """Update the trackers by one group after the other, as long as the point serves.
+
+        Parameters
+        ----------
+        center_s : ndarray, shape (G,)
+            Centres of groups, at least one.
+        measured : _Measurement
+            Of at least these groups.
+        point : _OperatingPoint
+            That they were measured at.
+
+        Returns
+        -------
+        path : ClockPath
+            Of as many groups as were taken.
+        received : ndarray of bool, shape (G, S)
+            Whether each of them contains the tag.
+        """
+        locked, trackers = self._model.locked, self._model.trackers
+        noise_level = measured.noise_level
+        assumed, likelihoods = measured.assumed.tolist(), measured.likelihood.tolist()
+        errors = None if measured.errors is None else measured.errors.tolist()
+        phase, rate = np.empty((2, len(center_s), len(locked)))
+        received = np.zeros(phase.shape, bool)
+        for row, time_s in enumerate(center_s.tolist()):
+            ahead = _ahead(trackers, assumed[row], time_s)
+            if row and (
+                not point.serves(ahead) or any(self._expired(tag, time_s) for tag in locked)
+            ):
+                return ClockPath(phase[:row], rate[:row]), received[:row]
+            for i, tracker in enumerate(trackers):
+                values, error = likelihoods[row][i], errors[row][i] if errors else None
+                if tracker.update(time_s, values, noise_level, error, ahead[i]):
+                    locked[i].last_seen_s = time_s
+                    received[row, i] = True
+                phase[row, i], rate[row, i] = tracker.phase, tracker.rate
+        return ClockPath(phase, rate), received
+
+    def _point_for(self, groups: GroupTones, trackers: list[ClockTracker]) -> _OperatingPoint:
+        """The operating point of the first of some groups: the present one, or a new one."""
+        group, time_s = int(groups.group[0]), float(groups.center_s[0])
+        point = self._point
+        if point is not None and group < point.stop:
+            phases = [tracker.predict(time_s)[0] for tracker in point.trackers]
+            if point.serves(_ahead(trackers, phases, time_s)):
+                return point
+        before, noise = [copy(each) for each in trackers], self._noise
+        stop = group + self._point_groups
+        reach_rad = [_reach_rad(tracker) for tracker in before]
+        self._point = _OperatingPoint(stop, before, reach_rad, noise.inverse, noise.level)
+        return self._point
+
+    def _expand(self, groups: GroupTones, assumed: ClockPath) -> tuple[PhaseExpansion, Array, int]:
+        """Residual of groups around the clocks assumed, terms of each J, degrees of freedom.
+
+        The second are those of J and its derivatives, of each locked tag without the other tags;
+        shape (G, S, 3, K).
+        """
+        model = self._model
+        fit = model.fit(groups, assumed)
+        terms = np.empty((len(groups), assumed.phase.shape[1], 3, groups.tones.shape[2]))
+        for i, (tag, tracker) in enumerate(zip(model.locked, model.trackers, strict=True)):
+            own = model.own_tones(tag, groups, fit)
+            terms[:, i] = tracker.likelihood.at(assumed.phase[:, i], own)
+        expansion = fit.expansion()
+        if any(tag.clock.wanders for tag in model.locked):
+            model.remove_wander(fit, groups, assumed)
+            expansion.power = power_of(fit.residual).sum(axis=1)
+        return expansion, terms, fit.freedom
+
+    def _expired(self, tag: TrackedTag, time_s: float) -> bool:
+        """Whether a tag's clock is not predicted any further."""
+        if tag.tracker is None:
+            return False
+        least_s = _LEAST_GROUPS * self._model.group_period_s
+        absent_s, unseen_s = tag.tracker.time_s - tag.last_seen_s, time_s - tag.last_seen_s
+        return absent_s > max(_LOST_S, least_s) or unseen_s > max(_BRIDGED_S, least_s)
+
+    def _errors(self, expansion: PhaseExpansion, inverse_noise: Array) -> Array | None:
+        """Errors of the phases assumed and their variances by the complete model, if used."""
+        if not self._search.jointly or not self._model.locked:
+            return None
+        errors, variances = phase_errors(*expansion.information(inverse_noise))
+        return np.array([errors, variances]).transpose(1, 2, 0)
+
+
+def _reach_rad(tracker: ClockTracker) -> float:
+    """How far a clock may be from where it is now for the expansion of J to hold."""
+    error_rad = _POINT_STDS * math.sqrt(tracker.variances[0])
+    return min(max((6 / 9 * error_rad) ** (1 / 3), _POINT_RAD[0]), _POINT_RAD[1])
+
+
+def _ahead(trackers: Sequence[ClockTracker], phases: Sequence[float], time_s: float) -> list[float]:
+    """By how much the trackers' phases exceed others, in rad."""
+    return [
+        tracker.ahead_of(phase, time_s) for tracker, phase in zip(trackers, phases, strict=True)
+    ]

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Likelihood of a tag's clock phase, given the tones of a group.
+
+With the two ends' channels unknown on every subcarrier, the energy that the tones P of a group
+have in the span of the tag's harmonics, J(theta) = sum_k P_k^H Pi(theta) P_k / sigma_k^2, is the
+log-likelihood of the clock phase theta up to a constant. The elements of Pi rotate with theta as
+exp(j (m - m') theta), so J is a trigonometric polynomial, and its few coefficients contain all
+information of a group. Odd and even lines together distinguish theta from theta + pi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ...errors import InputError
+from ...signal.lines import Tone
+from ...signal.switching import DUTY, harmonics
+from ...signal.weights import ToneTable
+from ..group_tones import power_of
+from ..groups import Array
+
+# Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
+# group 3.8 dB better, but the tracking loop averages it over many groups; readings lose at most
+# half a dB to the bound in total (docs/data/accuracy.csv).
+_HIGHEST_LINE = 8
+# Grid of the search over clock 2's delay: 16 points per period of line 8.
+_DELAYS = 64
+# Share of a tag's signal that must change at any wrong clock phase; see :func:`phase_margin`.
+PHASE_MARGIN = 0.02
+
+
+class PhaseLikelihood:
+    """Computes the coefficients of J(theta) from the tones of a group.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    tag : int
+        Index of the tag among the table's.
+    averaging_phase : float
+        fs Ta, in cycles.
+    clock2_delay : float
+        Delay of clock 2's pulses, in radians of clock 1.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (L,)
+        Tones of this tag alone that are used for its clock.
+    lines : ndarray of int, shape (L,)
+        Harmonic number of each.
+    scale : ndarray, shape (L,)
+        Factors by which these tones have unit noise.
+    duty : (float, float)
+        Duty cycles of clocks 1 and 2.
+    projection : ndarray of complex, shape (L, L)
+        Pi(0), for the scaled tones.
+
+    Raises
+    ------
+    InputError
+        When the tag's own lines do not determine its clock's phase, or its ends.
+    """
+
+    def __init__(
+        self, table: ToneTable, tag: int, averaging_phase: float, clock2_delay: float = 0.0
+    ) -> None:
+        self.rows, self.lines = own_lines(table.tones, tag)
+        self.clock2_delay, self.duty = clock2_delay, DUTY
+        self._averaging_phase = averaging_phase
+        # Rows of unit noise; the lines are then close enough to orthogonal.
+        self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
+        if phase_margin(self._spectra(clock2_delay), self.lines) < PHASE_MARGIN:
+            alone = all(owner == tag for tone in table.tones for owner, *_ in tone.owners)
+            rule = (
+                "must leave the tag enough lines on which no other line of it falls, nor an alias; "
+                if alone
+                else "must leave the tag enough lines on which none of another tag falls; "
+            )
+            shown = ", ".join(map(str, sorted(set(abs(self.lines))))) or "none"
+            raise InputError(f"clocks_hz[{tag}]", f"{rule}its own are {shown}")
+        self._set_basis()
+
+    def delayed(
+        self, clock2_delay: float, duty: tuple[float, float] | None = None
+    ) -> PhaseLikelihood:
+        """The same likelihood for another delay of clock 2, in rad of clock 1, or other duties."""
+        other = object.__new__(PhaseLikelihood)
+        other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
+        other._averaging_phase = self._averaging_phase
+        other.clock2_delay = clock2_delay
+        other.duty = self.duty if duty is None else duty
+        other._set_basis()
+        return other
+
+    def _spectra(self, clock2_delay: float) -> Array:
+        """Fourier coefficients of both ends at the tag's own lines, scaled; shape (L, 2)."""
+        coefficients = harmonics(self.lines, self._averaging_phase, self.duty).astype(complex)
+        coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
+        return coefficients * self.scale[:, None]
+
+    def _basis(self, clock2_delay: float) -> Array:
+        return np.linalg.qr(self._spectra(clock2_delay))[0]
+
+    def _set_basis(self) -> None:
+        basis = self._basis(self.clock2_delay)
+        self.projection = basis @ basis.conj().T
+        # u = B^H D^-1 P of the lines P, and its derivatives by theta, D = diag(exp(j m theta)).
+        self._turns = -1j * self.lines
+        turns = self._turns ** np.arange(3)[:, None]
+        self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
+
+    def at(self, phase: Array, tones: Array) -> Array:
+        """Terms of J, J' and J'' at one phase per group, without computing the coefficients.
+
+        Returns ndarray, shape (G, 3, K): what each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2
+        and its derivatives, times sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j
+        m theta)).
+
+        Parameters
+        ----------
+        phase : ndarray, shape (G,)
+            theta, in rad.
+        tones : ndarray of complex, shape (G, L, K)
+            P of the tag's lines.
+        """
+        turns = np.exp(phase[:, None, None] * self._turns)
+        derivatives = ((self._derivatives * turns) @ tones).reshape(len(tones), 3, 2, -1)
+        # |u|^2, Re u^* u' and Re u^* u'', summed over both elements of u.
+        terms: Array = (derivatives[:, :1].conj() * derivatives).real.sum(axis=2)
+        terms[:, 2] += power_of(derivatives[:, 1]).sum(axis=1)
+        terms[:, 1:] *= 2
+        return terms
+
+    @property
+    def degree(self) -> int:
+        """Degree D of the trigonometric polynomial J: the largest difference of two lines."""
+        return int(self._steps.max())
+
+    @cached_property
+    def _steps(self) -> Array:
+        return self.lines[:, None] - self.lines[None, :]
+
+    @cached_property
+    def noise_variance(self) -> float:
+        """Variance of dJ/dtheta per subcarrier from unit noise alone: tr (dPi/dtheta)^2."""
+        return float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
+
+    @cached_property
+    def _sorted(self) -> tuple[Array, Array, Array]:
+        """Elements of an (L, L) matrix, sorted by the difference d >= 0 of their lines.
+
+        Their flat indices, the start of each d among them, and 1 where a pair of lines has this d.
+        """
+        steps = self._steps.ravel()
+        places = np.argsort(steps, kind="stable")
+        places = places[steps[places] >= 0]
+        orders = np.arange(self.degree + 1)
+        starts = np.searchsorted(steps[places], orders)
+        return places, starts, np.isin(orders, steps).astype(float)
+
+    def covariance(self, tones: Array, noise: Array) -> Array:
+        """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
+
+        Returns ndarray of complex, shape (..., L, L): its trace is the energy of the lines, in
+        units of the noise.
+
+        Parameters
+        ----------
+        tones : ndarray of complex, shape (..., L, K)
+            P of the tag's lines.
+        noise : ndarray, shape (..., K)
+            Noise variance of a tone of unit noise gain on each subcarrier.
+        """
+        scaled = tones * self.scale[:, None]
+        return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
+
+    def turned(self, covariances: Array, phases: Array) -> Array:
+        """Covariances (..., L, L) with the clock set back by ``phases`` (...), in rad."""
+        turns = np.exp(1j * np.multiply.outer(phases, self.lines))
+        return covariances * turns[..., :, None] * turns[..., None, :].conj()
+
+    @cached_property
+    def delays(self) -> tuple[Array, Array]:
+        """Delays of clock 2 over its whole period, and Pi(0) for each; (n,) and (n, L, L)."""
+        delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
+        return delays, np.array([b @ b.conj().T for b in map(self._basis, delays)])
+
+    def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
+        """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
+
+        Returns ndarray of complex, shape (..., degree + 1).
+
+        Parameters
+        ----------
+        covariance : ndarray of complex, shape (..., L, L)
+            See :meth:`covariance`.
+        projection : ndarray of complex, shape (..., L, L), optional
+            Instead of the likelihood's own.
+        """
+        places, starts, exists = self._sorted
+        terms = covariance * (self.projection if projection is None else projection)
+        terms = terms.reshape(*terms.shape[:-2], -1)
+        return np.add.reduceat(terms[..., places], starts, axis=-1) * exists
+
+
+def phase_margin(spectra: Array, lines: Array) -> float:
+    """How clearly a clock phase differs from any that is an eighth of a cycle or more away.
+
+    Returns float: smallest share of the ends' signals, averaged over both, that changes at such a
+    phase; 0 when the ends can be swapped or are not distinguishable.
+
+    Parameters
+    ----------
+    spectra : ndarray of complex, shape (L, 2)
+        The two ends' spectra at the correct phase.
+    lines : ndarray of int, shape (L,)
+        Harmonic number of each row.
+    """
+    norms = np.linalg.norm(spectra, axis=0)
+    if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
+        return 0.0
+    right, sizes, _ = np.linalg.svd(spectra / norms, full_matrices=False)
+    if sizes[1] < 1e-6:
+        return 0.0
+    shifts = np.arange(1 / 8, 7 / 8 + 1e-9, 1 / 64)
+    turns = np.exp(-2j * np.pi * np.outer(shifts, lines))
+    overlap = np.einsum("mi,sm,mj->sij", right.conj(), turns, right)
+    return max(0.0, float(1 - np.max(np.sum(np.abs(overlap) ** 2, axis=(1, 2))) / 2))
+
+
+def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
+    """Lines by which a tag's clock is tracked: of this tag alone, and not aliased.
+
+    Returns rows, lines (ndarray of int, shape (L,)): index of the tone, and number of the harmonic.
+    """
+    rows, lines = [], []
+    for row, tone in enumerate(tones):
+        if len(tone.owners) == 1 and tone.owners[0][0] == tag:
+            m = tone.owners[0][1]
+            unaliased = np.sign(m) == np.sign(tone.frequency_hz)
+            if abs(m) <= _HIGHEST_LINE and unaliased:
+                rows.append(row)
+                lines.append(m)
+    return np.array(rows, int), np.array(lines, int)
+
+
+def turned_by(coefficients: Array, phases: Array | float) -> Array:
+    """Shift the argument of J.
+
+    Returns ndarray of complex, shape (..., D + 1): of J(theta + phase).
+
+    Parameters
+    ----------
+    coefficients : ndarray of complex, shape (..., D + 1)
+        Of J(theta).
+    phases : float or ndarray, shape (...)
+        In rad.
+    """
+    return coefficients * np.exp(1j * np.multiply.outer(phases, _orders(coefficients.shape[-1])[0]))
+
+
+def evaluate(coefficients: Array) -> tuple[Array, Array, Array]:
+    """J, J' and J'' at theta = 0.
+
+    Returns value, slope, curvature (ndarray, shape (...)).
+
+    Parameters
+    ----------
+    coefficients : ndarray of complex, shape (..., D + 1)
+        q_0 ... q_D; see :meth:`PhaseLikelihood.coefficients`.
+    """
+    _, value, slope, curvature = _orders(coefficients.shape[-1])
+    return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature
+
+
+@lru_cache
+def _orders(count: int) -> tuple[Array, Array, Array, Array]:
+    """d = 0..D, and the factor of each q_d in J, J' and J''."""
+    d = np.arange(count, dtype=float)
+    return d, np.where(d > 0, 2.0, 1.0), -2 * d, -2 * d**2

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""State of one tag during the separation: its clock, and when it was last received."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...signal.switching import switch_averages_and_slopes
+from ...signal.weights import ToneTable
+from ..group_tones import GroupTones
+from ..groups import Array
+from .acquisition import ClockFit
+from .clock_tracker import ClockPath, ClockTracker
+from .likelihood import PhaseLikelihood
+
+# Clocks of a wider tolerance than the first are searched for in the survey of a recording. This is
+# what remains of their tolerance: they wander by some 20 ppm per root of a second. Those of a wider
+# tolerance than the second cannot be read without a survey, since the weights of a run are fixed.
+ACQUIRED_PPM = 300.0
+WIDEST_PPM = 1000.0
+
+
+@dataclass(frozen=True)
+class TagClock:
+    """Clock of one tag, as far as it is known before a run.
+
+    Attributes
+    ----------
+    clock_hz : float
+        fs, in Hz: nominal, or as a survey has measured it.
+    tolerance_ppm : float
+        Largest offset of the clock from that.
+    nominal_hz : float or None
+        What offsets are reported against; None for ``clock_hz``.
+    """
+
+    clock_hz: float
+    tolerance_ppm: float = 100.0
+    nominal_hz: float | None = None
+
+    @property
+    def stated_hz(self) -> float:
+        """Clock that the scene states, in Hz."""
+        return self.clock_hz if self.nominal_hz is None else self.nominal_hz
+
+    @property
+    def wide(self) -> bool:
+        """Whether the clock is searched for in a survey."""
+        return self.tolerance_ppm > ACQUIRED_PPM
+
+    @property
+    def wanders(self) -> bool:
+        """Whether the phase of the clock changes inside a group, as without a crystal."""
+        return self.tolerance_ppm >= ACQUIRED_PPM
+
+    @property
+    def planned_ppm(self) -> float:
+        """Largest offset that weights have to allow for, in ppm."""
+        return self.tolerance_ppm if self.tolerance_ppm <= WIDEST_PPM else ACQUIRED_PPM
+
+
+class TrackedTag:
+    """State that the separation keeps for one tag.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    index : int
+        Of the tag among those the table was designed for.
+    clock : TagClock
+        Nominal clock.
+    averaging_s : float
+        Ta of the waveform, in s.
+
+    Attributes
+    ----------
+    rows : range
+        Its two ends among those of all tags.
+    tracker : ClockTracker or None
+        None while the clock is not known.
+    likelihood : PhaseLikelihood
+        Of the clock's phase, with the duty cycles found and without a delay of clock 2.
+    pulses_known : bool
+        Whether the duty cycles have been estimated.
+    last_seen_s : float
+        Centre of the last group in which the tag was received, in s.
+    averaging_s : float
+        As given.
+    waiting : list of GroupTones
+        The latest groups, one each, over which a lost tag is acquired again.
+    """
+
+    def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
+        self.clock = clock
+        self.rows = range(2 * index, 2 * index + 2)
+        self.rate = 2 * np.pi * clock.clock_hz
+        self.averaging_s = averaging_s
+        self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
+        self.overlapping = self.pulses_known = False
+        self.tracker: ClockTracker | None = None
+        self.last_seen_s = -np.inf
+        self.waiting: list[GroupTones] = []
+
+    def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
+        """Track the clock of a fit.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (L,)
+            Centres of the groups of the fit, in s.
+        subcarriers : int
+            K.
+        noise_level : float
+            Mean noise variance that the likelihoods of the fit are scaled by.
+        """
+        self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
+        self.overlapping = fit.overlapping
+        self.last_seen_s = times_s[-1]
+
+    def drop(self) -> None:
+        """Discard the clock: the tag has to be acquired again."""
+        self.tracker = None
+        self.waiting = []
+
+    @property
+    def clock2_delay(self) -> float:
+        """Delay of clock 2's pulses, in radians of clock 1."""
+        return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
+
+    @property
+    def duty(self) -> tuple[float, float]:
+        """Duty cycles of clocks 1 and 2."""
+        return self.likelihood.duty
+
+    def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
+        """s_1 and s_2 averaged over every snapshot of some groups, and their derivatives.
+
+        Returns averages, slopes (ndarray of float, shape (G, n, 2)): the second by the clock's
+        phase.
+
+        Parameters
+        ----------
+        clock : ClockPath
+            Of this tag, at the centres of G groups; arrays of shape (G,).
+        times_s : ndarray, shape (n,)
+            Times of the snapshots from the centre, in s.
+        """
+        phases = np.multiply.outer(self.rate + clock.rate, times_s)
+        phases += clock.phase[:, None]
+        half_window = (self.rate + clock.rate) * self.averaging_s / 2
+        return switch_averages_and_slopes(phases, half_window, self.clock2_delay, self.duty)

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Least-squares fit of the tags' switching waveforms to the tones of groups.
+
+The weights W of a run are fixed. Their response to each tag's two waveforms at the tracked clock,
+M = W [s1, s2], is computed per group and inverted for all tags together, so that aliases, clock
+offsets and lines shared by tags cause no error (docs/theory.md, Ends).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from ...signal.weights import ToneTable
+from ..clocks.clock_tracker import ClockPath, ClockTracker, predict_clocks
+from ..clocks.tracked_tag import TrackedTag
+from ..group_tones import GroupTones, GroupWeights
+from ..groups import Array, Groups
+from .group_fit import GroupFit, ends_and_residual
+from .spread_lines import SpreadLines
+from .wander import without_wander
+
+# Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
+_WORST_GAIN = 100.0
+# Largest energy of a column over what the others leave of one, from which on a model is singular.
+_SINGULAR = 1e12
+
+
+class ToneModel:
+    """The tones of a run's groups as a linear function of the ends' channels.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    tags : sequence of TrackedTag
+        In the order in which the table was designed.
+    sample_rate_hz : float or None
+        Given when the tones are derotated (``ToneTable.derotation``).
+    symbol_length : int
+        Samples of the symbol that they are derotated within.
+    spread : SpreadLines, optional
+        Given when tags switch within a symbol, so that this is removed.
+    """
+
+    def __init__(
+        self,
+        table: ToneTable,
+        tags: Sequence[TrackedTag],
+        sample_rate_hz: float | None,
+        symbol_length: int = 64,
+        spread: SpreadLines | None = None,
+    ) -> None:
+        self.table = table
+        self._spread = spread
+        self.tags = tags
+        self.group_period_s = table.group_length * table.snapshot_period_s
+        self._line_gain = np.ones((len(table.tones), 1))
+        if sample_rate_hz is not None:
+            self._line_gain = 1 / table.symbol_gain(sample_rate_hz, symbol_length)[:, None]
+
+    @cached_property
+    def _complete(self) -> GroupWeights:
+        return GroupWeights(self.table, self._line_gain, self.table.times_s)
+
+    @property
+    def locked(self) -> list[TrackedTag]:
+        """Tags whose clock is tracked."""
+        return [tag for tag in self.tags if tag.tracker is not None]
+
+    @property
+    def trackers(self) -> list[ClockTracker]:
+        """Clock trackers of the locked tags."""
+        return [tag.tracker for tag in self.tags if tag.tracker is not None]
+
+    def predict(self, groups: GroupTones) -> ClockPath:
+        """Clocks of the locked tags expected in some groups."""
+        return predict_clocks(self.trackers, groups.center_s)
+
+    def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
+        """Whiten the tones of a batch.
+
+        Returns
+        -------
+        GroupTones
+        usable : ndarray of bool, shape (G,)
+            Whether a group has tones, all of them finite.
+        """
+        tones = groups.tones.astype(complex)
+        weights = [self._complete] * len(groups)
+        with np.errstate(invalid="ignore", over="ignore"):
+            white = self._complete.whitener @ tones
+            usable = np.ones(len(groups), bool)
+            own = groups.incomplete if groups.timed is None else usable
+            for row in np.flatnonzero(own):
+                partial = self._partial(groups, row)
+                usable[row] = partial is not None
+                if partial is not None:
+                    weights[row] = partial
+                    white[row] = partial.whitener @ tones[row]
+            parts = white.view(float).reshape(len(groups), -1)
+            level = 2 * (parts * parts).sum(axis=1) / max(parts.shape[1], 1)
+        usable &= np.isfinite(level) & (level > 0)
+        center_s = (groups.index + 0.5) * self.group_period_s
+        return (
+            GroupTones(groups.index, center_s, tones, white, level, groups.missing, weights),
+            usable,
+        )
+
+    def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
+        """Weights of a group that has its own, None where they do not exist."""
+        if groups.timed is not None:
+            timed = groups.timed[row]
+            if timed is None or not np.isfinite(groups.tones[row]).all():
+                return None
+            loss = self.table.group_length / len(timed.times_s)
+            return GroupWeights(timed, self._line_gain, timed.times_s, loss)
+        if groups.snapshot_weights is None or not np.isfinite(groups.tones[row]).all():
+            return None
+        mask = groups.snapshot_weights[row] > 0
+        partial = self.table.for_present(mask) if mask.any() else None
+        if partial is None:
+            return None
+        times_s = self.table.times_s[mask]
+        return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
+
+    def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
+        """Least squares over the locked tags.
+
+        Parameters
+        ----------
+        clocks : ClockPath
+            Of the locked tags in these groups.
+        """
+        rows = np.array([row for tag in self.locked for row in tag.rows], int)
+        mixed = self._mixing(groups, clocks)
+        white = mixed[:, :, : len(rows)]
+        adjoint = white.conj().swapaxes(1, 2)
+        inverse = inverse_of(adjoint @ white)
+        solver = inverse @ adjoint
+        ends, residual = ends_and_residual(white, solver, groups.white)
+        gain = inverse.diagonal(axis1=1, axis2=2).real
+        return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
+
+    def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
+        """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
+        locked = self.locked
+        if not locked:
+            return np.empty((len(groups), len(self.table.tones), 0), complex)
+        rates = clocks.rate + [tag.rate for tag in locked]
+        windows = rates * [tag.averaging_s / 2 for tag in locked]
+        switching = np.array([clocks.phase, rates, windows]).transpose(1, 2, 0)
+        pulses = [(tag.clock2_delay, *tag.duty) for tag in locked]
+        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def without_spread_lines(self, groups: GroupTones, clocks: ClockPath) -> GroupTones:
+        """Groups without what the locked tags spread over the subcarriers at some clocks.
+
+        Returns GroupTones: the same where symbols are short.
+
+        Parameters
+        ----------
+        clocks : ClockPath
+            Of the locked tags in these groups.
+        """
+        if self._spread is None or not self.locked:
+            return groups
+        return self._spread.remove(groups, self.fit(groups, clocks), self.locked, clocks)
+
+    def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
+        """Solve groups for all ends.
+
+        Parameters
+        ----------
+        clocks : ClockPath
+            Of the locked tags in these groups.
+
+        Returns
+        -------
+        ends : ndarray of complex, shape (G, 2S, K)
+            V; 0 for tags that are not locked.
+        gain : ndarray, shape (G, 2S)
+            Variance of V over that of H; infinite for tags that are not locked.
+        fit : GroupFit
+            What these were computed from.
+        """
+        fit = self.fit(groups, clocks)
+        if self._spread is not None and self.locked:
+            groups = self._spread.remove(groups, fit, self.locked, clocks)
+            fit = fit.of_tones(groups.white)
+        count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
+        if len(fit.rows) == count:
+            ends, gain = fit.ends, fit.gain.copy()
+        else:
+            ends = np.zeros((len(groups), count, subcarriers), complex)
+            gain = np.full((len(groups), count), np.inf)
+            ends[:, fit.rows], gain[:, fit.rows] = fit.ends, fit.gain
+        # In units of the whole group: a perfect end would have 1/N.
+        gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
+        self.remove_wander(fit, groups, clocks)
+        return ends, gain, fit
+
+    def remove_wander(self, fit: GroupFit, groups: GroupTones, clocks: ClockPath) -> None:
+        """Remove from residuals what the wander of clocks without a crystal explains."""
+        wandering = [(i, tag) for i, tag in enumerate(self.locked) if tag.clock.wanders]
+        if not wandering:
+            return
+        columns = [column for i, _ in wandering for column in (2 * i, 2 * i + 1)]
+        for row, weights in enumerate(groups.weights):
+            one = slice(row, row + 1)
+            slopes = [
+                tag.waveforms_and_slopes(clocks.of(i, one), weights.times_s)[1][0]
+                for i, tag in wandering
+            ]
+            fit.residual[row] = without_wander(
+                weights,
+                slopes,
+                fit.ends[row, columns],
+                fit.white[row],
+                fit.solver[row],
+                fit.residual[row],
+            )
+
+    def own_tones(self, tag: TrackedTag, groups: GroupTones, fit: GroupFit | None) -> Array:
+        """The lines of a tag, minus what a fit says of the other tags; shape (G, L, K)."""
+        lines = tag.likelihood.rows
+        tones = groups.tones[:, lines]
+        if fit is None or len(self.tags) == 1:
+            return tones
+        foreign = np.flatnonzero(~np.isin(fit.rows, tag.rows))
+        for weights, rows in groups.by_weights():
+            mixing = weights.colorer[lines] @ fit.white[rows][:, :, foreign]
+            tones[rows] -= mixing @ fit.ends[rows][:, foreign]
+        return tones
+
+
+def inverse_of(gram: Array) -> Array:
+    """Inverses of small Hermitian positive definite matrices; pseudo-inverses of singular ones.
+
+    Returns ndarray of complex, shape (G, n, n).
+
+    Parameters
+    ----------
+    gram : ndarray of complex, shape (G, n, n)
+    """
+    if not gram.size:
+        return gram
+    try:
+        inverse = np.linalg.inv(gram)
+    except np.linalg.LinAlgError:
+        if len(gram) > 1:
+            return np.concatenate([inverse_of(each[None]) for each in gram])
+        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    # An element on the inverse's diagonal is 1 over what the other columns leave of its own.
+    gain = np.abs(inverse.diagonal(axis1=1, axis2=2)).max(axis=1)
+    is_singular = gain * gram.diagonal(axis1=1, axis2=2).real.max(axis=1) >= _SINGULAR
+    if is_singular.any():
+        inverse[is_singular] = np.linalg.pinv(gram[is_singular], rcond=1e-9, hermitian=True)
+    return inverse

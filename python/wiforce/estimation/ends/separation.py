@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Separation of the tags' ends: from a group's tones to one complex number per end and subcarrier.
+
+A run of groups passes four steps: the tags' clocks are tracked (``clock_tracking``), the tones are
+solved for the ends at those clocks (``least_squares``), the residual gives the noise (``noise``),
+and what it holds of an end's own channel raises the end's gain (``coherence``). Unknown clocks are
+acquired first (``clock_search``).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...signal.switching import harmonics
+from ...signal.waveform import Waveform
+from ...signal.weights import ToneTable
+from ..clocks.clock_search import ClockSearch
+from ..clocks.clock_tracking import ClockTracking, TrackedClocks
+from ..clocks.tracked_tag import TagClock, TrackedTag
+from ..group_tones import GroupTones, power_of
+from ..groups import Array, Groups
+from .clean_noise import CleanNoise, gain_of_least_error
+from .coherence import CoherentResidual
+from .least_squares import ToneModel
+from .noise import STEP_GROUPS, NoiseEstimate, Verdict
+from .spread_lines import SpreadLines
+
+# Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
+# of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
+_SIGNIFICANT_RESIDUAL = 1.15
+
+
+class EndSeparator:
+    """Separates the tones of each group into the complex channels of the ends.
+
+    Groups are held back until the clocks are acquired.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    clocks : sequence of TagClock
+        In the order in which the table was designed.
+    waveform : Waveform
+        As it was sent.
+    derotated : bool
+        Whether the tones are derotated (``ToneTable.derotation``).
+    others : sequence of TagClock
+        Tags that a survey has found, behind ``clocks`` in the table. They are tracked and solved
+        for, but not given.
+
+    Raises
+    ------
+    InputError
+        When a tag's own lines do not determine its clock's phase, or its ends.
+
+    Notes
+    -----
+    V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks
+    (docs/theory.md, Ends).
+    """
+
+    def __init__(
+        self,
+        table: ToneTable,
+        clocks: Sequence[TagClock],
+        waveform: Waveform,
+        derotated: bool = True,
+        others: Sequence[TagClock] = (),
+    ) -> None:
+        averaging_s = waveform.averaging_s
+        every = enumerate((*clocks, *others))
+        tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
+        self._tags = len(clocks)
+        rate_hz = waveform.sample_rate_hz if derotated and waveform.is_derotated else None
+        # Of channels that another device measured, only the residual tells the noise.
+        is_long = derotated and not waveform.is_derotated
+        has_spread = is_long and waveform.has_spread_lines
+        spread = SpreadLines(waveform) if has_spread else None
+        self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length, spread)
+        profile, period_s = waveform.noise_profile, self._model.group_period_s
+        self._noise = NoiseEstimate(period_s, profile if is_long else None)
+        self._clean_noise = CleanNoise(period_s) if has_spread else None
+        self._coherence = CoherentResidual(2 * len(tags))
+        self._search = ClockSearch(self._model, self._noise, averaging_s)
+        self._tracking = ClockTracking(self._model, self._noise, self._search)
+        # The SNR is defined by line 1 of end 1.
+        self._line_power = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
+        self._held: list[Groups] = []
+        # The latest groups that the noise was learned from: a run, and the row in it.
+        self._latest: deque[tuple[GroupTones, int]] = deque(maxlen=STEP_GROUPS)
+        self._started = False
+
+    @property
+    def acquisition_groups(self) -> int:
+        """Number of groups that are held back until the clocks are acquired."""
+        return self._search.groups
+
+    def process(self, groups: Groups) -> Groups:
+        """Take a batch; give the groups that are ready.
+
+        Returns Groups: with ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without
+        ``tones``; empty while groups are held back for acquisition.
+
+        Parameters
+        ----------
+        groups : Groups
+            With ``tones``.
+        """
+        if self._started:
+            return self._separate(groups)
+        wanted = self._search.groups - sum(map(len, self._held))
+        self._held.append(groups[:wanted])
+        if len(groups) < wanted:
+            return groups[:0]
+        return Groups.concatenate([self.flush(), self._separate(groups[wanted:])])
+
+    def flush(self) -> Groups:
+        """Acquire the clocks in the groups held back, and give them all."""
+        held, self._held = Groups.concatenate(self._held), []
+        if not len(held):
+            return held
+        self._started = True
+        groups, usable = self._model.prepare(held)
+        self._search.run(groups[np.flatnonzero(usable)])
+        return self._separate(held, update=False)
+
+    def _separate(self, groups: Groups, update: bool = True) -> Groups:
+        """Separate groups; ``update`` clocks and noise unless they were acquired from these."""
+        if not len(groups):
+            return groups
+        tones, usable = self._model.prepare(groups)
+        parts: list[dict[str, Array]] = []
+        while len(tones):
+            # A run of groups that are all usable, or of which none is.
+            run = tones[: int((usable != usable[0]).argmax()) or len(tones)]
+            part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
+            parts.append(part)
+            tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
+        arrays = parts[0]
+        if len(parts) > 1:
+            arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        if self._tags < len(self._model.tags):
+            # Tags found by a survey are solved for, but not given.
+            for name in arrays.keys() - {"noise", "noise_rise"}:
+                each = 2 if name in ("ends", "gain", "snr_db") else 1
+                arrays[name] = arrays[name][:, : each * self._tags]
+        rise = arrays["noise_rise"]
+        lost = (1 - 1 / rise).sum(axis=1) / rise.shape[1]
+        arrays["interference"] = groups.interference + (1 - groups.interference) * lost
+        return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
+
+    def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
+        """Separate the first of some usable groups: as many as one tracking step covers."""
+        if not self._noise.known:
+            if not update:
+                return self._without_ends(groups)
+            self._noise.set(groups.power()[0], float(groups.level[0]))
+        clocks = self._tracking.track(groups) if update else self._tracking.predict(groups)
+        groups = groups[: len(clocks)]
+        ends, gain, fit = self._model.solve(groups, clocks.path)
+        noise = clocks.noise
+        if self._clean_noise is not None:
+            noise = self._clean_noise.follow(groups, fit)
+        factors, disturbed = self._coherence.update(fit, noise.inverse)
+        significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
+        own = fit.gain * np.maximum(factors, significant[:, None])
+        if self._clean_noise is not None:
+            own += gain_of_least_error(fit, noise.inverse)
+        stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
+        stated[:, fit.rows] = np.where(np.isfinite(gain[:, fit.rows]), own, np.inf)
+        disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
+        arrays = {
+            **self._clock_arrays(clocks),
+            "ends": ends,
+            "gain": stated,
+            "noise": noise.variance * noise.raised,
+            "noise_rise": noise.raised,
+            "snr_db": self._snr_db(ends, gain, noise.variance),
+            "disturbed": disturbed_tags,
+        }
+        if update:
+            self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
+        if clocks.noise.verdict is Verdict.MODEL_LOST:
+            self._search_again()
+            arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
+        return arrays
+
+    def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
+        """Separate groups whose tones cannot be used."""
+        (count, _, subcarriers), ends = groups.tones.shape, 2 * len(self._model.tags)
+        nothing = np.zeros((count, len(self._model.tags)))
+        noise = self._noise.variance if self._noise.known else np.ones(subcarriers)
+        return {
+            "locked": nothing > 0,
+            "clock_phase": nothing,
+            "clock_offset_ppm": nothing,
+            "clock2_delay": nothing,
+            "overlapping": nothing > 0,
+            "ends": np.zeros((count, ends, subcarriers), complex),
+            "gain": np.full((count, ends), np.inf),
+            "noise": np.tile(noise, (count, 1)),
+            "noise_rise": np.ones((count, subcarriers)),
+            "snr_db": np.full((count, ends), np.nan),
+            "disturbed": nothing > 0,
+        }
+
+    def _search_again(self) -> None:
+        """Acquire clocks and noise again, from groups that all differ from the model."""
+        latest = [groups[row : row + 1] for groups, row in self._latest]
+        self._search.run(GroupTones.concatenate(latest))
+        self._tracking.restart()
+        self._coherence.reset()
+        if self._clean_noise is not None:
+            self._clean_noise.reset()
+        for tag in self._model.tags:
+            tag.waiting = [] if tag.tracker else list(latest)
+
+    def _clock_arrays(self, clocks: TrackedClocks) -> dict[str, Array]:
+        """Lock, phase, offset and delay of every tag's clock; 0 where it was not received."""
+        values = np.zeros((5, len(clocks), len(self._model.tags)))
+        for i, tag in enumerate(self._model.locked):
+            stated = 2 * np.pi * tag.clock.stated_hz
+            own, path = values[:, :, tag.rows[0] // 2], clocks.path.of(i)
+            own[0] = 1.0
+            own[1] = path.phase % (2 * np.pi)
+            own[2] = 1e6 * (tag.rate - stated + path.rate) / stated
+            own[3], own[4] = tag.clock2_delay, tag.overlapping
+            own *= clocks.received[:, i]
+        return {
+            "locked": values[0] > 0,
+            "clock_phase": values[1],
+            "clock_offset_ppm": values[2],
+            "clock2_delay": values[3],
+            "overlapping": values[4] > 0,
+        }
+
+    def _snr_db(self, ends: Array, gain: Array, noise: Array) -> Array:
+        subcarriers = noise.shape[1]
+        level = noise.sum(axis=1)[:, None] / subcarriers
+        # Of an end that was not received, whose gain is infinite, the noise exceeds the power.
+        power = power_of(ends).sum(axis=2) / subcarriers - gain * level
+        ratio = np.maximum(self._line_power * power / level, 1e-12)
+        return np.where(np.isfinite(gain), 10 * np.log10(ratio), np.nan)

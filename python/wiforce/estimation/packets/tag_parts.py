@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tags' own part in what packets are divided by, solved from what all antennas show.
+
+A packet is divided by what it holds along the static paths, x (1 + r U). An end that is closed is
+therefore measured as r W / (1 + r U), with W in the combinations without a static path. r turns
+with every press, and U shows in every packet: the magnitude along the static paths is larger by
+|1 + r U| while the end is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...signal.switching import switch_averages
+from ...signal.timed_weights import TimedTable, clutter_at
+from ..clocks.tracked_tag import TagClock
+from ..groups import Array, Groups
+from .antenna_states import LEAST_STEP
+from .packet_channels import DividedPackets, TagParts
+
+# Rounds in which U and the reflections are estimated from one another. Of a tag whose first line is
+# 22 dB below the direct path, ten leave 1e-4 of U, and forty no less.
+_ROUNDS = 10
+# Probability with which two standard deviations of U are exceeded before anything is measured, and
+# the largest part of a packet that a tag is.
+_EXCEEDED, _LARGEST = 0.05, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedTags:
+    """Tags in the packets of a recording.
+
+    Attributes
+    ----------
+    parts : TagParts
+        What they add to the packets.
+    uncertain : tuple of float
+        Amplitude of U that is still unknown, of each tag: sqrt(2) standard deviations of its real
+        or imaginary part, the larger one. Empty where a tag was not found.
+    snr : float
+        Of a typical end, as a ratio of powers, times the groups in which the tags were found.
+
+    Examples
+    --------
+    >>> solved.uncertain  # doctest: +SKIP
+    (0.0035,)
+    """
+
+    parts: TagParts
+    uncertain: tuple[float, ...]
+    snr: float
+
+    def change_since(self, former: TagParts | None) -> tuple[float, ...]:
+        """Change of U since a former solution.
+
+        Parameters
+        ----------
+        former : TagParts or None
+            None for no tags.
+
+        Returns
+        -------
+        tuple of float
+            Its rms over the subcarriers, for each value of ``uncertain``.
+        """
+        change = self.parts.direct - (0 if former is None else former.direct)
+        rms = np.sqrt(np.mean(np.abs(change) ** 2, axis=1))
+        return tuple(rms.tolist()[: len(self.uncertain)])
+
+
+def solve_tags(
+    groups: Groups,
+    packets: DividedPackets,
+    time_s: Array,
+    table: TimedTable,
+    clocks: tuple[TagClock, ...],
+    window_s: float,
+    reference_groups: int,
+    response: Callable[[Array], Array],
+) -> SolvedTags:
+    """Solve for the tags' parts along the static paths.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the recording, with ``ends``.
+    packets : DividedPackets
+        That their tones are of.
+    time_s : ndarray, shape (n,)
+        Of each packet since the start of the first group, rising, in s.
+    table : TimedTable
+        Weights of the run.
+    clocks : tuple of TagClock
+    window_s : float
+        Time that a channel estimate averages, in s.
+    reference_groups : int
+        The first groups, in which tags are untouched.
+    response : callable
+        What packets are divided by because of tags (n, K) along the static paths.
+
+    Returns
+    -------
+    SolvedTags
+
+    Examples
+    --------
+    >>> solved = solve_tags(  # doctest: +SKIP
+    ...     groups, packets, time_s, table, clocks, 6.4e-6, 10, channels.response)
+    """
+    count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
+    direct = np.zeros((count, subcarriers), np.complex64)
+    combined = np.zeros((count, channels), np.complex64)
+    reflection = np.zeros((len(time_s), count), np.complex64)
+    closed = np.zeros((len(time_s), 2 * count))
+    unknown = np.ones((len(time_s), count))
+    uncertain: list[float] = []
+    known = np.zeros(0, int)
+    if len(groups):
+        received = groups.locked.all(axis=1) & np.isfinite(groups.gain).all(axis=1)
+        known = np.flatnonzero(received)
+    groups = groups[known]
+    found = [_Group(row, packets, time_s, table, clocks, window_s) for row in groups]
+    for tag in range(count if len(groups) else 0):
+        own = slice(2 * tag, 2 * tag + 2)
+        rises = np.array([each.rise[own] for each in found])
+        spread = np.array([each.variance[own] for each in found])
+        common = np.array([each.common[own] for each in found])
+        solved = _Solution(groups, own, rises, spread, common, response, reference_groups)
+        direct[tag], combined[tag] = solved.direct, solved.combined
+        uncertain.append(solved.uncertain)
+        changes = _changes(groups.index, solved.reflection)
+        for each, values, change in zip(found, solved.reflection, changes, strict=True):
+            reflection[each.rows, tag] = each.closed[:, own] @ values
+            closed[each.rows, own] = each.closed[:, own]
+            unknown[each.rows, tag] = change
+    size = np.sqrt(np.mean(np.abs(direct) ** 2, axis=1) + np.mean(np.abs(combined) ** 2, axis=1))
+    known_packets = unknown @ size < LEAST_STEP / 2
+    parts = TagParts(reflection, closed, direct, combined, known_packets)
+    snr = len(groups) * float(np.median(10 ** (groups.snr_db / 10))) if len(groups) else 0.0
+    return SolvedTags(parts, tuple(uncertain), snr)
+
+
+def _changes(index: Array, reflection: Array) -> Array:
+    """By how much groups differ from the more alike of their neighbours, 1 without one."""
+    change = np.ones(len(index))
+    step = np.abs(np.diff(reflection, axis=0)).max(axis=1)
+    step[np.diff(index) > 1] = 1.0
+    change[1:] = np.minimum(change[1:], step)
+    change[:-1] = np.minimum(change[:-1], step)
+    return change
+
+
+class _Group:
+    """Magnitudes along the static paths in a group, by the switches that are closed."""
+
+    def __init__(
+        self,
+        group: Groups,
+        packets: DividedPackets,
+        time_s: Array,
+        table: TimedTable,
+        clocks: tuple[TagClock, ...],
+        window_s: float,
+    ) -> None:
+        period_s = table.group_period_s
+        start_s = float(group.index[0]) * period_s
+        bounds = np.searchsorted(time_s, [start_s, start_s + period_s])
+        self.rows = np.arange(*bounds)
+        times_s = time_s[self.rows] - start_s - period_s / 2
+        closed = []
+        for tag, clock in enumerate(clocks):
+            rate = 2 * np.pi * clock.stated_hz * (1 + 1e-6 * group.clock_offset_ppm[0, tag])
+            phase = group.clock_phase[0, tag] + rate * times_s
+            half = rate * window_s / 2
+            closed.append(switch_averages(phase, half, group.clock2_delay[0, tag]))
+        self.closed = np.hstack(closed)
+        own = packets.state[self.rows] >= 0
+        states = np.eye(packets.state.max() + 2)[packets.state[self.rows[own]]]
+        slow = clutter_at(times_s[own], period_s, table.clutter_hz)[:, 1:]
+        columns = np.hstack([self.closed[own], states, slow])
+        level = packets.level[self.rows[own]]
+        inverse = np.linalg.pinv(columns, rcond=1e-6)
+        fit = inverse @ level
+        residual = level - columns @ fit
+        freedom = max(len(columns) - np.linalg.matrix_rank(columns, tol=1e-6), 1)
+        gain = np.sum(inverse**2, axis=1)
+        count = self.closed.shape[1]
+        self.rise = fit[:count]
+        self.variance = np.multiply.outer(gain[:count], np.sum(residual**2, axis=0) / freedom)
+        # What is common to all subcarriers is noise of the receiver's gain.
+        self.common = gain[:count] * np.sum(residual.mean(axis=1) ** 2) / freedom
+
+
+class _Solution:
+    """U, W and the reflections of a tag in G groups."""
+
+    def __init__(
+        self,
+        groups: Groups,
+        own: slice,
+        rises: Array,
+        variance: Array,
+        common: Array,
+        response: Callable[[Array], Array],
+        reference_groups: int,
+    ) -> None:
+        self._index, self._ends, self._response = groups.index, groups.ends[:, own], response
+        self._rises, self._precise = rises, 1 / np.maximum(variance, 1e-300)
+        self._common = common
+        self._weight = 1 / groups.noise.mean(axis=0)
+        self._noise = np.median(groups.gain[:, own] * groups.noise.mean(axis=1)[:, None], axis=0)
+        untouched = groups.index < reference_groups
+        self._untouched = untouched if untouched.any() else np.arange(len(untouched)) == 0
+        self._wide = self._ends.shape[2] // rises.shape[2]
+        self.reflection = np.ones(rises.shape[:2], complex)
+        self.direct = np.zeros(rises.shape[2], complex)
+        for _ in range(_ROUNDS):
+            self._straighten()
+            self._raise()
+        self.uncertain = self._uncertain()
+
+    def _straighten(self) -> None:
+        """W and the reflections, from the ends as they are measured, with the U known so far."""
+        part = self._part()
+        bend = self._response(part.reshape(-1, part.shape[2])).reshape(part.shape)
+        straight = self._ends * np.repeat(bend, self._wide, axis=2)
+        self.combined = straight[self._untouched, 0].mean(axis=0)
+        energy = np.sum(self._weight * np.abs(self.combined) ** 2)
+        self.reflection = straight @ (self._weight * self.combined.conj()) / max(energy, 1e-300)
+        size = np.mean(np.abs(self.direct) ** 2) + np.mean(np.abs(self.combined) ** 2)
+        # A press that changes inside a group leaves no single reflection to compare with.
+        steady = _changes(self._index, self.reflection) * np.sqrt(size) < LEAST_STEP / 2
+        self._steady = steady if np.count_nonzero(steady) > 1 else np.ones(len(steady), bool)
+        power = float(np.mean(np.abs(self.combined) ** 2) - self._noise[0])
+        self._power = max(power, float(self._noise.max()))
+
+    def _prior(self, value: Array) -> Array:
+        """Variance of U around 0 whose Gaussian touches the prior at a value.
+
+        All directions fade by themselves: with a mean power P of the n others, the density of U
+        falls as (1 + |U|^2 / (n P))^-(n + 1).
+        """
+        return np.asarray((self._wide * self._power + np.abs(value) ** 2) / (self._wide + 1))
+
+    def _raise(self) -> None:
+        """U, from the magnitudes along the static paths, with the reflections known so far."""
+        steady, part = self._steady, self._part()
+        missing = (self._rises - np.log(np.abs(1 + part)))[steady]
+        precise, reflection = self._precise[steady], self.reflection[steady][:, :, None]
+        # What is common to all subcarriers changes the reflections as well: with the ratio
+        # v = R (1 + U) / (1 + R U) measured, log |1 + R U| changes by Re(R dU / (1 + U)). Its
+        # noise is that of the receiver's gain.
+        share = precise / np.sum(precise, axis=2, keepdims=True)
+        each = np.sum(share * missing, axis=2)
+        slope = np.sum(share * reflection / (1 + self.direct), axis=2)
+        common = 1 / np.maximum(self._common[steady], 1e-300)
+        mean = np.mean(self.direct)[None]
+        along = _step(common[..., None], slope[..., None], each[..., None], mean, self._prior(mean))
+        rest = missing - (slope * along)[..., None].real
+        slope = reflection / (1 + part[steady])
+        own = _step(precise, slope, rest, self.direct, self._prior(self.direct))
+        self.direct = self.direct + along + own - np.mean(own)
+
+    def _uncertain(self) -> float:
+        """See :class:`SolvedTags`: by the noise of the gain, and by what remains of the fit."""
+        steady, part = self._steady, self._part()
+        reflection, common = self.reflection[steady], self._common[steady]
+        error = np.mean((self._rises - np.log(np.abs(1 + part)))[steady], axis=2)
+        slope = np.mean(reflection[:, :, None] / (1 + self.direct), axis=2)
+        raised = max(1.0, float(np.mean(error**2 / np.maximum(common, 1e-300))))
+        normal = _normal(1 / np.maximum(raised * common, 1e-300)[..., None], slope[..., None])
+        # While nothing is measured, two standard deviations hold 95 % of the prior.
+        prior = self._power * self._wide * (_EXCEEDED ** (-1 / self._wide) - 1) / 4
+        normal = normal[0] + np.eye(2) * 2 / prior
+        return float(np.sqrt(2 / np.linalg.eigvalsh(normal)[0]))
+
+    def _part(self) -> Array:
+        """r U of every group and end, limited to what a tag can be."""
+        part = self.reflection[:, :, None] * self.direct
+        return np.asarray(part * np.minimum(1, _LARGEST / np.maximum(np.abs(part), 1e-300)))
+
+
+def _normal(precise: Array, slope: Array) -> Array:
+    """Normal matrices of complex unknowns whose real part, times a slope, is measured."""
+    jacobian = np.stack([slope.real, -slope.imag], axis=-1)
+    jacobian = np.broadcast_to(jacobian, (*precise.shape, 2))
+    return np.asarray(np.einsum("gik,gikx,giky->kxy", precise, jacobian, jacobian))
+
+
+def _step(precise: Array, slope: Array, missing: Array, value: Array, prior: Array) -> Array:
+    """Gauss-Newton step of complex unknowns (K,) around 0 with prior variances."""
+    jacobian = np.broadcast_to(np.stack([slope.real, -slope.imag], axis=-1), (*precise.shape, 2))
+    right = np.einsum("gik,gikx,gik->kx", precise, jacobian, missing)
+    right = right - (2 / prior)[:, None] * np.stack([value.real, value.imag], axis=-1)
+    normal = _normal(precise, slope) + np.eye(2) * (2 / prior)[:, None, None]
+    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(found[:, 0] + 1j * found[:, 1])

@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Difference of an end's channel against its reference: the untouched sensor or the last group."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import InputError
+from ...signal.waveform import Waveform
+from ..group_tones import power_of
+from ..groups import Array, Groups
+from .profile import ProfileCheck
+from .reference_sum import NewReference, ReferenceSum
+
+# An end is flagged when more than 20 % of its energy plus three times its noise do not have the
+# reference's profile over the subcarriers (docs/data/thresholds.csv).
+_RESHAPED_SHARE, _RESHAPED_NOISE = 0.2, 3.0
+# Smallest share of the reference's power that is left when its noise is subtracted: R stays finite
+# where the reference is mostly noise.
+_LEAST_POWER = 0.05
+
+
+def subcarrier_weights(noise: Array) -> Array:
+    """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1.
+
+    Returns ndarray, shape (..., K).
+
+    Parameters
+    ----------
+    noise : ndarray, shape (..., K)
+        sigma_k^2.
+    """
+    weights = 1 / np.asarray(noise, float)
+    return weights / weights.sum(axis=-1, keepdims=True)
+
+
+class ConjugateDifference:
+    """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
+
+    Parameters
+    ----------
+    ends : int
+        Ends of all tags, 2S.
+    reference_groups : int
+        Length of the untouched reference from group 0 on, at least 1. Groups of it that are absent
+        or discarded are not replaced by later ones, in which the sensor may be touched. An end
+        that was received in none of them takes the first groups in which it is received. This
+        reference is marked late, because a sensor that is pressed steadily looks the same.
+    against : str
+        ``untouched`` or ``previous``.
+    waveform : Waveform, optional
+        As it was sent. Where it is given, mirror images are removed from the ends, and deviations
+        from the reference's profile raise their variance (``profile.ProfileCheck``).
+
+    Raises
+    ------
+    InputError
+        For any other word, or fewer than one reference group.
+
+    Notes
+    -----
+    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas). The
+    paper (section 3.3) uses the previous group for V_ref.
+    """
+
+    def __init__(
+        self,
+        ends: int,
+        reference_groups: int,
+        against: str = "untouched",
+        waveform: Waveform | None = None,
+    ) -> None:
+        if against not in ("untouched", "previous"):
+            raise InputError("against", "must be 'untouched' or 'previous'", against)
+        if reference_groups < 1:
+            raise InputError("reference_groups", "must be at least 1", reference_groups)
+        self.reference_groups = reference_groups
+        self._against_previous = against == "previous"
+        self._ends = ends
+        self._profile = ProfileCheck(waveform, ends) if waveform is not None else None
+        self._holding = not self._against_previous
+        self._held: list[Groups] = []
+        self._stop: Array | None = None
+        self._next: NewReference | None = None
+        self._restart()
+        self._stop = np.full(ends, reference_groups)
+
+    def tare(self) -> None:
+        """Measure a new untouched reference in the groups that follow.
+
+        These groups are still compared with the former reference, which the new one replaces with
+        the first group behind them. Ends that are received in none of them keep the former one.
+        Without effect while the first reference is measured.
+        """
+        if self._against_previous:
+            self._restart()
+        elif not self._holding:
+            self._next = NewReference(self._ends, self.reference_groups)
+
+    def begin_at(self, index: int) -> None:
+        """Measure the first reference from the group of this index on, instead of group 0."""
+        self._stop = np.full(self._ends, index + self.reference_groups)
+
+    def discard(self) -> None:
+        """Give up the new reference that is being measured, and keep the former one."""
+        self._next = None
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a tare is being measured."""
+        return self._next is not None
+
+    @property
+    def started(self) -> bool:
+        """Whether the first reference has ended; a tare is possible from then on."""
+        return not self._holding
+
+    def completes(self, index: int) -> bool:
+        """Whether the reference that is being measured ends before the group of this index."""
+        return self._next is not None and self._next.ends_before(index)
+
+    def _restart(self) -> None:
+        self._sums = ReferenceSum(self._ends)
+        self._late = np.zeros(self._ends, bool)
+        self._stop = None
+        self._begins = True
+        self._step_of_reference = np.full(self._ends, np.nan + 0j)
+        if self._profile is not None:
+            self._profile.reset()
+
+    def process(self, groups: Groups) -> Groups:
+        """Take a batch; give the groups that are ready.
+
+        At the start groups are held back until the reference is complete, at most twice its
+        length, so that every group is compared with the complete reference.
+
+        Returns Groups: with ``changes`` and the arrays of the reference; without ``ends``.
+
+        Parameters
+        ----------
+        groups : Groups
+            With ``ends``, ``gain`` and ``noise``.
+        """
+        ready: list[Groups] = []
+        for row in range(len(groups)):
+            rest = groups[row:]
+            if self._next is not None:
+                ready.append(self._measure(self._next, rest[:1]))
+                continue
+            if self._settled(rest):
+                ready.append(self._compare(rest, np.zeros((len(rest), self._ends), bool)))
+                break
+            ready.append(self._learn(rest[:1]))
+        return Groups.concatenate(ready)
+
+    def flush(self) -> Groups:
+        """Give the groups held back, compared with the part of the reference received so far."""
+        held, self._held = Groups.concatenate(self._held), []
+        if not len(held):
+            return held
+        self._holding = False
+        return self._compare(held, held.in_reference)
+
+    def _settled(self, groups: Groups) -> bool:
+        """Whether the reference is complete and not changed by these groups."""
+        return (
+            not self._holding
+            and not self._against_previous
+            and not self._begins
+            and bool((self._sums.precision > 0).all())
+            and self._stop is not None
+            and bool((groups.index[0] >= self._stop).all())
+        )
+
+    def _measure(self, new: NewReference, group: Groups) -> Groups:
+        """Process a single group while a new reference is measured."""
+        if new.ends_before(int(group.index[0])):
+            self._adopt(new, int(group.index[0]))
+        else:
+            new.add(group)
+            group = group.having(in_tare=np.ones(1, bool))
+        if self._settled(group):
+            return self._compare(group, np.zeros((1, self._ends), bool))
+        return self._learn(group)
+
+    def _adopt(self, new: NewReference, index: int) -> None:
+        """Replace the reference of all ends that the new one holds, from group ``index`` on."""
+        self._next = None
+        former = self._sums.mean()
+        received = self._sums.replace(new.sums)
+        if not received.any():
+            return
+        power = np.sum(np.abs(former) ** 2, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.sum(self._sums.mean() * former.conj(), axis=1) / power
+        self._step_of_reference = np.where(received, step, 1.0)
+        self._late &= ~received
+        if self._stop is not None:
+            self._stop = np.where(received, np.minimum(self._stop, index), self._stop)
+        self._begins = True
+        if self._profile is not None:
+            self._profile.reset()
+
+    def _learn(self, group: Groups) -> Groups:
+        """Process a single group that may be part of the reference."""
+        step = self._step_of_reference if self._begins else np.ones(self._ends, complex)
+        group = group.having(new_reference=np.array([self._begins]), reference_step=step[None])
+        self._begins = False
+        index, gain = int(group.index[0]), group.gain[0]
+        received, stop = np.isfinite(gain), self._reference_end(index, gain)
+        if self._against_previous:
+            return self._step(group, received)
+        learning = received & (index < stop)
+        self._sums.add(group, learning)
+        self._held.append(group.having(in_reference=learning[None]))
+        complete = np.all((self._sums.precision > 0) & (index + 1 >= stop))
+        if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
+            return group[:0]
+        return self.flush()
+
+    def _reference_end(self, index: int, gain: Array) -> Array:
+        """First group after each end's reference; ends received later get a later reference."""
+        stop = self._stop
+        if stop is None:
+            stop = np.full(self._ends, index + self.reference_groups)
+        late = np.isfinite(gain) & (self._sums.precision == 0) & (index >= stop)
+        self._late |= late
+        self._stop = np.where(late, index + self.reference_groups, stop)
+        return self._stop
+
+    def _step(self, group: Groups, received: Array) -> Groups:
+        """Compare a group with the previous one, and keep it for the next."""
+        values, gain = group.ends[0], group.gain[0]
+        precision = self._sums.precision
+        first = precision == 0
+        reference = np.where(first[:, None], values, self._sums.mean())
+        reference_gain = np.where(first, gain, 1 / np.where(first, 1, precision))
+        last = ReferenceSum(self._ends)
+        last.add(group.having(noise_rise=None), received)
+        self._sums.replace(last)
+        # Here the noise of the reference is another one in each group.
+        both = group.having(gain=group.gain + np.where(first, 0, reference_gain))
+        return self._difference(both, (first & received)[None], reference, reference_gain)
+
+    def _compare(self, groups: Groups, in_reference: Array) -> Groups:
+        groups = self._with_noise_of_reference(groups)
+        return self._difference(groups, in_reference, self._sums.mean(), self._sums.gain())
+
+    def _with_noise_of_reference(self, groups: Groups) -> Groups:
+        """Groups with more noise where interference raised that of the whole reference."""
+        excess = self._sums.excess()
+        if groups.noise_rise is None or not (excess > 1e-9).any():
+            return groups
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 1 / (groups.gain * self._sums.precision)
+        share = np.where(np.isfinite(share), share, 0)
+        more = np.einsum("ge,ek->gk", share, excess) / self._ends
+        return groups.having(noise=groups.noise * (1 + more / groups.noise_rise))
+
+    def _difference(
+        self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
+    ) -> Groups:
+        count = len(groups)
+        weights = subcarrier_weights(groups.noise)
+        # The weighted mean of the noise itself: K over the sum of 1 / sigma_k^2.
+        mean_noise = (weights * groups.noise).sum(axis=1)[:, None]
+        power = weights @ (np.abs(reference) ** 2).T
+        # Noise in the reference adds to its power and would bias |R| towards 0.
+        noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
+        power = np.where(
+            self._sums.precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0
+        )
+        if self._profile is not None:
+            ends, factor = self._profile.process(
+                groups.ends,
+                reference,
+                weights,
+                groups.gain + reference_gain,
+                groups.noise,
+                groups.noise_rise,
+            )
+            gain = groups.gain * factor
+        else:
+            ends, gain = groups.ends, groups.gain
+        with np.errstate(divide="ignore"):
+            scale = np.where(power > 0, 1 / power, 0)
+        changes = ends * (reference.conj() * scale[:, :, None])
+        # A press rotates all subcarriers equally. The residual V - R V_ref is noise, unless the tag
+        # was moved or the frame timing has shifted.
+        energy = (power_of(ends) @ weights[:, :, None])[:, :, 0]
+        explained = power_of((changes @ weights[:, :, None])[:, :, 0]) * power
+        own_noise = np.where(np.isfinite(gain), gain, 0) * mean_noise
+        restarts, steps = groups.new_reference, groups.reference_step
+        if restarts is None:
+            restarts = np.zeros(count, bool)
+            steps = np.ones((count, self._ends), complex)
+        return groups.having(
+            ends=None,
+            gain=gain,
+            changes=changes,
+            new_reference=restarts,
+            reference_step=steps,
+            in_reference=in_reference,
+            late_reference=self._late[None].repeat(count, axis=0),
+            reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,
+            reference_power=power,
+            reference_gain=reference_gain[None].repeat(count, axis=0),
+        )

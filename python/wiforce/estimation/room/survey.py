@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Survey of the room: what the spectrum of the snapshots holds besides the tags' own lines.
+
+The static channel and everything slow lie around zero, the tags' lines at multiples of their
+clocks. Lamps, tags that the scene does not list, other readers and fast movers show up in between,
+long before they disturb a reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...signal.lines import aliased_hz
+from ...signal.room_noise import RoomNoise, room_noise
+from ...signal.switching import line_envelope
+from ...signal.waveform import Waveform
+from ..capture.frame import whole_frames
+from ..clocks.tracked_tag import TagClock
+from ..ends.noise import chi_squared_limit
+from ..groups import Array
+from .clock_lines import ClockLine, find_clocks
+from .sources import MAINS_HZ, Source, identify
+from .windowed_lines import ENBW, LOBE_BINS, blackman_harris, take_lines
+
+# Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
+LONGEST_S = 0.6
+SHORTEST_S = 0.1
+# A floor below this part of the static power is that of rounding and not noise: 16-bit samples
+# round at 1e-10 of full scale, single precision at 1e-15.
+_ROUNDING = 1e-20
+# Power over the floor that noise does not reach: the mean over 62 subcarriers and both signs has a
+# standard deviation of 9 %. Where the noise of subcarriers is not independent, this many standard
+# deviations of a chi-squared variable.
+_SIGNIFICANT = 1.6
+_SIGNIFICANT_STDS = 5.6
+# Lines of a tag that are expected below this part of the floor need not be masked.
+_INVISIBLE = 0.1
+# Side lobes of the window, and how much stronger a tag's lines may be than ideal switches make
+# them.
+_SIDE_LOBES = 10**-9.2
+_OWN_MARGIN = 4.0
+_MOST_HARMONICS = 2000
+# How far a line may move after the survey, at least.
+_LINE_WIDTH_HZ = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Doppler spectrum of a room without its static part.
+
+    Attributes
+    ----------
+    frequency_hz : ndarray, shape (F,)
+        From 0 to half the snapshot rate.
+    spectrum : ndarray, shape (F,)
+        Mean power over the subcarriers and both signs, in units of the floor (white noise).
+    own : ndarray, shape (F,)
+        Height above the floor that the lines of the scene's tags may have, aliased ones included.
+    excess : ndarray, shape (F,)
+        Power per bin that is neither noise nor one of these lines, each snapshot's white noise
+        being 1.
+    sources : list of Source
+        What the excess outside the clutter around zero consists of, as far as it is lines.
+    clocks : tuple of ClockLine, length S
+        Line 1 of each of the scene's tags.
+    snapshot_period_s : float
+        T, in s.
+    static_power : float
+        Power of the static channel, per subcarrier and snapshot, in the same units.
+    significant : float
+        Power over the floor that noise does not reach.
+    subcarriers : int
+        Number of subcarriers, K.
+    """
+
+    frequency_hz: Array = field(repr=False)
+    spectrum: Array = field(repr=False)
+    own: Array = field(repr=False)
+    excess: Array = field(repr=False)
+    sources: list[Source]
+    clocks: tuple[ClockLine, ...]
+    snapshot_period_s: float
+    static_power: float = 0.0
+    significant: float = _SIGNIFICANT
+    subcarriers: int = 1
+
+    @property
+    def line_power(self) -> Array:
+        """Power of line 1 of each tag in the units of ``excess``, (S,); 0 where none stands out."""
+        heights = np.array([line.height for line in self.clocks])
+        return heights * ENBW / len(self.frequency_hz) / 2
+
+    @property
+    def least_power(self) -> float:
+        """Power of a line from which on it stands out of the noise, in the same units."""
+        return (self.significant - 1) * ENBW / len(self.frequency_hz) / 2
+
+    @property
+    def snr_db(self) -> tuple[float, ...]:
+        """SNR of line 1 of each tag in a snapshot, in dB; -inf where none stands out."""
+        power = self.line_power
+        levels = 10 * np.log10(np.maximum(power, 1e-300))
+        return tuple(np.where(power > 0, levels, -np.inf).tolist())
+
+    @property
+    def resolution_hz(self) -> float:
+        """Half width of a line in the spectrum, in Hz."""
+        return float(LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))
+
+    def noise(
+        self,
+        group_length: int,
+        clutter_hz: float,
+        without: Sequence[Source] = (),
+        averaged: bool = True,
+    ) -> RoomNoise:
+        """Noise of the room outside the clutter band.
+
+        Parameters
+        ----------
+        group_length : int
+            Snapshots per group, N.
+        clutter_hz : float
+            Highest frequency that the weights reject anyway.
+        without : sequence of Source
+            Sources that are solved for.
+        averaged : bool
+            As it weighs in the average over the subcarriers (:meth:`weight`) instead of in one.
+        """
+        rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
+        lines = [
+            (
+                line.frequency_hz,
+                line.power * (self.weight(source, group_length) if averaged else 1),
+                source.width_share,
+            )
+            for source in self.sources
+            if source not in without
+            for line in (*source.lines, *source.masked)
+            if line.frequency_hz > clutter_hz
+        ]
+        frequency_hz, power, share = np.array(lines).reshape(-1, 3).T
+        width_hz = np.maximum(_LINE_WIDTH_HZ, share * frequency_hz)
+        return room_noise(
+            np.concatenate(
+                [self.frequency_hz[rows], frequency_hz - width_hz, frequency_hz + width_hz]
+            ),
+            np.concatenate([self.excess[rows], power / 2, power / 2]),
+            group_length,
+            self.snapshot_period_s,
+        )
+
+    def weight(self, source: Source, group_length: int) -> int:
+        """How often the power of a source counts, that of white noise counting once.
+
+        The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
+        The average over K of them divides white noise by K, but hardly that. Other lines, and what
+        is broader, may be the noise of the tag's own clock: to suppress it further would cost more
+        of the tag's lines than it gains. So would lamps on the lines of a tag: both fall alike, so
+        that the weak lines, which the noise hides, disturb as much as the others.
+
+        Returns int: K for lamps beside the lines of the tags, 1 otherwise.
+
+        Parameters
+        ----------
+        group_length : int
+            Snapshots per group, N.
+        """
+        if source.kind != "lamps":
+            return 1
+        clocks_hz = [line.clock_hz for line in self.clocks]
+        met = source.meets(clocks_hz, group_length * self.snapshot_period_s)
+        return 1 if met.any() else self.subcarriers
+
+    def moving_hz(self) -> float:
+        """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
+        above = self.spectrum - 1 > self.significant - 1 + _OWN_MARGIN * self.own
+        known = np.arange(len(above)) >= int(2 * LOBE_BINS)  # behind the rest of the static part
+        for source in self.sources:
+            if source.kind == "line":
+                continue  # perhaps of something that moves
+            for line in source.lines:
+                middle = round(line.frequency_hz / self.frequency_hz[1])
+                known[max(0, middle - int(LOBE_BINS)) : middle + int(LOBE_BINS) + 1] = False
+        above, frequency_hz = above[known], self.frequency_hz[known]
+        # A gap as wide as a line ends the band.
+        width = max(1, int(2 * LOBE_BINS))
+        if not above[:width].any():
+            return 0.0
+        run = np.convolve(above, np.ones(width), "full")[: len(above)]
+        gaps = np.flatnonzero(run[width - 1 :] == 0)
+        return float(frequency_hz[gaps[0] if len(gaps) else -1])
+
+
+def survey_channel(
+    channel: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from consecutive snapshots in which nothing is touched.
+
+    Returns Survey or None: None for fewer snapshots than 0.1 s, values that are not finite, or a
+    channel without noise.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (n, K)
+        H of consecutive snapshots.
+    clocks : sequence of TagClock, length S
+        Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz; empty where there are no lamps.
+
+    Notes
+    -----
+    Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
+    analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
+    the frequencies without lines.
+    """
+    period_s = waveform.snapshot_period_s
+    count = len(channel)
+    if count * period_s < SHORTEST_S or not np.all(np.isfinite(channel)):
+        return None
+    window = blackman_harris(count)
+    still = window @ channel / window.sum()
+    spectra = np.fft.fft((channel - still) * window[:, None], axis=0)
+    power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
+    floor = np.median(power, axis=0) / np.log(2)
+    if not np.all(floor > _ROUNDING * np.mean(np.abs(still) ** 2)) or not np.all(floor > 0):
+        return None
+    # Where lines fill many bins they raise the median: the floor is that of the others.
+    mean = np.mean(power / floor, axis=1)
+    quiet = mean < _SIGNIFICANT * np.median(mean)
+    floor = np.median(power[quiet], axis=0) / np.log(2)
+    mean = np.mean(power / floor, axis=1)
+    half = (count - 1) // 2
+    spectrum = mean[: half + 1].copy()
+    spectrum[1:] = (mean[1 : half + 1] + mean[: -half - 1 : -1]) / 2
+    frequency_hz = np.arange(half + 1) / (count * period_s)
+    found = find_clocks(frequency_hz, spectrum, clocks)
+    own = _own_lines(frequency_hz, found, waveform)
+    significant = _significant(spectrum, channel.shape[1])
+    above = spectrum - 1 > significant - 1 + _OWN_MARGIN * own
+    excess = np.where(above, spectrum - 1, 0) / count
+    excess[: int(2 * LOBE_BINS)] = 0
+    lines = take_lines(frequency_hz, spectrum, excess, count)
+    least = (significant - 1 + _OWN_MARGIN * own) * ENBW / count
+    sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
+    static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
+    return Survey(
+        frequency_hz,
+        spectrum,
+        own,
+        excess,
+        sources,
+        found,
+        period_s,
+        static_power,
+        significant,
+        channel.shape[1],
+    )
+
+
+def survey_samples(
+    samples: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from samples that begin with a frame.
+
+    Returns Survey or None: see :func:`survey_channel`.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Of a receiver, without gaps, while nothing is touched.
+    waveform : Waveform
+        As it was sent.
+    clocks : sequence of TagClock, length S
+        Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz.
+    """
+    length, first = waveform.frame_length, waveform.first_averaged
+    count, width = waveform.repetitions, waveform.symbol_length
+    frames = whole_frames(samples, length)
+    averaged = frames[:, first : first + count * width]
+    folded = averaged.reshape(-1, count, width).mean(axis=1)
+    return survey_folded(folded, waveform, clocks, mains_hz)
+
+
+def survey_folded(
+    folded: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from the folded frames of consecutive snapshots.
+
+    Returns Survey or None: see :func:`survey_channel`.
+
+    Parameters
+    ----------
+    folded : ndarray of complex, shape (n, symbol_length)
+        While nothing is touched.
+    waveform, clocks, mains_hz
+        As for :func:`survey_channel`.
+    """
+    bins = waveform.bins
+    channel = np.fft.fft(folded.astype(complex), axis=1)[:, bins] * waveform.equalizer()[bins]
+    return survey_channel(channel, waveform, clocks, mains_hz)
+
+
+def _significant(spectrum: Array, subcarriers: int) -> float:
+    """Power over the floor that noise does not reach.
+
+    Phase noise within a frame, which remains in the ratio of two antennas, is the same on all
+    subcarriers, so their mean varies more. The lower half of the spectrum shows by how much, since
+    lines do not reach it.
+    """
+    low, middle = np.quantile(spectrum, (0.159, 0.5))
+    looks = (middle / max(middle - low, 1e-9)) ** 2
+    if looks > subcarriers:
+        return _SIGNIFICANT
+    return max(_SIGNIFICANT, float(chi_squared_limit(looks, _SIGNIFICANT_STDS)))
+
+
+def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Waveform) -> Array:
+    """Expected height (F,) of the tags' lines above the floor."""
+    step_hz = float(frequency_hz[1])
+    rate = 1 / waveform.snapshot_period_s
+    own = np.zeros(len(frequency_hz))
+    for line in clocks:
+        clock_hz, error_hz, peak = line.clock_hz, line.error_hz, line.height
+        orders = np.arange(1, _MOST_HARMONICS)
+        heights = peak * line_envelope(orders, clock_hz, waveform)
+        visible = np.flatnonzero((heights >= _INVISIBLE) | (orders <= 4))
+        for m, height in zip(orders[visible].tolist(), heights[visible].tolist(), strict=True):
+            center = abs(aliased_hz(m * clock_hz, rate)) / step_hz
+            reach = m * error_hz / step_hz
+            low = max(0, int(center - reach - 3 * LOBE_BINS))
+            bins = np.arange(low, min(int(center + reach + 3 * LOBE_BINS) + 1, len(own)))
+            apart = np.maximum(np.abs(bins - center) - reach, 0)
+            own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
+    return own

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of channel snapshots that another device has measured: NumPy's .npz."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .packet_times import CLOCK_STEP_S, ordered_times
+
+_KEYS = ("time_s", "channel", "subcarrier_hz")
+# Limits of what a file may hold: fewer subcarriers or packets give no reading, and no device has
+# more subcarriers (802.11be, 320 MHz) or antennas.
+LEAST_SUBCARRIERS, MOST_SUBCARRIERS = 4, 4096
+LEAST_PACKETS, MOST_ANTENNAS = 64, 16
+# Longest time without packets, after which a recording is none, and farthest subcarrier from the
+# carrier, in Hz: that of no radio.
+_LONGEST_GAP_S, _WIDEST_HZ = 3600.0, 1e10
+# A subcarrier that is 0 in more packets than this part is a guard or pilot that is not reported.
+_DEAD_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSnapshots:
+    """Channel snapshots as they are read: no packet twice, times not falling.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    time_s : ndarray, shape (n,)
+        Of each packet, in s.
+    channel : ndarray of complex, shape (n, K, antennas)
+    subcarrier_hz : ndarray, shape (K,)
+        Against the carrier.
+    repeated, unusable : int
+        Packets that were left out: repeats, and those with values that are not finite or all 0.
+    clock_steps : int
+        Times at which the clock of the packets has stepped back; each is a gap.
+    left_out : tuple of (str, int)
+        Further packets that were left out: the reason, and their number.
+    center_frequency_hz : float or None
+    scene : dict or None
+        The scene that the file holds.
+
+    Examples
+    --------
+    >>> snapshots = ChannelSnapshots(
+    ...     Path("a.npz"), np.arange(3.0), np.ones((3, 4, 2)), np.arange(4.0))
+    >>> snapshots.antennas, snapshots.span_s
+    (2, 2.0)
+    """
+
+    path: Path
+    time_s: np.ndarray = field(repr=False)
+    channel: np.ndarray = field(repr=False)
+    subcarrier_hz: np.ndarray = field(repr=False)
+    repeated: int = 0
+    unusable: int = 0
+    clock_steps: int = 0
+    left_out: tuple[tuple[str, int], ...] = ()
+    center_frequency_hz: float | None = None
+    scene: Any = field(default=None, repr=False)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was left out of the file, a sentence each."""
+        found = []
+        if self.clock_steps:
+            times = "once" if self.clock_steps == 1 else f"{self.clock_steps} times"
+            found.append(
+                f"the clock of the packets stepped back {times}: each step is read as a gap of "
+                f"{CLOCK_STEP_S:g} s, after which the tags' clocks are acquired again; times after "
+                "it are not those since the start"
+            )
+        left_out = (
+            ("repeated packet", self.repeated),
+            ("packet without finite values", self.unusable),
+            *self.left_out,
+        )
+        return [*found, *(f"left out {number} x {what}" for what, number in left_out if number)]
+
+    @property
+    def antennas(self) -> int:
+        """Receive antennas."""
+        return int(self.channel.shape[2])
+
+    @property
+    def span_s(self) -> float:
+        """Time from the first packet to the last one, in s."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files that it was read from."""
+        return (self.path,)
+
+
+def open_snapshots(path: str | Path) -> ChannelSnapshots:
+    """Read a file of channel snapshots.
+
+    Parameters
+    ----------
+    path : str or Path
+        NumPy's .npz with the arrays ``time_s`` (N,), ``channel`` (N, K) or (N, K, antennas) and
+        ``subcarrier_hz`` (K,), and perhaps ``center_frequency_hz`` and ``scene`` (as JSON).
+
+    Returns
+    -------
+    ChannelSnapshots
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or broken, and for arrays that are missing, of another type or
+        shape, too few, or with times that fall.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> channel = rng.standard_normal((100, 52, 2, 2)) @ np.array([1, 1j])
+    >>> np.savez(
+    ...     "a.npz", time_s=np.arange(100) * 1e-3, channel=channel,
+    ...     subcarrier_hz=np.arange(52) * 312.5e3)
+    >>> open_snapshots("a.npz").antennas
+    2
+    """
+    path = Path(path)
+    arrays = _arrays(path)
+    missing = [name for name in _KEYS if name not in arrays]
+    if missing:
+        rule = f"must hold the arrays {', '.join(_KEYS)}; missing: {', '.join(missing)}"
+        raise InputError(path, rule)
+    return checked_snapshots(
+        path,
+        arrays["time_s"],
+        arrays["channel"],
+        arrays["subcarrier_hz"],
+        _carrier(path, arrays.get("center_frequency_hz")),
+        _scene(path, arrays.get("scene")),
+    )
+
+
+def checked_snapshots(
+    path: Path,
+    time_s: np.ndarray,
+    channel: np.ndarray,
+    subcarrier_hz: np.ndarray,
+    center_frequency_hz: float | None = None,
+    scene: Any = None,
+    left_out: tuple[tuple[str, int], ...] = (),
+) -> ChannelSnapshots:
+    """Check arrays of channel snapshots, and leave out what cannot be used.
+
+    Parameters
+    ----------
+    path : Path
+        File that they come from.
+    time_s, channel, subcarrier_hz : ndarray
+        As in :func:`open_snapshots`.
+    center_frequency_hz : float, optional
+    scene : dict, optional
+    left_out : tuple of (str, int)
+        Packets that were left out before.
+
+    Returns
+    -------
+    ChannelSnapshots
+
+    Raises
+    ------
+    InputError
+        As :func:`open_snapshots`.
+
+    Examples
+    --------
+    >>> checked_snapshots(Path("a.npz"), np.arange(3.0), np.ones((3, 4), complex), np.arange(4.0))
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: a.npz: time_s: must hold 64 packets or more, got 3
+    """
+    for violation in _violations(time_s, channel, subcarrier_hz):
+        raise InputError(path, *violation)
+    try:
+        order, times, steps = ordered_times(time_s)
+    except ValueError as error:
+        row = error.args[0]
+        rule = f"time_s[{row}]: must not lie before the packet before it, but for a few clock steps"
+        raise InputError(path, rule, float(time_s[row])) from error
+    values = channel.reshape(len(times), len(subcarrier_hz), -1)[order]
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.abs(values)
+        # Only ratios matter: whatever the unit, squares must not overflow.
+        middle = float(np.median(size[np.isfinite(size) & (size > 0)] if size.any() else 1.0))
+        values = (values / (middle or 1.0)).astype(np.complex64)
+        power = np.sum(np.abs(values) ** 2, axis=(1, 2), dtype=float)
+    usable = np.isfinite(power) & (power > 0)
+    # A device reports a packet again with the same values. The same time says nothing: it may be
+    # rounded.
+    same = np.all(values[1:] == values[:-1], axis=(1, 2))
+    again = np.concatenate([[False], same]) & usable
+    kept = usable & ~again
+    if np.count_nonzero(kept) < LEAST_PACKETS:
+        rule = f"must hold {LEAST_PACKETS} packets or more that differ and are finite"
+        raise InputError(path, f"channel: {rule}", int(np.count_nonzero(kept)))
+    times, values = times[kept], values[kept]
+    alive = np.mean(np.abs(values).min(axis=2) == 0, axis=0) <= _DEAD_SHARE
+    if np.count_nonzero(alive) < LEAST_SUBCARRIERS:
+        rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more on which every antenna "
+        raise InputError(path, rule + "receives something", int(np.count_nonzero(alive)))
+    return ChannelSnapshots(
+        path,
+        times,
+        values[:, alive],
+        subcarrier_hz.astype(float)[alive],
+        int(np.count_nonzero(again)),
+        int(np.count_nonzero(~usable)),
+        steps,
+        left_out,
+        center_frequency_hz,
+        scene,
+    )
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file that are looked at, and nothing that would be executed."""
+    if path.is_dir():
+        raise InputError(path, "is a folder; name the .npz file in it")
+    if path.exists() and not path.is_file():
+        raise InputError(path, "must be a file, not a pipe or a device")
+    try:
+        with path.open("rb") as file:
+            start = file.read(6)
+        if start == b"\x93NUMPY":
+            raise InputError(path, "is a single array; write it with numpy.savez")
+        if not start.startswith(b"PK"):
+            raise InputError(path, "is broken, or no .npz file of NumPy")
+        with np.load(path, allow_pickle=False) as opened:
+            wanted = (*_KEYS, "center_frequency_hz", "scene")
+            return {name: opened[name] for name in wanted if name in opened.files}
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror or 'it is truncated'})") from error
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        rule = "holds Python objects (pickles), which are not loaded; write plain arrays"
+        if "pickle" not in str(error).lower():
+            rule = "is broken, or no .npz file of NumPy"
+        raise InputError(path, rule) from error
+    except (zipfile.BadZipFile, EOFError, KeyError, SyntaxError, MemoryError) as error:
+        raise InputError(path, "is broken, or no .npz file of NumPy") from error
+    except Exception as error:  # damaged zip files raise anything from zlib.error to RuntimeError
+        raise InputError(path, f"is broken ({type(error).__name__})") from error
+
+
+def _violations(
+    time_s: np.ndarray, channel: np.ndarray, subcarrier_hz: np.ndarray
+) -> Iterator[tuple[Any, ...]]:
+    """What is wrong with the arrays: a rule, and perhaps the value."""
+    if time_s.ndim != 1 or time_s.dtype.kind not in "fiu":
+        yield "time_s: must be one real number per packet", _kind(time_s)
+    if subcarrier_hz.ndim != 1 or subcarrier_hz.dtype.kind not in "fiu":
+        yield "subcarrier_hz: must be one real number per subcarrier", _kind(subcarrier_hz)
+    if channel.ndim not in (2, 3) or channel.dtype.kind != "c":
+        rule = "channel: must be complex, packets by subcarriers, or by subcarriers and antennas"
+        yield rule, _kind(channel)
+    packets, subcarriers, *antennas = channel.shape
+    if packets != len(time_s):
+        yield f"channel: must have as many packets as time_s ({len(time_s)})", channel.shape
+    if subcarriers != len(subcarrier_hz):
+        count = len(subcarrier_hz)
+        yield f"channel: must have as many subcarriers as subcarrier_hz ({count})", channel.shape
+    if antennas and not 1 <= antennas[0] <= MOST_ANTENNAS:
+        yield f"channel: must have 1 to {MOST_ANTENNAS} antennas", antennas[0]
+    if not LEAST_SUBCARRIERS <= subcarriers <= MOST_SUBCARRIERS:
+        yield (
+            f"subcarrier_hz: must hold {LEAST_SUBCARRIERS} to {MOST_SUBCARRIERS} subcarriers",
+            subcarriers,
+        )
+    if packets < LEAST_PACKETS:
+        yield f"time_s: must hold {LEAST_PACKETS} packets or more", packets
+    if channel.real.any() and not channel.imag.any():
+        yield ("channel: must hold phases, but all imaginary parts are 0",)
+    if not np.isfinite(time_s).all():
+        row = int(np.flatnonzero(~np.isfinite(time_s))[0])
+        yield f"time_s[{row}]: must be finite", float(time_s[row])
+    if not time_s.max() > time_s.min():
+        yield "time_s: must not be the same for all packets", float(time_s[0])
+    gaps = np.flatnonzero(np.diff(time_s.astype(float)) > _LONGEST_GAP_S)
+    if gaps.size:
+        row = int(gaps[0]) + 1
+        rule = (
+            f"time_s[{row}]: must lie at most {_LONGEST_GAP_S:g} s after the packet before it; "
+            "times are in seconds"
+        )
+        yield rule, float(time_s[row])
+    wide = np.flatnonzero(~(np.abs(subcarrier_hz.astype(float)) <= _WIDEST_HZ))
+    if wide.size:
+        rule = f"subcarrier_hz[{wide[0]}]: must be a number of at most {_WIDEST_HZ:g} Hz"
+        yield rule, float(subcarrier_hz[wide[0]])
+    if len(np.unique(subcarrier_hz)) < subcarriers:
+        yield ("subcarrier_hz: must differ from subcarrier to subcarrier",)
+
+
+def _kind(array: np.ndarray) -> str:
+    return f"{array.dtype} of shape {array.shape}"
+
+
+def _carrier(path: Path, value: np.ndarray | None) -> float | None:
+    if value is None:
+        return None
+    if value.ndim or value.dtype.kind not in "fiu" or not np.isfinite(value) or value <= 0:
+        rule = "center_frequency_hz: must be a number above 0"
+        raise InputError(path, rule, value.tolist() if value.size < 9 else _kind(value))
+    return float(value)
+
+
+def _scene(path: Path, value: np.ndarray | None) -> Any:
+    if value is None:
+        return None
+    if value.ndim or value.dtype.kind != "U":
+        raise InputError(path, "scene: must be a text (JSON)", _kind(value))
+    try:
+        return json.loads(str(value))
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "scene: is not JSON") from error

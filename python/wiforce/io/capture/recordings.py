@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...signal.carrier import same_carrier
+from .names import files_of
+from .samples import DATATYPES, samples_of
+from .sigmf_metadata import read_metadata
+
+if TYPE_CHECKING:
+    from ...scene import Scene
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A run of samples without a gap.
+
+    Attributes
+    ----------
+    file_sample : int
+        Its first sample, counted from the beginning of the file.
+    global_index : int
+        The same sample on the device's count, which goes on during gaps.
+    length : int
+        Number of samples.
+
+    Examples
+    --------
+    >>> first, second = Segment(0, 50, 400), Segment(400, 950, 600)
+    >>> second.global_index - (first.global_index + first.length)  # samples lost
+    500
+    """
+
+    file_sample: int
+    global_index: int
+    length: int
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A checked recording.
+
+    Attributes
+    ----------
+    path : Path
+        The data file.
+    datatype : str
+        ``ci16_le`` or ``cf32_le``.
+    sample_rate_hz, center_frequency_hz : float or None
+        None when the file does not state it.
+    segments : tuple of Segment
+        In order of time; a gap lies between two of them.
+    scene : object
+        The scene that the metadata hold (``wiforce:scene``), unchecked; None without one.
+    sha512 : str or None
+        Checksum of the data file that the metadata state (``core:sha512``), not verified.
+
+    Examples
+    --------
+    >>> segments = Segment(0, 50, 400), Segment(400, 950, 600)
+    >>> capture = Capture(Path("a.sigmf-data"), "ci16_le", 12.5e6, 900e6, segments)
+    >>> capture.samples, capture.span
+    (1000, 1500)
+    """
+
+    path: Path
+    datatype: str
+    sample_rate_hz: float | None
+    center_frequency_hz: float | None
+    segments: tuple[Segment, ...]
+    scene: Any = field(default=None, repr=False, compare=False)
+    sha512: str | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in the file."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of the recording that exist, those of a second antenna included."""
+        return files_of(self.path)
+
+    @property
+    def span(self) -> int:
+        """Number of samples from the first to the last, those lost in gaps included."""
+        first, last = self.segments[0], self.segments[-1]
+        return last.global_index + last.length - first.global_index
+
+    def read(self, count: int) -> np.ndarray:
+        """Read the first samples of the file.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples; fewer are returned when the file is shorter.
+
+        Returns
+        -------
+        ndarray of complex64, shape (n,)
+            Full scale is 1 per component.
+        """
+        return self._read_file(0, count)
+
+    def read_span(self, start: int, count: int) -> np.ndarray:
+        """Read samples by their time, whether some were lost or not.
+
+        Parameters
+        ----------
+        start : int
+            First sample, counted on the device from the first one of the file, 0 or more.
+        count : int
+            Number of samples; fewer are returned where the recording ends before.
+
+        Returns
+        -------
+        ndarray of complex64, shape (n,)
+            Zeros in gaps. Full scale is 1 per component.
+
+        Examples
+        --------
+        >>> np.arange(1, 7, dtype=np.complex64).tofile("gap.cf32")
+        >>> segments = Segment(0, 50, 2), Segment(2, 53, 4)
+        >>> capture = Capture(Path("gap.cf32"), "cf32_le", None, None, segments)
+        >>> capture.read_span(1, 4).real
+        array([2., 0., 3., 4.], dtype=float32)
+        """
+        samples = np.zeros(max(0, min(count, self.span - start)), np.complex64)
+        for segment in self.segments:
+            offset = segment.global_index - self.segments[0].global_index - start
+            first, last = max(0, -offset), min(segment.length, len(samples) - offset)
+            if first < last:
+                part = self._read_file(segment.file_sample + first, last - first)
+                samples[offset + first : offset + first + len(part)] = part
+        return samples
+
+    def _read_file(self, start: int, count: int) -> np.ndarray:
+        offset = start * DATATYPES[self.datatype].sample_bytes
+        if self.datatype == "cf32_le":
+            return np.fromfile(self.path, "<c8", count, offset=offset)
+        codes = np.fromfile(self.path, "<i2", 2 * count, offset=offset)
+        return samples_of(codes[: len(codes) // 2 * 2])
+
+    def check_against(self, scene: "Scene") -> None:
+        """Refuse a scene whose sample rate or carrier differs.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Raises
+        ------
+        InputError
+            Naming the file, the scene's value and its own.
+        """
+        own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
+        if own is not None and abs(own - wanted) > 1e-6 * wanted:
+            rule = f"sample rate must be radio.sample_rate_hz of the scene ({wanted:.12g} Hz)"
+            raise InputError(self.path, rule, own)
+        own, wanted = self.center_frequency_hz, scene.radio.center_frequency_hz
+        if own is not None and not same_carrier(own, wanted):
+            rule = f"carrier must be radio.center_frequency_hz of the scene ({wanted:.12g} Hz)"
+            raise InputError(self.path, rule, own)
+
+
+def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
+    """Open a SigMF capture by either file's name or their common stem, or a raw file.
+
+    Parameters
+    ----------
+    path : str or Path
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    Capture
+
+    Raises
+    ------
+    InputError
+        When a file is missing or empty, or its metadata is not valid.
+
+    Examples
+    --------
+    >>> np.ones(1000, np.complex64).tofile("ones.cf32")
+    >>> capture = open_capture("ones.cf32", "cf32_le")
+    >>> capture.samples, capture.read(2)
+    (1000, array([1.+0.j, 1.+0.j], dtype=complex64))
+    """
+    if not isinstance(path, str | Path):
+        raise InputError("capture", "must be the path of a capture", path)
+    path = Path(path)
+    if not path.name:
+        raise InputError(repr(str(path)), "is not the name of a capture")
+    if datatype is not None:
+        return _open_raw(path, datatype)
+    if path.is_dir() and not path.with_name(f"{path.name}.sigmf-meta").exists():
+        rule = "is a folder; name a file of the capture in it, or the part that both have in common"
+        raise InputError(path, rule)
+    stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
+    meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
+    if path.is_file() and not meta.is_file():
+        rule = (
+            f"is not a capture: there is no {meta.name}; for raw samples, give their type "
+            "(--datatype ci16_le or cf32_le)"
+        )
+        if path.suffix == ".npz":
+            rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"
+        raise InputError(path, rule)
+    snapshots = path.with_name(f"{path.name}.npz")
+    if not meta.exists() and not data.exists() and snapshots.is_file():
+        raise InputError(path, f"no such capture; channel snapshots are in {snapshots.name}")
+    if data.is_file() and not meta.exists():
+        rule = "no such file; for samples without metadata, give --datatype and --scene"
+        raise InputError(meta, rule)
+    for file in (meta, data):
+        _check_file(file)
+    return _open_sigmf(meta, data)
+
+
+def _open_raw(path: Path, datatype: str) -> Capture:
+    if datatype not in DATATYPES:
+        raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
+    if not path.exists() and path.with_name(f"{path.name}.sigmf-data").exists():
+        rule = (
+            "no such file; raw samples need the name of their file, and a SigMF capture no "
+            "--datatype"
+        )
+        raise InputError(path, rule)
+    _check_file(path)
+    samples = _count(path, datatype, path.stat().st_size)
+    return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
+
+
+def _check_file(path: Path) -> None:
+    if not path.exists():
+        raise InputError(path, "no such file")
+    # The samples are read from several places of the file at once, as no pipe allows.
+    if not path.is_file():
+        raise InputError(path, "must be a regular file; a folder or a pipe cannot be read")
+
+
+def _count(path: Path, datatype: str, size: int) -> int:
+    sample_bytes = DATATYPES[datatype].sample_bytes
+    if size < sample_bytes:
+        raise InputError(path, "is empty")
+    return size // sample_bytes
+
+
+def _open_sigmf(meta: Path, data: Path) -> Capture:
+    # The size is taken first: while a recorder writes, metadata read later then covers every gap
+    # in the samples counted here.
+    size = data.stat().st_size
+    fields, captures = read_metadata(meta)
+    datatype = fields.get("core:datatype")
+    if datatype not in DATATYPES:
+        rule = f"core:datatype must be one of {', '.join(DATATYPES)}"
+        raise InputError(meta, rule, datatype)
+    if fields.get("core:num_channels", 1) != 1:
+        raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])
+    total = _count(data, datatype, size)
+    rate = _positive(meta, "core:sample_rate", fields.get("core:sample_rate"))
+    carriers = [c["core:frequency"] for c in captures if "core:frequency" in c]
+    carrier = _positive(meta, "core:frequency", carriers[0]) if carriers else None
+    if any(other != carriers[0] for other in carriers):
+        raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
+    segments = _segments(meta, captures, total)
+    scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
+    return Capture(data, datatype, rate, carrier, segments, scene, sha512)
+
+
+def _positive(meta: Path, name: str, value: Any) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 < value < 1e15:
+        raise InputError(meta, f"{name} must be a positive number", value)
+    return float(value)
+
+
+def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> tuple[Segment, ...]:
+    """Runs of samples between gaps; contiguous captures are merged."""
+    captures = captures or [{"core:sample_start": 0}]
+    starts = [capture.get("core:sample_start", 0) for capture in captures]
+    if any(later < earlier for earlier, later in zip(starts, starts[1:], strict=False)):
+        raise InputError(meta, "core:sample_start must increase from capture to capture", starts)
+    ends = [*starts[1:], max(total, starts[-1])]
+    segments: list[Segment] = []
+    for capture, start, end in zip(captures, starts, ends, strict=True):
+        if capture.get("core:header_bytes", 0):
+            raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
+        last = segments[-1] if segments else Segment(start, start, 0)
+        index = capture.get("core:global_index", None)
+        if index is None:
+            index = last.global_index + (start - last.file_sample)
+        # A truncated file keeps the captures that it still holds.
+        length = min(end, total) - start
+        if length <= 0:
+            continue
+        lost = index - (last.global_index + last.length)
+        if segments and lost < 0:
+            raise InputError(meta, "core:global_index must not decrease", index)
+        if segments and lost == 0:
+            segments[-1] = replace(last, length=last.length + length)
+        else:
+            segments.append(Segment(start, index, length))
+    if not segments:
+        raise InputError(meta, "no capture lies inside the data file", total)
+    return tuple(segments)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Metadata of SigMF captures, written and checked as SigMF 1.2 defines them.
+
+The package ``sigmf`` does the same, but no Debian release has it. The tests compare with it.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...errors import InputError
+from ..text.textfile import read_bytes
+
+SPECIFICATION = "1.2.6"
+MAX_METADATA_BYTES = 8_000_000
+_CHUNK_BYTES = 1 << 20
+_SECTIONS = ("global", "captures", "annotations")
+# The limits of SigMF's schema: 1 THz, and integers that fit into 64 bits with a sign.
+_MAX_HZ = 1e12
+_MAX_INTEGER = 2**63 - 1
+
+
+class _Rule(NamedTuple):
+    """What SigMF's schema asks of one key."""
+
+    kind: str
+    lowest: float = 0
+    highest: float = _MAX_INTEGER
+
+
+_TEXT = _Rule("string")
+_COUNT = _Rule("integer")
+_FREQUENCY = _Rule("number", -_MAX_HZ, _MAX_HZ)
+_GLOBAL = {
+    "core:datatype": _TEXT,
+    "core:sample_rate": _Rule("number", 5e-324, _MAX_HZ),  # above 0
+    "core:author": _TEXT,
+    "core:collection": _TEXT,
+    "core:dataset": _TEXT,
+    "core:data_doi": _TEXT,
+    "core:description": _TEXT,
+    "core:hw": _TEXT,
+    "core:license": _TEXT,
+    "core:metadata_only": _Rule("boolean"),
+    "core:meta_doi": _TEXT,
+    "core:num_channels": _Rule("integer", 1),
+    "core:offset": _COUNT,
+    "core:recorder": _TEXT,
+    "core:sha512": _TEXT,
+    "core:trailing_bytes": _COUNT,
+    "core:version": _TEXT,
+    "core:geolocation": _Rule("object"),
+    "core:extensions": _Rule("array"),
+}
+_EXTENSION = {"name": _TEXT, "version": _TEXT, "optional": _Rule("boolean")}
+_CAPTURE = {
+    "core:sample_start": _COUNT,
+    "core:datetime": _TEXT,
+    "core:frequency": _FREQUENCY,
+    "core:global_index": _COUNT,
+    "core:header_bytes": _COUNT,
+    "core:geolocation": _Rule("object"),
+}
+_ANNOTATION = {
+    "core:sample_start": _COUNT,
+    "core:sample_count": _COUNT,
+    "core:freq_lower_edge": _FREQUENCY,
+    "core:freq_upper_edge": _FREQUENCY,
+    "core:label": _TEXT,
+    "core:comment": _TEXT,
+    "core:generator": _TEXT,
+    "core:uuid": _TEXT,
+}
+_TYPES: dict[str, tuple[type, ...]] = {
+    "string": (str,),
+    "integer": (int,),
+    "number": (int, float),
+    "boolean": (bool,),
+    "object": (dict,),
+    "array": (list,),
+}
+
+
+def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
+    """Read and check a metadata file.
+
+    Keys of extensions are not checked.
+
+    Returns
+    -------
+    fields : mapping
+        The object ``global``.
+    captures : sequence of mapping
+        The array ``captures``.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or is not valid SigMF; it names the key.
+    """
+    try:
+        parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
+    except InputError:
+        raise
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(path, f"is not valid SigMF ({str(error)[:120]})") from error
+    if not isinstance(parsed, dict):
+        raise InputError(path, "must hold a SigMF object", type(parsed).__name__)
+    for name in _SECTIONS:
+        if name not in parsed:
+            raise InputError(path, f"is not valid SigMF (key '{name}' is missing)")
+    for name in parsed:
+        if name not in _SECTIONS:
+            raise InputError(path, f"is not valid SigMF (key {name[:40]!r} is unknown)")
+    whole = parsed["global"]
+    _check_value(path, "global: ", whole, _Rule("object"))
+    _check_object(path, "global: ", whole, _GLOBAL, ("core:datatype",))
+    _check_array(path, "global: core:extensions: ", whole.get("core:extensions", []), _EXTENSION)
+    for name, rules in (("captures", _CAPTURE), ("annotations", _ANNOTATION)):
+        _check_array(path, f"{name}: ", parsed[name], rules)
+        _check_order(path, name, parsed[name])
+    return whole, parsed["captures"]
+
+
+def _check_array(path: Path, where: str, values: Any, rules: Mapping[str, _Rule]) -> None:
+    _check_value(path, where, values, _Rule("array"))
+    required = tuple(rules) if rules is _EXTENSION else ("core:sample_start",)
+    for index, value in enumerate(values):
+        _check_value(path, f"{where}{index}: ", value, _Rule("object"))
+        _check_object(path, f"{where}{index}: ", value, rules, required)
+
+
+def _check_object(
+    path: Path,
+    where: str,
+    values: Mapping[str, Any],
+    rules: Mapping[str, _Rule],
+    required: Sequence[str],
+) -> None:
+    for key in required:
+        if key not in values:
+            raise InputError(path, f"{where}is not valid SigMF (key '{key}' is missing)")
+    for key in rules.keys() & values.keys():
+        _check_value(path, f"{where}{key}: ", values[key], rules[key])
+
+
+def _check_value(path: Path, where: str, value: Any, rule: _Rule) -> None:
+    valid = isinstance(value, _TYPES[rule.kind])
+    # To Python, true and false are integers.
+    valid &= isinstance(value, bool) == (rule.kind == "boolean")
+    asked = f"of type '{rule.kind}'"
+    if valid and rule.kind in ("integer", "number"):
+        # NaN, which JSON does not have but Python reads, is outside of every range.
+        valid = rule.lowest <= value <= rule.highest
+        asked = f"from {rule.lowest:g} to {rule.highest:g}"
+    if not valid:
+        raise InputError(path, f"{where}is not valid SigMF ({_shown(value)} is not {asked})")
+
+
+def _shown(value: Any) -> str:
+    """A value in a message; one that holds others may be nested too deeply to print."""
+    if isinstance(value, dict | list):
+        return f"a value of type '{'object' if isinstance(value, dict) else 'array'}'"
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:40]}..."
+
+
+def _check_order(path: Path, name: str, items: Sequence[Mapping[str, Any]]) -> None:
+    starts = [item["core:sample_start"] for item in items]
+    if starts != sorted(starts):
+        rule = "core:sample_start must not decrease from item to item"
+        raise InputError(path, f"{name}: is not valid SigMF ({rule})")
+
+
+def write_metadata(
+    path: Path,
+    data: Path,
+    fields: Mapping[str, Any],
+    captures: Sequence[Mapping[str, Any]],
+) -> None:
+    """Write the metadata of samples that are complete, with their checksum.
+
+    Parameters
+    ----------
+    path : Path
+        The new metadata file.
+    data : Path
+        The samples.
+    fields : mapping
+        The object ``global`` without ``core:version`` and ``core:sha512``, which are added.
+    captures : sequence of mapping
+        The array ``captures``.
+
+    Raises
+    ------
+    OSError
+        When a file cannot be read or written.
+    """
+    checksum = hashlib.sha512()
+    with open(data, "rb") as samples:
+        while chunk := samples.read(_CHUNK_BYTES):
+            checksum.update(chunk)
+    added = {"core:version": SPECIFICATION, "core:sha512": checksum.hexdigest()}
+    whole = {"global": {**fields, **added}, "captures": list(captures), "annotations": []}
+    # Keys are sorted, but the sections keep their order.
+    in_order = {name: json.loads(json.dumps(whole[name], sort_keys=True)) for name in _SECTIONS}
+    with open(path, "w", encoding="utf-8") as stream:
+        json.dump(in_order, stream, indent=4, separators=(",", ": "))

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""MCAP files of readings with ROS 2 messages, for Foxglove, PlotJuggler and rosbag2."""
+
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, OutputError
+from ..optional import optional_module
+from ..ros_messages import (
+    DIAGNOSTICS,
+    READING,
+    WRENCH,
+    RosMessage,
+    complete_definition,
+    health_message,
+    reading_messages,
+    topics_of,
+)
+from ..text.textfile import check_output
+from .output_file import OutputFile
+from .readings_output import ReadingsOutput
+
+# A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
+# process that is killed loses. Larger ones compress better, and their index takes less memory.
+_CHUNK_BYTES = 8_192
+# Enough for the last chunk and the index of some twelve hours of one sensor.
+_RESERVE_BYTES = 4_000_000
+_KEPT = "all messages but those of the last seconds are kept"
+
+
+class McapWriter(ReadingsOutput):
+    """Writes readings and health to an MCAP file; may be used by several threads.
+
+    The former content of a file is kept until :meth:`begin` or the first reading. As a context
+    manager it ends the file, also after an error.
+
+    Messages are logged at the time of their header, so that the time axis of a viewer is that of
+    the measurement. Where UTC is not known, that of the previous message counts and, in a file
+    without any, the time of the reading, from 1970 on.
+
+    Parameters
+    ----------
+    inputs : iterable of str or Path, optional
+        Files that the readings are made from, none of which may be written to.
+    metadata : mapping of str to str, optional
+        Stored in the file under the name ``gr-wiforce``.
+    sensors : iterable of str, optional
+        Those that are known before the first reading.
+
+    Attributes
+    ----------
+    rows : int
+        Readings written so far.
+
+    Raises
+    ------
+    InputError
+        When a package is missing, the path cannot be written to, or is an input; and when two
+        sensors would have the same topics.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        inputs: Iterable[str | Path] = (),
+        metadata: Mapping[str, str] | None = None,
+        sensors: Iterable[str] = (),
+    ) -> None:
+        check_output(path, inputs)
+        self._sensors = dict.fromkeys(sensors)
+        topics_of(self._sensors)
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(path, "MCAP needs a regular file")
+        self._library = optional_module("mcap_ros2.writer", path)
+        self._path, self._metadata = path, dict(metadata or {})
+        self._lock = threading.Lock()
+        self._file: OutputFile | None = None
+        self._writer: Any = None
+        self._schemas: dict[str, Any] = {}
+        self._failure: OutputError | None = None
+        self._ended = False
+        self._utc_ns: int | None = None
+
+    def begin(self) -> "McapWriter":
+        """Replace the content of the file, unless that has been done.
+
+        Returns McapWriter: itself.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be opened, or another process is writing to it.
+        OutputError
+            When it cannot be written to.
+        """
+        with self._lock:
+            if self._file is None:
+                self._file = OutputFile(self._path, kept=_KEPT, reserve_bytes=_RESERVE_BYTES)
+                self._writer = self._library.Writer(self._file, chunk_size=_CHUNK_BYTES)
+                for name in (READING, WRENCH, DIAGNOSTICS):
+                    text = complete_definition(name)
+                    self._schemas[name] = self._writer.register_msgdef(name, text)
+                if self._metadata:
+                    self._writer.add_metadata("gr-wiforce", self._metadata)
+        return self
+
+    def write_row(self, row: Mapping[str, Any]) -> None:
+        """Write one reading given as a row of a file.
+
+        Raises
+        ------
+        InputError
+            When its sensor would have the same topics as another.
+        OutputError
+            As :meth:`write`.
+        """
+        self.begin()
+        if row["sensor"] not in self._sensors:
+            topics_of([*self._sensors, row["sensor"]])
+            self._sensors[row["sensor"]] = None
+        for message in reading_messages(row):
+            self._put(message, round(row["time_s"] * 1e9))
+        self.rows += 1
+
+    def write_health(self, report: Mapping[str, Any]) -> None:
+        """Write a heartbeat or the end of a run; nothing before the file is begun.
+
+        A failure is reported by the next reading, or when the file is closed.
+        """
+        if self._writer is not None and self._failure is None:
+            try:
+                self._put(health_message(report), 0)
+            except OutputError:
+                pass
+
+    def close(self) -> None:
+        """Write the last messages and the index.
+
+        Raises
+        ------
+        OutputError
+            When something could not be written.
+        """
+        self.begin()
+        self._end()
+        if self._failure is not None:
+            raise self._failure
+
+    def _abandon(self) -> None:
+        if self._writer is None:
+            return
+        try:
+            self._end()
+        except OutputError:
+            pass  # the first error counts
+
+    def _put(self, message: RosMessage, else_ns: int) -> None:
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            if self._ended:
+                return
+            self._utc_ns = message.stamp_ns or self._utc_ns
+            time_ns = else_ns if self._utc_ns is None else self._utc_ns
+            schema, sequence = self._schemas[message.type], self.rows
+            try:
+                self._writer.write_message(
+                    message.topic, schema, message.fields, time_ns, time_ns, sequence
+                )
+            except OutputError as error:
+                self._failure = error
+                raise
+            if self._file is not None and self._file.reserve_used:
+                self._end_on_full_disk()
+
+    def _end_on_full_disk(self) -> None:
+        rule = "cannot be written further (disk full); all messages until then are kept"
+        self._failure = OutputError(self._path, rule)
+        self._finish()
+        raise self._failure
+
+    def _end(self) -> None:
+        with self._lock:
+            self._finish()
+
+    def _finish(self) -> None:
+        if self._ended or self._file is None:
+            return
+        self._ended = True
+        try:
+            if self._failure is None or self._file.reserve_used:
+                self._writer.finish()
+        except OutputError as error:
+            self._failure = error
+        finally:
+            self._file.close()

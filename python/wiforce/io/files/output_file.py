@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A file that one run writes to: every write is in it at once, and whole."""
+
+import errno
+import fcntl
+import os
+import tempfile
+from io import FileIO
+from pathlib import Path
+from typing import IO, Any
+
+from ...errors import InputError, OutputError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class OutputFile:
+    """An output without a buffer, locked against other runs while it is a regular file.
+
+    Parameters
+    ----------
+    append : bool
+        Keep the content.
+    kept : str
+        What remains when the file cannot be written further, for the message.
+    reserve_bytes : int
+        Space that is held on the disk and used when the disk is full, so that a file that needs an
+        end can be ended.
+
+    Attributes
+    ----------
+    closed : bool
+    size_bytes : int
+        Size of the file.
+    reserve_used : bool
+        Whether the disk was full: the file should be ended.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be opened, or another process is writing to it.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        append: bool = False,
+        kept: str = "all rows until then are kept",
+        reserve_bytes: int = 0,
+    ) -> None:
+        self._path, self._kept = path, kept
+        self._failure: OutputError | None = None
+        self._reserve: IO[bytes] | None = None
+        self.size_bytes, self.reserve_used = 0, False
+        try:
+            self._file = open(path, "ab", buffering=0)
+            self._regular = Path(path).is_file()
+            if self._regular:
+                _lock(path, self._file)
+                if append:
+                    self.size_bytes = os.fstat(self._file.fileno()).st_size
+                else:
+                    self._file.truncate(0)
+                if reserve_bytes:
+                    self._reserve = _reserved(Path(path).absolute().parent, reserve_bytes)
+        except InputError:
+            raise
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(path, f"cannot be written ({reason})") from error
+
+    def __enter__(self) -> "OutputFile":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the file is closed."""
+        return self._file.closed
+
+    def tell(self) -> int:
+        """Bytes in the file."""
+        return self.size_bytes
+
+    def flush(self) -> None:
+        """Nothing waits in a buffer."""
+
+    def write(self, data: Any) -> int:
+        """Write all of the data.
+
+        Returns int: its length.
+
+        Raises
+        ------
+        OutputError
+            When it cannot be written, as on a full disk; the file then ends with the previous
+            write, and later ones are refused.
+        """
+        if self._failure is not None:
+            raise self._failure
+        rest = memoryview(data)
+        length = len(rest)
+        while len(rest):
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                if error.errno in _FULL and self._reserve is not None:
+                    self._free_reserve()
+                    self.reserve_used = True
+                    continue
+                self._remove_partial_write()
+                rule = f"cannot be written further ({error.strerror}); {self._kept}"
+                self._failure = OutputError(self._path, rule)
+                raise self._failure from error
+        self.size_bytes += length
+        return length
+
+    def close(self) -> None:
+        """Close the file, which then holds what was written."""
+        self._free_reserve()
+        self._file.close()
+
+    def _free_reserve(self) -> None:
+        if self._reserve is not None:
+            self._reserve.close()
+            self._reserve = None
+
+    def _remove_partial_write(self) -> None:
+        try:
+            self._file.truncate(self.size_bytes)
+        except OSError:
+            pass  # not a regular file
+
+
+def _lock(path: str | Path, file: FileIO) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise InputError(path, "is being written to by another process") from None
+    except OSError:
+        pass  # a file system without locks
+
+
+def _reserved(folder: Path, size_bytes: int) -> IO[bytes] | None:
+    """A file without a name that holds space of the disk; None where there is none to hold."""
+    reserve: IO[bytes] = tempfile.TemporaryFile(dir=folder)
+    try:
+        os.posix_fallocate(reserve.fileno(), 0, size_bytes)
+    except OSError:
+        reserve.close()
+        return None
+    return reserve

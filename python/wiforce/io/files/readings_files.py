@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of readings, read a row at a time: CSV, JSON lines, Parquet or MCAP."""
+
+import csv
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+from ...errors import InputError
+from ..optional import optional_module
+from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
+from .mcap_rows import mcap_rows
+
+_INTEGERS = ("touch", "group")
+_NEEDED = ("time_s", "sensor")
+_FLOATS = frozenset((*NUMBERS, *SURFACE_COLUMNS, "device_time_s"))
+_BATCH_ROWS = 4096
+
+
+class ReadingsFile:
+    """A file of readings of any length.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
+
+    Attributes
+    ----------
+    also : tuple of str
+        Columns besides those of a reading; of JSON lines and MCAP, those of any row.
+    metadata : dict of str to str
+        What a Parquet file says of its readings.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or is none of readings.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        self.metadata: dict[str, str] = {}
+        kind = self._path.suffix.lower()
+        readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
+            ".csv": self._csv,
+            ".jsonl": self._json_lines,
+            ".parquet": self._parquet,
+            ".mcap": partial(mcap_rows, path),
+        }
+        if kind not in readers:
+            raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
+        self._read = readers[kind]
+        names = self._columns(kind)
+        for name in _NEEDED:
+            if names is not None and name not in names:
+                raise InputError(path, f"is no file of readings: it has no column {name}")
+        self.also = tuple(name for name in names or () if name not in COLUMNS)
+
+    def _columns(self, kind: str) -> tuple[str, ...] | None:
+        """Names of the columns; None of a file that has no names, since it has no readings."""
+        if kind == ".csv":
+            with self._opened() as file:
+                return self._header(csv.reader(file, strict=True))
+        if kind == ".parquet":
+            with self._parquet_file() as file:
+                return self._distinct(file.schema_arrow.names)
+        # A row may have a column that no row before it has.
+        return tuple({name: None for row in self._read() for name in row}) or None
+
+    def _header(self, lines: Iterator[list[str]]) -> tuple[str, ...]:
+        names: list[str] = []
+        try:
+            names = next(lines, names)
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InputError(self._path, f"is not a CSV file ({error})") from error
+        if not any(names):
+            raise InputError(self._path, "must have a first row with the names of its columns")
+        return self._distinct(names)
+
+    def _distinct(self, names: Sequence[str]) -> tuple[str, ...]:
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        if repeated:
+            raise InputError(self._path, "columns must have different names", repeated[0])
+        return tuple(names)
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """All rows, with the columns of a reading followed by those of `also`.
+
+        Yields dict: unknown values are None, flags one text.
+
+        Raises
+        ------
+        InputError
+            For a row that is none of readings.
+        """
+        for number, row in enumerate(self._read(), 1):
+            try:
+                yield self._typed(row)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    f"{self._path}: row {number}", f"is no reading ({error})"
+                ) from None
+
+    def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
+        for name, value in typed.items():
+            if name not in COLUMNS and name not in _FLOATS:
+                typed[name] = _text(value)
+            elif value == "" or value is None:
+                typed[name] = None
+            elif name in _FLOATS:
+                typed[name] = _number(name, value)
+            elif name in _INTEGERS:
+                typed[name] = _integer(name, value)
+            elif not isinstance(value, str):
+                raise ValueError(f"{name} must be a text")
+        if typed["time_s"] is None or typed["sensor"] is None:
+            raise ValueError("time_s and sensor must be given")
+        if typed["group"] is not None and not 0 <= typed["group"] < 2**63:
+            raise ValueError("group must be an index")
+        if typed["touch"] not in (None, 0, 1):
+            raise ValueError("touch must be 0, 1 or empty")
+        typed["flags"] = typed["flags"] or ""
+        return typed
+
+    def _csv(self) -> Iterator[Mapping[str, Any]]:
+        with self._opened() as file:
+            lines = csv.reader(file, strict=True)
+            names = self._header(lines)
+            try:
+                for fields in lines:
+                    if len(fields) == len(names):
+                        yield dict(zip(names, fields, strict=True))
+                    elif fields:
+                        where = f"{self._path}: line {lines.line_num}"
+                        rule = f"must have as many fields as there are columns, {len(names)}"
+                        raise InputError(where, rule, len(fields))
+            except (csv.Error, UnicodeDecodeError) as error:
+                raise InputError(self._path, f"is not a CSV file ({error})") from error
+
+    def _json_lines(self) -> Iterator[Mapping[str, Any]]:
+        with self._opened() as file:
+            for number, line in enumerate(_decoded(self._path, file), 1):
+                try:
+                    row = json.loads(line)
+                except (ValueError, RecursionError) as error:
+                    raise InputError(f"{self._path}: line {number}", "is not JSON") from error
+                if not isinstance(row, dict):
+                    raise InputError(f"{self._path}: line {number}", "must be a JSON object")
+                yield row
+
+    def _parquet(self) -> Iterator[Mapping[str, Any]]:
+        with self._parquet_file() as file:
+            # pyarrow's threads may abort a process that ends soon after.
+            for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+                yield from batch.to_pylist()
+
+    @contextmanager
+    def _parquet_file(self) -> Iterator[Any]:
+        arrow = optional_module("pyarrow", self._path)
+        import pyarrow.parquet
+
+        try:
+            with pyarrow.parquet.ParquetFile(self._path, page_checksum_verification=True) as file:
+                stored = file.schema_arrow.metadata or {}
+                known = {
+                    key.decode(errors="replace"): value.decode(errors="replace")
+                    for key, value in stored.items()
+                }
+                self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
+                yield file
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror or error})") from error
+        except (arrow.ArrowException, UnicodeDecodeError) as error:
+            raise InputError(self._path, "is not a complete Parquet file") from error
+
+    def _opened(self) -> IO[str]:
+        try:
+            return open(self._path, encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror})") from error
+
+
+def _decoded(path: Path, file: IO[str]) -> Iterator[str]:
+    try:
+        yield from file
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"is not UTF-8 ({error})") from error
+
+
+def _text(value: Any) -> str:
+    """A value of a column that is none of a reading's, as a text; of JSON lines, in JSON."""
+    if isinstance(value, dict | list | bool):
+        return json.dumps(value)
+    return "" if value is None else str(value)
+
+
+def _number(name: str, value: Any) -> float | None:
+    """A finite number; None for NaN, as which other programs write what is unknown."""
+    if isinstance(value, bool) or "_" in str(value):  # Python reads 1_0 as ten
+        raise ValueError(f"{name} must be a number")
+    number = float(value)
+    if math.isinf(number):
+        raise ValueError(f"{name} must be finite")
+    return None if math.isnan(number) else number
+
+
+def _integer(name: str, value: Any) -> int | None:
+    """An integer, also one written as 1.0, as pandas does in a column that has empty fields."""
+    try:
+        plain = isinstance(value, str | int) and "_" not in str(value)
+        return int(value) if plain else _whole(name, value)
+    except ValueError:
+        return _whole(name, value)
+
+
+def _whole(name: str, value: Any) -> int | None:
+    number = _number(name, value)
+    if number is None:
+        return None
+    if not number.is_integer() or abs(number) >= 2**53:
+        raise ValueError(f"{name} must be an integer")
+    return int(number)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings and health as ROS 2 messages for Foxglove, by its WebSocket protocol."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ...errors import InputError
+from ..optional import optional_modules
+from ..readings import Reading
+from ..ros_messages import (
+    RosMessage,
+    complete_definition,
+    health_message,
+    reading_messages,
+    topics_of,
+)
+from .addresses import host_and_port
+
+# Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
+# dropped.
+_BACKLOG = 256
+
+
+class FoxgloveServer:
+    """Serves the messages of an MCAP file while they are made; never waits for a client.
+
+    Parameters
+    ----------
+    address : str
+        As for :func:`host_and_port`.
+    sensors : iterable of str
+        Clients learn of their topics when they connect, before there is a message.
+    option : str
+        Name of the option, for messages.
+
+    Raises
+    ------
+    InputError
+        When a package is missing, or the address cannot be bound.
+    """
+
+    def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
+        host, port = host_and_port(address, option)
+        # The writer of mcap_ros2 uses this module; it offers no other way to encode a message.
+        modules = optional_modules(option, ["foxglove", "mcap_ros2._dynamic"])
+        self._foxglove, self._encoding = modules
+        self._foxglove.set_log_level("ERROR")
+        self._context = self._foxglove.Context()
+        self._encoders: dict[str, Any] = {}
+        self._channels = {
+            topic: self._channel_of(topic, kind) for topic, kind in topics_of(sensors).items()
+        }
+        try:
+            self._server = self._foxglove.start_server(
+                name="gr-wiforce",
+                host=host,
+                port=port,
+                context=self._context,
+                message_backlog_size=_BACKLOG,
+            )
+        except RuntimeError as error:
+            reason = str(error).removeprefix("FoxgloveError: ")
+            raise InputError(option, f"cannot be bound ({reason})", address) from error
+
+    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+        """Send one reading.
+
+        Parameters
+        ----------
+        more : mapping of str to plain values
+            ``run``, ``time_utc`` and ``device_time_s``.
+        """
+        for message in reading_messages({**reading.row(), **more}):
+            self._send(message)
+
+    def publish_health(self, report: Mapping[str, Any]) -> None:
+        """Send a heartbeat or the end of a run."""
+        self._send(health_message(report))
+
+    def close(self) -> None:
+        """Disconnect all clients."""
+        self._server.stop()
+
+    def _send(self, message: RosMessage) -> None:
+        channel = self._channels[message.topic]
+        if channel.has_sinks():
+            encoded = self._encoders[message.type](message.fields)
+            channel.log(encoded, log_time=message.stamp_ns)
+
+    def _channel_of(self, topic: str, name: str) -> Any:
+        text = complete_definition(name)
+        if name not in self._encoders:
+            self._encoders[name] = self._encoding.serialize_dynamic(name, text)[name]
+        schema = self._foxglove.Schema(name=name, encoding="ros2msg", data=text.encode())
+        return self._foxglove.Channel(
+            topic, schema=schema, message_encoding="cdr", context=self._context
+        )

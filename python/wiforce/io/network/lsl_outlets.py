@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings as streams of the Lab Streaming Layer (LSL), one per sensor."""
+
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..optional import optional_module
+from ..readings import Reading, flag_bits
+from ..utc import parsed_utc
+
+# Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
+CHANNELS = (
+    ("force_n", "N", "Force"),
+    ("force_std_n", "N", "StandardDeviation"),
+    ("location_mm", "mm", "Location"),
+    ("location_std_mm", "mm", "StandardDeviation"),
+    ("phase1_deg", "degrees", "Phase"),
+    ("phase2_deg", "degrees", "Phase"),
+    ("snr_db", "dB", "SNR"),
+    ("interference", "normalized", "Interference"),
+    ("touch", "none", "Touch"),
+    ("flags", "none", "Flags"),
+    ("group", "none", "Index"),
+)
+# Behind these, of a surface, whose location is x.
+SURFACE_CHANNELS = (
+    ("y_mm", "mm", "Location"),
+    ("y_std_mm", "mm", "StandardDeviation"),
+    ("cov_force_x", "N mm", "Covariance"),
+    ("cov_force_y", "N mm", "Covariance"),
+    ("cov_x_y", "mm^2", "Covariance"),
+)
+# Without this, liblsl offers its streams on all networks of the machine, and logs on standard
+# error what it does.
+_THIS_MACHINE = "[multicast]\nResolveScope = machine\nListenAddress = 127.0.0.1\n"
+_QUIET = "[log]\nlevel = -2\n"
+# Where liblsl looks for its settings.
+_SETTINGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
+_COMPARISONS = 3
+_LINGER_S = 0.2
+
+
+class LslOutlets:
+    """An LSL stream for each sensor: channels of 64-bit floats, NaN where unknown.
+
+    LSL's clock is that of this machine since its start. A sample has the time of its reading's
+    centre on that clock, by UTC: both clocks of the machine are compared for each reading.
+
+    Parameters
+    ----------
+    period_s : float
+        Time between readings.
+    network : bool
+        Offer the streams to other machines as well, by liblsl's own settings.
+    details : mapping of str to str, optional
+        Stored in the description of each stream.
+    option : str
+        Name of the option, for messages.
+    surfaces : iterable of str
+        Names of surfaces, whose streams have more channels.
+
+    Raises
+    ------
+    InputError
+        When pylsl is missing.
+    """
+
+    def __init__(
+        self,
+        sensors: Iterable[str],
+        period_s: float,
+        network: bool = False,
+        details: Mapping[str, str] | None = None,
+        option: str = "--lsl",
+        surfaces: Iterable[str] = (),
+    ) -> None:
+        self._pylsl = optional_module("pylsl", option)
+        if not network:
+            self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
+        elif not _has_settings():
+            self._pylsl.set_config_content(_QUIET)
+        kinds: dict[str, tuple[tuple[str, str, str], ...]]
+        kinds = {sensor: CHANNELS for sensor in sensors}
+        kinds |= {surface: CHANNELS + SURFACE_CHANNELS for surface in surfaces}
+        self._channels = kinds
+        self._outlets = {
+            name: self._outlet(name, period_s, details or {}, channels)
+            for name, channels in kinds.items()
+        }
+
+    def push(self, reading: Reading, time_utc: str) -> None:
+        """Send one reading; never waits for a peer.
+
+        Parameters
+        ----------
+        time_utc : str
+            At its centre; empty when unknown, and then the time of this call counts.
+        """
+        row = reading.row()
+        row["flags"] = flag_bits(reading.flags)
+        names = [name for name, *_ in self._channels[reading.sensor]]
+        values = [math.nan if row[name] is None else float(row[name]) for name in names]
+        lsl_s = self._pylsl.local_clock()
+        if time_utc:
+            utc_s = parsed_utc(time_utc).timestamp()
+            lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
+        self._outlets[reading.sensor].push_sample(values, lsl_s)
+
+    def close(self) -> None:
+        """End the streams; what was just sent still has a moment to leave."""
+        if any(outlet.have_consumers() for outlet in self._outlets.values()):
+            time.sleep(_LINGER_S)
+        self._outlets.clear()
+
+    def _outlet(
+        self,
+        sensor: str,
+        period_s: float,
+        details: Mapping[str, str],
+        channels: tuple[tuple[str, str, str], ...],
+    ) -> Any:
+        lsl = self._pylsl
+        info = lsl.StreamInfo(
+            f"gr-wiforce {sensor}",
+            "Force",
+            len(channels),
+            1 / period_s,
+            lsl.cf_double64,
+            # The same after a restart, so that a recorder continues with the new stream.
+            f"gr-wiforce:{socket.gethostname()}:{sensor}",
+        )
+        info.set_channel_labels([name for name, _, _ in channels])
+        info.set_channel_units([unit for _, unit, _ in channels])
+        info.set_channel_types([kind for _, _, kind in channels])
+        acquisition = info.desc().append_child("acquisition")
+        for key, value in {"sensor": sensor, **details}.items():
+            acquisition.append_child_value(key, value)
+        return lsl.StreamOutlet(info)
+
+
+def lsl_offset_s(local_clock: Callable[[], float], utc: Callable[[], float] = time.time) -> float:
+    """Offset of LSL's clock from UTC, by the quickest of three comparisons.
+
+    Parameters
+    ----------
+    local_clock, utc : callable
+        Return seconds.
+    """
+    best = (math.inf, 0.0)
+    for _ in range(_COMPARISONS):
+        before = local_clock()
+        utc_s = utc()
+        after = local_clock()
+        best = min(best, (after - before, (before + after) / 2 - utc_s))
+    return best[1]
+
+
+def _has_settings() -> bool:
+    return "LSLAPICFG" in os.environ or any(Path(p).expanduser().exists() for p in _SETTINGS)

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""CURVE keys of ZMQ sockets: encryption, and which clients may connect."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, unwritable
+from ..optional import optional_module, optional_modules
+from ..text.textfile import check_output
+
+SERVER = "server"
+_CLIENTS = "clients"
+_PUBLIC, _SECRET = ".key", ".key_secret"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+_KEY_LENGTH = 40  # in Z85, of 32 bytes
+_DOMAIN = "gr-wiforce"
+_OPTION = "--zmq-keys"
+
+
+@dataclass(frozen=True)
+class ServerKeys:
+    """Keys of a socket that others connect to, and the folder of the clients that may.
+
+    Attributes
+    ----------
+    public, secret : bytes
+    clients : Path
+        Folder of the public keys of authorised clients, ``*.key``. It is read whenever a client
+        connects, so keys may be added and removed at any time.
+    """
+
+    public: bytes
+    secret: bytes
+    clients: Path
+
+    @classmethod
+    def load(cls, folder: str | Path) -> ServerKeys:
+        """The keys in a folder that :func:`create_keys` has made.
+
+        Raises
+        ------
+        InputError
+            When a file is missing, is no certificate or can be read by others, or when no client
+            is authorised.
+        """
+        public, secret = _load_secret(Path(folder) / f"{SERVER}{_SECRET}")
+        clients = Path(folder) / _CLIENTS
+        if not any(_public_keys(clients)):
+            raise InputError(clients, f"must hold the public key of a client, NAME{_PUBLIC}")
+        return cls(public, secret, clients)
+
+    def apply(self, socket: Any) -> None:
+        """Let a socket, before it is bound, accept authorised clients only.
+
+        Its context needs an authenticator (:meth:`authenticate`). Without one, nobody is accepted.
+        """
+        import zmq
+
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, self.public)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret)
+        socket.setsockopt(zmq.CURVE_SERVER, 1)
+        socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN.encode())
+        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
+
+    def authenticate(self, context: Any) -> Any:
+        """Start to decide, in a thread, which clients of a context's sockets are accepted.
+
+        Returns zmq.auth.thread.ThreadAuthenticator: to be stopped before the context is closed.
+        """
+        from zmq.auth.thread import ThreadAuthenticator
+
+        authenticator = ThreadAuthenticator(context)
+        authenticator.start()
+        # Called by the authenticator: `callback(domain, key)`.
+        authenticator.configure_curve_callback(_DOMAIN, credentials_provider=self)
+        return authenticator
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """Whether a client with this public key is authorised now.
+
+        Parameters
+        ----------
+        domain : str
+            Of the socket.
+        key : bytes
+            In Z85.
+        """
+        return key in _public_keys(self.clients)
+
+
+@dataclass(frozen=True)
+class ClientKeys:
+    """Keys of a socket that connects to one with :class:`ServerKeys`.
+
+    Attributes
+    ----------
+    public, secret : bytes
+    server : bytes
+        Public key of the server.
+    """
+
+    public: bytes
+    secret: bytes
+    server: bytes
+
+    @classmethod
+    def load(cls, path: str | Path) -> ClientKeys:
+        """The keys of a client.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``NAME.key_secret``, with ``server.key`` beside it; or their folder, if it holds one
+            client's secret key.
+
+        Raises
+        ------
+        InputError
+            When a file is missing, is no certificate or can be read by others.
+        """
+        path = Path(path)
+        if path.is_dir():
+            found = [each for each in path.glob(f"*{_SECRET}") if each.stem != SERVER]
+            if len(found) != 1:
+                rule = (
+                    f"must hold one client's NAME{_SECRET}, but holds {len(found)}; name the file"
+                )
+                raise InputError(path, rule)
+            path = found[0]
+        public, secret = _load_secret(path)
+        server, _ = _load(path.with_name(f"{SERVER}{_PUBLIC}"))
+        return cls(public, secret, server)
+
+    def apply(self, socket: Any) -> None:
+        """Let a socket, before it is connected, prove who it is and check the server's key."""
+        import zmq
+
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, self.public)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret)
+        socket.setsockopt(zmq.CURVE_SERVERKEY, self.server)
+
+
+def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
+    """Make the keys of a server, unless it has them, and those of a client that it accepts.
+
+    Files are certificates as pyzmq makes and reads them. Only their owner can read them.
+
+    Returns list of Path: the files that were made.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Is made if it does not exist. Gets ``server.key``, ``server.key_secret``,
+        ``NAME.key_secret`` and ``clients/NAME.key``.
+    client : str
+        NAME of the client: letters, digits, ``-`` and ``_``.
+
+    Raises
+    ------
+    InputError
+        For another name or one that is taken, when pyzmq is missing or knows no CURVE, and when
+        the folder cannot be written to. Nothing is overwritten.
+    """
+    folder = Path(folder)
+    if not _NAME.fullmatch(client) or client == SERVER:
+        rule = "must be letters, digits, - and _, up to 64, and not 'server'"
+        raise InputError("--client", rule, client)
+    made: list[Path] = []
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "must be a folder, but is a file")
+    if not folder.is_dir():
+        check_output(folder)
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        (folder / _CLIENTS).mkdir(mode=0o700, exist_ok=True)
+        targets = [folder / _CLIENTS / f"{client}{_PUBLIC}", folder / f"{client}{_SECRET}"]
+        for target in targets:
+            if target.exists():
+                rule = "exists already, and is not overwritten; name another client with --client"
+                raise InputError(target, rule)
+        server = [folder / f"{SERVER}{_PUBLIC}", folder / f"{SERVER}{_SECRET}"]
+        if not any(path.exists() for path in server):
+            made += _create(SERVER, server)
+        made += _create(client, targets)
+    except OSError as error:
+        raise unwritable(error.filename2 or error.filename or folder, error) from error
+    return made
+
+
+def _create(name: str, targets: list[Path]) -> list[Path]:
+    """Make a public and a secret certificate; fails where one exists."""
+    zmq, auth = optional_modules("keys", ["zmq", "zmq.auth"])
+    if not zmq.has("curve"):
+        raise InputError("keys", "needs a libzmq that was built with CURVE")
+    with tempfile.TemporaryDirectory(dir=targets[1].parent) as private:
+        for made, target in zip(auth.create_certificates(private, name), targets, strict=True):
+            os.chmod(made, 0o600)
+            os.link(made, target)
+    return targets
+
+
+def _load_secret(path: Path) -> tuple[bytes, bytes]:
+    """Public and secret key of a file that is nobody else's business."""
+    public, secret = _load(path)
+    if secret is None:
+        raise InputError(path, "must hold a secret key, but holds a public one only")
+    if path.stat().st_mode & 0o007:
+        raise InputError(path, "must not be accessible to others; correct it with chmod o=")
+    return public, secret
+
+
+def _load(path: Path) -> tuple[bytes, bytes | None]:
+    """Public and, if there is one, secret key of a certificate."""
+    auth = optional_module("zmq.auth", _OPTION)
+    if not path.is_file():
+        raise InputError(path, "does not exist; `gr-wiforce keys FOLDER` makes keys")
+    try:
+        keys = auth.load_certificate(path)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError(path, "must be a ZMQ certificate, but holds no key") from error
+    if any(key is not None and len(key) != _KEY_LENGTH for key in keys):
+        raise InputError(path, f"must hold keys of {_KEY_LENGTH} characters")
+    return keys
+
+
+def _public_keys(folder: Path) -> Iterator[bytes]:
+    """Public keys in a folder; files that hold none are ignored."""
+    for path in sorted(folder.glob(f"*{_PUBLIC}")):
+        try:
+            yield _load(path)[0]
+        except InputError:
+            continue

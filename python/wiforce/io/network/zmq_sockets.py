@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""ZMQ sockets: readings out, requests in, on loopback by default."""
+
+import errno
+import ipaddress
+import json
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ...errors import InputError
+from ..optional import optional_module
+from ..readings import Reading
+from .zmq_keys import ServerKeys
+
+
+def endpoint_of(text: str, option: str) -> str:
+    """A ZMQ endpoint from ``PORT`` (on loopback), ``tcp://ADDRESS:PORT`` or ``ipc:///PATH``.
+
+    ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
+
+    Parameters
+    ----------
+    option : str
+        Name of the option, for the message.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if text.startswith("ipc:///"):
+        return text
+    address, _, port = text.rpartition(":")
+    if address in ("", "tcp://localhost"):
+        address = "tcp://127.0.0.1"
+    if not address.startswith("tcp://") or address == "tcp://" or not _is_port(port):
+        raise InputError(option, "must be a port from 1 to 65535, or tcp://ADDRESS:PORT", text)
+    return f"{address}:{port}"
+
+
+def is_loopback(endpoint: str) -> bool:
+    """Whether only programs of this machine can connect to an endpoint.
+
+    Parameters
+    ----------
+    endpoint : str
+        As :func:`endpoint_of` gives it.
+    """
+    if endpoint.startswith("ipc://"):
+        return True
+    host = endpoint.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name: of a host, or of a network interface
+        return host == "localhost"
+
+
+def _is_port(text: str) -> bool:
+    return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
+
+
+# A request is a line; a peer that sends more is cut off before it takes memory.
+_LONGEST_REQUEST = 4096
+# A subscription is the first bytes of a message. ZMQ keeps all of them, so both their length and
+# their number are limited.
+_LONGEST_SUBSCRIPTION = 48
+_MOST_SUBSCRIPTIONS = 1000
+# Subscriptions of a peer that may wait while nothing is sent.
+_WAITING_SUBSCRIPTIONS = 100
+# The limit holds for the messages of a CURVE handshake too, which have some 300 bytes.
+_LONGEST_HANDSHAKE = 1024
+_REBIND_S = 5.0
+# Requests that wait for an answer; more are refused.
+_MOST_WAITING = 100
+# What ZMQ reports of an address that no network interface of this machine has.
+_FOREIGN_ADDRESS = (errno.ENODEV, errno.EADDRNOTAVAIL)
+
+
+class _Endpoint:
+    """A bound ZMQ socket of its own context."""
+
+    kind = ""
+    longest = _LONGEST_REQUEST
+
+    def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
+        zmq = optional_module("zmq", option)
+        self._context, self._keys = zmq.Context(), keys
+        self._authenticator = keys.authenticate(self._context) if keys is not None else None
+        self._socket = self._open()
+        try:
+            self._socket.bind(endpoint_of(endpoint, option))
+        except (zmq.ZMQError, InputError) as error:
+            self.close()
+            if isinstance(error, InputError):
+                raise
+            reason = str(error)
+            if error.errno in _FOREIGN_ADDRESS:
+                reason = "ADDRESS must be an IPv4 address of this machine, or * for all it has"
+            raise InputError(option, f"cannot be bound ({reason})", endpoint) from error
+
+    def _open(self) -> Any:
+        """A new socket with its options."""
+        import zmq
+
+        opened = self._context.socket(getattr(zmq, self.kind))
+        longest = self.longest
+        if self._keys is not None:
+            self._keys.apply(opened)
+            longest = max(longest, _LONGEST_HANDSHAKE)
+        opened.setsockopt(zmq.MAXMSGSIZE, longest)
+        return opened
+
+    def close(self) -> None:
+        """Give the endpoint back; what was just sent still has a moment to leave."""
+        self._socket.close(linger=200)
+        if self._authenticator is not None:
+            self._authenticator.stop()
+        self._context.term()
+
+
+class ReadingsPublisher(_Endpoint):
+    """Readings and other messages as JSON for SUB sockets; may be used by several threads.
+
+    More than 1000 subscriptions disconnect all peers, which may connect again.
+
+    Parameters
+    ----------
+    endpoint : str
+        As for :func:`endpoint_of`.
+    option : str
+        Name of the option, for messages.
+    keys : ServerKeys, optional
+        Encrypt, and accept authorised clients only.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint cannot be bound.
+    """
+
+    kind = "XPUB"
+    longest = _LONGEST_SUBSCRIPTION
+
+    def __init__(
+        self, endpoint: str, option: str = "--zmq", keys: ServerKeys | None = None
+    ) -> None:
+        self._address, self._subscriptions = endpoint_of(endpoint, option), 0
+        self._lock = threading.Lock()
+        super().__init__(endpoint, option, keys)
+
+    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+        """Send one reading: the keys of a JSON line, and more."""
+        self.send("reading", {**reading.row(), **more})
+
+    def send(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Send a JSON object whose first key, ``message``, is its kind."""
+        text = json.dumps({"message": kind, **values}, allow_nan=False)
+        with self._lock:
+            if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
+                self._disconnect_all()
+            self._socket.send_string(text)
+
+    def _open(self) -> Any:
+        import zmq
+
+        opened = super()._open()
+        opened.setsockopt(zmq.RCVHWM, _WAITING_SUBSCRIPTIONS)
+        opened.setsockopt(zmq.XPUB_VERBOSER, 1)  # every subscription is counted, also equal ones
+        return opened
+
+    def _count_subscriptions(self) -> int:
+        while self._subscriptions <= _MOST_SUBSCRIPTIONS and self._socket.poll(0):
+            change = self._socket.recv()[:1]
+            self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
+        return self._subscriptions
+
+    def _disconnect_all(self) -> None:
+        """Free all subscriptions; peers that ZMQ connects again subscribe again."""
+        import zmq
+
+        self._socket.close(linger=0)
+        self._socket, self._subscriptions = self._open(), 0
+        deadline = time.monotonic() + _REBIND_S
+        while True:
+            try:
+                self._socket.bind(self._address)
+                return
+            except zmq.ZMQError:  # the old socket is closed by another thread
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.005)
+
+
+class Later:
+    """An answer that another thread gives later.
+
+    Attributes
+    ----------
+    text : str or None
+        None until it is known.
+    """
+
+    def __init__(self) -> None:
+        self.text: str | None = None
+
+    def answer(self, text: str) -> None:
+        """Give the answer."""
+        self.text = text
+
+
+class Replies(_Endpoint):
+    """Requests of REQ sockets, each answered with a string.
+
+    A ROUTER socket: a REP socket waits where a message is none that a REQ socket sends, and then
+    loses an answer to another.
+
+    Parameters
+    ----------
+    endpoint : str
+        As for :func:`endpoint_of`.
+    answer : callable
+        From the text of a request to that of its answer, or to a :class:`Later`.
+    option : str
+        Name of the option, for messages.
+    keys : ServerKeys, optional
+        Encrypt, and accept authorised clients only.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint cannot be bound.
+    """
+
+    kind = "ROUTER"
+
+    def __init__(
+        self,
+        endpoint: str,
+        answer: Callable[[str], str | Later],
+        option: str = "--control",
+        keys: ServerKeys | None = None,
+    ) -> None:
+        self._answer = answer
+        self._later: list[tuple[list[bytes], Later]] = []
+        super().__init__(endpoint, option, keys)
+
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when requests may have come in."""
+        return self._socket.fileno()
+
+    def serve(self, most: int) -> bool:
+        """Answer what has come in, so many requests at most, and what was due; never waits.
+
+        Returns bool: whether more may be there. The descriptor does not tell of these.
+        """
+        waiting, self._later = self._later, []
+        for address, later in waiting:
+            if later.text is None:
+                self._later.append((address, later))
+            else:
+                self._socket.send_multipart([*address, later.text.encode()])
+        for _ in range(most):
+            if not self._socket.poll(0):
+                return False
+            parts = self._socket.recv_multipart()
+            if b"" not in parts[1:]:
+                continue  # nothing says where the peer's address ends
+            begin = parts.index(b"", 1) + 1
+            text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
+            answer = self._answer(text)
+            if isinstance(answer, str):
+                self._socket.send_multipart([*parts[:begin], answer.encode()])
+            elif len(self._later) < _MOST_WAITING:
+                self._later.append((parts[:begin], answer))
+            else:
+                busy = json.dumps({"ok": False, "error": f"{_MOST_WAITING} requests wait already"})
+                self._socket.send_multipart([*parts[:begin], busy.encode()])
+        return True
+
+    def close(self) -> None:
+        """Send the answers that are due, and give the endpoint back."""
+        if self._later:
+            self.serve(0)
+        super().close()
+
+
+def answer_words(
+    handlers: Mapping[str, Callable[[], dict[str, Any] | Later]],
+) -> Callable[[str], str | Later]:
+    """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
+
+    Returns callable: from the text of a request to that of its answer.
+
+    Parameters
+    ----------
+    handlers : mapping of str to callable
+        Handler of each word.
+    """
+
+    def answer(word: str) -> str | Later:
+        if word not in handlers:
+            rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
+            return json.dumps({"ok": False, "error": rule})
+        result = handlers[word]()
+        return result if isinstance(result, Later) else json.dumps({"ok": True, **result})
+
+    return answer

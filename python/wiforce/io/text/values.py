@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Types of values in YAML files: each checks, documents and writes a value of its type.
+
+A type states its rule once. The parser (:meth:`ValueType.read`), the error message, the tables in
+docs/ (:attr:`ValueType.allowed`) and the JSON Schema (:meth:`ValueType.json_schema`) follow.
+"""
+
+import datetime
+import math
+import re
+from abc import ABC, abstractmethod
+from collections import ChainMap
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ...errors import InputError
+
+# Values read so far, innermost mapping first: what a default, a size or a check may depend on.
+Scope = ChainMap[str, Any]
+
+_NUMBER_AS_TEXT = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
+
+
+def as_number(value: Any) -> float | None:
+    """Convert a value from a YAML file to a finite float.
+
+    Returns float or None: None when the value is not a finite number.
+
+    Parameters
+    ----------
+    value : object
+        Text such as ``900e6`` counts as a number, because PyYAML reads it as text.
+    """
+    if isinstance(value, str) and re.match(_NUMBER_AS_TEXT, value):
+        value = float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        value = float(value)
+    except OverflowError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class KeyPath:
+    """Where a value is, as error messages name it: file and dotted key.
+
+    Parameters
+    ----------
+    source : str
+        Name of the file, or of whatever supplied the mapping.
+    dotted : str
+        Dotted key within the source; empty for its top.
+    """
+
+    source: str
+    dotted: str = ""
+
+    def key(self, name: str) -> "KeyPath":
+        """The path of a key of the mapping at this path."""
+        return KeyPath(self.source, f"{self.dotted}.{name}" if self.dotted else name)
+
+    def item(self, index: int) -> "KeyPath":
+        """The path of an item of the list at this path."""
+        return KeyPath(self.source, f"{self.dotted}[{index}]")
+
+    def error(self, rule: str, *value: Any) -> InputError:
+        """The error to raise for a value at this path that breaks a rule."""
+        return InputError(str(self), rule, *value)
+
+    def __str__(self) -> str:
+        return f"{self.source}: {self.dotted}" if self.dotted else self.source
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValueType(ABC):
+    """A type of value and its rule.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether ``null`` is allowed.
+    """
+
+    optional: bool = False
+
+    @property
+    @abstractmethod
+    def allowed(self) -> str:
+        """What is allowed, as it follows "must be" in a message; without ``null``."""
+
+    @property
+    def rule(self) -> str:
+        """The rule, as messages state it."""
+        return f"must be {self.allowed}" + (" or null" if self.optional else "")
+
+    @property
+    def may_be_absent(self) -> bool:
+        """Whether a key of this type may be left out even where no default is declared."""
+        return self.optional
+
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        """Check and convert a value from a file.
+
+        Returns object: the converted value; None for null where the type is optional.
+
+        Parameters
+        ----------
+        value : object
+            As the YAML loader returns it; None where it is missing.
+        scope : Scope
+            Values read before this one.
+
+        Raises
+        ------
+        InputError
+            When the value breaks the rule.
+        """
+        if value is None and self.optional:
+            return None
+        if value is None:
+            raise where.error(f"is missing, {self.rule}")
+        return self._read(value, where, scope)
+
+    @abstractmethod
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        """As :meth:`read`, for a value that is not None."""
+
+    def plain(self, value: Any) -> Any:
+        """The value as YAML and JSON can hold it."""
+        return value
+
+    def json_schema(self) -> dict[str, Any]:
+        """The rule as JSON Schema, draft 7.
+
+        A value that breaks the schema is rejected by :meth:`read`. The reverse holds for values
+        that JSON can express, except for the range of a number typed as text and for checks that
+        involve other values.
+        """
+        schema = self._json_schema()
+        if self.optional and "type" in schema:
+            types = schema["type"]
+            schema["type"] = [*([types] if isinstance(types, str) else types), "null"]
+        elif self.optional and "enum" in schema:
+            schema["enum"] = [*schema["enum"], None]
+        return schema
+
+    @abstractmethod
+    def _json_schema(self) -> dict[str, Any]:
+        """As :meth:`json_schema`, without null."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number(ValueType):
+    """A finite number between two limits.
+
+    Parameters
+    ----------
+    unit : str
+        Empty for a pure number.
+    low, high : float
+        Least and largest value.
+    above : bool
+        Whether ``low`` itself is excluded.
+    """
+
+    unit: str = ""
+    low: float
+    high: float
+    above: bool = False
+    _noun: ClassVar[str] = "a number"
+    _json_type: ClassVar[str] = "number"
+
+    @property
+    def allowed(self) -> str:
+        limits = ("above {:g} and at most {:g}" if self.above else "from {:g} to {:g}").format(
+            self.low, self.high
+        )
+        return f"{self._noun} {limits} {self.unit}".rstrip()
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float:
+        number = self._converted(value)
+        if number is None or not self.low <= number <= self.high:
+            raise where.error(self.rule, value)
+        if self.above and number == self.low:
+            raise where.error(self.rule, value)
+        return number
+
+    def _converted(self, value: Any) -> float | None:
+        return as_number(value)
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {
+            "type": [self._json_type, "string"],
+            "exclusiveMinimum" if self.above else "minimum": self.low,
+            "maximum": self.high,
+            "pattern": _NUMBER_AS_TEXT,
+        }
+
+
+class Integer(Number):
+    """An integer between two limits; ``720.0`` counts as one."""
+
+    _noun: ClassVar[str] = "an integer"
+    _json_type: ClassVar[str] = "integer"
+
+    def _converted(self, value: Any) -> int | None:
+        number = as_number(value)
+        if number is None or number != int(number):
+            return None
+        # A float does not hold every large integer, for example of a seed.
+        return value if isinstance(value, int) else int(number)
+
+
+class AutomaticNumber(Number):
+    """A number, or the word ``auto``, which is read as None: the program finds it itself."""
+
+    @property
+    def allowed(self) -> str:
+        return f"'auto' or {super().allowed}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float | None:  # type: ignore[override]
+        return None if value == "auto" else super()._read(value, where, scope)
+
+    def plain(self, value: Any) -> Any:
+        return "auto" if value is None else value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"anyOf": [{"enum": ["auto"]}, super()._json_schema()]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Text(ValueType):
+    """Printable text with at most ``limit`` characters that is not blank."""
+
+    limit: int = 255
+
+    @property
+    def allowed(self) -> str:
+        return f"printable text of 1 to {self.limit} characters"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+        printable = isinstance(value, str) and value.strip() and value.isprintable()
+        if not printable or len(value) > self.limit:
+            raise where.error(self.rule, value)
+        return value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {
+            "type": "string",
+            "pattern": r"\S",
+            "not": {"type": "string", "pattern": r"[\x00-\x1f\x7f]"},
+            "maxLength": self.limit,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texts(ValueType):
+    """A list of texts of any length."""
+
+    @property
+    def allowed(self) -> str:
+        return "a list of texts"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> list[str]:
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            raise where.error(self.rule, value)
+        return value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": {"type": "string"}}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice(ValueType):
+    """One of some words."""
+
+    words: tuple[str, ...]
+
+    @property
+    def allowed(self) -> str:
+        return " or ".join(f"'{word}'" for word in self.words)
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+        if not isinstance(value, str) or value not in self.words:
+            raise where.error(self.rule, value)
+        return value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Date(ValueType):
+    """A date as text; YAML's own dates are converted to ISO 8601."""
+
+    @property
+    def allowed(self) -> str:
+        return "a date such as 2026-01-31"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+        if isinstance(value, datetime.date):
+            return value.isoformat()
+        if not isinstance(value, str):
+            raise where.error(self.rule, value)
+        return value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"type": "string"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyMapping(ValueType):
+    """A mapping whose keys are not checked."""
+
+    @property
+    def allowed(self) -> str:
+        return "a mapping of keys to values"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> dict[Any, Any]:
+        if not isinstance(value, dict):
+            raise where.error(self.rule, value)
+        return value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"type": "object"}

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings to readings: folding and tones on one core, the receiver on another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.recorded_frames import find_frames, first_frame, require_frames
+from ..estimation.capture.recorded_groups import RecordedGroups, RecordedRatio, first_frames
+from ..estimation.groups import Groups
+from ..estimation.room.survey import Survey
+from ..io.capture.names import second_antenna
+from ..io.capture.recordings import Capture, open_capture
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..planning.room.adaptation import adapted, expecting_snr
+from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
+from ..press.evidence import Suspicion
+from ..signal.waveform import Waveform
+from .receiver import Receiver
+
+# Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
+_COMPRESSION_FRAMES = 1000
+
+
+class RecordingReader:
+    """Reads a recording batch by batch; iterating gives the readings of each, in order.
+
+    Parameters
+    ----------
+    recording : Capture
+        Must agree with the plan's scene.
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
+    frame_offset : int, optional
+        Samples before the first frame; searched in the samples when not given.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_groups : callable, optional
+        Called with every batch of Groups that has been read (see ``Receiver``).
+    survey : bool
+        Whether to survey the room first; False reads by the given plan.
+
+    Attributes
+    ----------
+    frame_offset : int
+        Samples before the first frame.
+    plan : Plan
+        Adapted to the room; the given one where the room does not need it.
+    receiver : Receiver
+        Reads the groups.
+    survey : Survey or None
+        Of the room, from the untouched reference; the plan is adapted to it. None for recordings
+        that are too short, and where none was wanted.
+    source : RecordedGroups or RecordedRatio
+        Gives the tones.
+    times_ignored : int
+        Implausible ``rx_time`` tags; 0, since a recording has no tags.
+
+    Raises
+    ------
+    InputError
+        When the capture contradicts the scene, holds no frames or frames of another length, is
+        shorter than the reference and one group, or for a bad ``frame_offset``.
+
+    Examples
+    --------
+    >>> for readings in RecordingReader(open_capture("press"), plan(scene)):  # doctest: +SKIP
+    ...     print(len(readings))
+    """
+
+    times_ignored = 0
+
+    def __init__(
+        self,
+        recording: Capture,
+        plan: PlanOrScene,
+        frame_offset: int | None = None,
+        tracked: bool = False,
+        on_groups: Callable[[Groups], None] | None = None,
+        survey: bool = True,
+    ) -> None:
+        if frame_offset is not None and not (
+            isinstance(frame_offset, int | np.integer) and frame_offset >= 0
+        ):
+            raise InputError("frame_offset", "must be an integer of at least 0", frame_offset)
+        plan = as_plan(plan)
+        scene = plan.require_scene()
+        if scene.packets is not None:
+            rule = "holds samples, but the scene has 'packets': it describes channel snapshots"
+            raise InputError(recording.path, rule)
+        recording.check_against(scene)
+        self._recording, self.plan = recording, plan
+        if frame_offset is None:
+            place = require_frames(recording, plan.waveform)
+            frame_offset = first_frame(recording, plan.waveform, place)
+        else:
+            # Who states where frames begin may know of some that are too weak to be found.
+            find_frames(recording, plan.waveform)
+        self.frame_offset = frame_offset
+        self._check_length()
+        self.survey = survey_recording(recording, plan, frame_offset) if survey else None
+        plan = adapted(plan, self.survey)
+        if survey and scene.environment.receive_antennas == 1:
+            found = _compression_of(recording, plan.waveform, frame_offset)
+            plan = expecting_snr(replace(plan, compression=found), self.survey)
+        self.plan = plan
+        self.receiver = Receiver(plan, tracked, on_groups=on_groups)
+        self.source = _groups_of(recording, plan, frame_offset)
+
+    def _check_length(self) -> None:
+        groups = self.groups
+        needed = self.plan.reference_groups + 1
+        if groups < needed:
+            rule = (
+                f"must hold {needed} phase groups or more ({needed * self.plan.group_period_s:.3g} "
+                "s) from its first frame on: the untouched reference, and one to read; `check` "
+                "says whether the file is complete"
+            )
+            raise InputError(self._recording.path, rule, max(0, groups))
+
+    @property
+    def groups(self) -> int:
+        """Whole phase groups that the recording spans."""
+        samples = self.plan.group_length * self.plan.waveform.frame_length
+        return (self._recording.span - self.frame_offset) // samples
+
+    @property
+    def leftover(self) -> int:
+        """Samples after the last whole frame."""
+        return (self._recording.span - self.frame_offset) % self.plan.waveform.frame_length
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome, so far."""
+        return self.receiver.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
+        return self.receiver.suspicions()
+
+    def samples_missing(self) -> dict[Path, int]:
+        """Samples that each file lacked because it was cut short while it was read."""
+        return {path: kernel.samples_missing() for path, kernel in self.source.kernels.items()}
+
+    def frames_moved(self) -> dict[Path, int]:
+        """How often the frames of each file were found at another place than before."""
+        return {path: kernel.frames_moved() for path, kernel in self.source.kernels.items()}
+
+    def __iter__(self) -> Iterator[list[Reading]]:
+        # The next batch is folded, without Python's lock, while this one is read.
+        with ThreadPoolExecutor(1, "tones") as pool:
+            coming = pool.submit(self.source.read)
+            if not len(coming.result()):
+                raise InputError(self._recording.path, "holds no whole frame of finite samples")
+            while len(groups := coming.result()):
+                coming = pool.submit(self.source.read)
+                yield self.receiver.process(groups)
+        yield self.receiver.finish(self.groups)
+
+
+def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Survey | None:
+    """Survey the room at the start of a recording, while nothing is touched.
+
+    Parameters
+    ----------
+    recording : Capture
+    plan : Plan
+        Of its scene.
+    frame_offset : int
+        Samples before the first frame.
+
+    Returns
+    -------
+    Survey or None
+        None where fewer than 0.1 s of the reference are free of gaps.
+
+    Examples
+    --------
+    >>> survey_recording(open_capture("press"), plan("demo"), 0)  # doctest: +SKIP
+    """
+    count = surveyed_snapshots(plan)
+    if not count:
+        return None
+    recordings = _recordings(recording, plan)
+    return survey_reference(plan, *first_frames(recordings, plan.waveform, frame_offset, count))
+
+
+def _compression_of(
+    recording: Capture, waveform: Waveform, frame_offset: int
+) -> Compression | None:
+    """Compression of the receiver, as measured before the first gap."""
+    samples = recording.read(frame_offset + _COMPRESSION_FRAMES * waveform.frame_length)
+    return measure_compression(samples[frame_offset : recording.segments[0].length], waveform)
+
+
+def _groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:
+    """What reads the groups of a recording, or of it and that of a second antenna beside it."""
+    first, *second = _recordings(recording, plan)
+    if not second:
+        return RecordedGroups(first, plan.table, plan.waveform, frame_offset)
+    return RecordedRatio((first, second[0]), plan.table, plan.waveform, frame_offset)
+
+
+def _recordings(recording: Capture, plan: Plan) -> tuple[Capture, ...]:
+    """A recording and, where the scene has two antennas, that of the second one beside it."""
+    scene = plan.require_scene()
+    if scene.environment.receive_antennas == 1:
+        return (recording,)
+    beside = open_capture(second_antenna(recording.path.with_suffix("")))
+    beside.check_against(scene)
+    return recording, beside

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of channel snapshots to readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from ..errors import InputError
+from ..estimation.groups import Array
+from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
+from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
+from ..estimation.packets.packet_groups import PacketGroups, whole_groups
+from ..estimation.packets.tag_parts import SolvedTags
+from ..io.capture.channel_snapshots import ChannelSnapshots
+from ..io.readings import GroupCounts, Reading
+from ..planning.packets.plan import fitted_plan, solved_tags
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..press.evidence import Suspicion
+from ..signal.timed_weights import TimedTable
+from .receiver import Receiver
+
+# Rounds in which packets are divided and tags are solved for, at most, and the change of the tags'
+# part, against what is unknown of it, at which they end: it then adds 5 % to that.
+_MOST_ROUNDS, _SETTLED = 6, 0.3
+# Groups that are passed to the receiver at once.
+_BATCH = 16
+# A mean interval that differs from the scene's by this factor is a mistake: losses of the packets
+# that the scene expects change it by less.
+_OTHER_INTERVAL = 2.0
+
+
+class SnapshotReader:
+    """Reads channel snapshots batch by batch; iterating gives the readings of each, in order.
+
+    Parameters
+    ----------
+    recording : ChannelSnapshots
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene with ``packets``.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+
+    Attributes
+    ----------
+    plan : Plan
+        Fitted to the packets of the file.
+    receiver : Receiver
+        Reads the groups.
+    groups : int
+        Whole phase groups that the recording spans.
+
+    Raises
+    ------
+    InputError
+        When the file contradicts the scene, has a single antenna with an oscillator of its own, or
+        is shorter than the reference and one group.
+
+    Examples
+    --------
+    >>> for readings in SnapshotReader(open_snapshots("press.npz"), plan):  # doctest: +SKIP
+    ...     print(len(readings))
+    """
+
+    times_ignored = 0
+
+    def __init__(
+        self, recording: ChannelSnapshots, plan: PlanOrScene, tracked: bool = False
+    ) -> None:
+        plan = as_plan(plan)
+        _check(recording, plan)
+        self._recording = recording
+        self._blas = ThreadpoolController()
+        time_s = recording.time_s - recording.time_s[0]
+        self.groups = whole_groups(time_s, plan.group_period_s)
+        needed = plan.reference_groups + 1
+        if self.groups < needed:
+            rule = (
+                f"must span {needed} phase groups or more ({needed * plan.group_period_s:.3g} s): "
+                "the untouched reference, and one to read"
+            )
+            raise InputError(recording.path, rule, self.groups)
+        scene = plan.require_scene()
+        self._states: AntennaStates | None = None
+        # Threads are slower than one core for matrices as small as these.
+        with self._blas.limit(limits=1, user_api="blas"):
+            if scene.environment.reader_clock == "free":
+                self._read_antennas(plan, time_s)
+            else:
+                packets = undivided(recording.channel)
+                self.plan = self._fitted(plan, time_s, packets)
+                self.source = PacketGroups(_table_of(self.plan), time_s, packets)
+        self.receiver = Receiver(self.plan, tracked, derotated=False)
+
+    def _read_antennas(self, plan: Plan, time_s: Array) -> None:
+        """Divide by the oscillator and the receiver chains, and solve for the tags in that."""
+        recording, scene = self._recording, plan.require_scene()
+        untouched = time_s < scene.reference_s
+        hertz = recording.subcarrier_hz
+
+        def solve(channels: PacketChannels, parts: TagParts | None) -> _Round:
+            packets = channels.divide(parts)
+            fitted = self._fitted(plan, time_s, packets)
+            mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
+            bent = PacketGroups(_table_of(fitted), time_s, packets, mean, bent=True)
+            solved = solved_tags(fitted, bent, packets, time_s, self.groups, channels.response)
+            return _Round(channels, fitted, packets, mean, solved)
+
+        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps.
+        starts: list[_Round] = []
+        for step in (TAG_STEP, LEAST_STEP):
+            channels = PacketChannels(
+                recording.channel, time_s, untouched, hertz, plan.group_period_s, step
+            )
+            if not starts or channels.states.count > starts[0].channels.states.count:
+                starts.append(solve(channels, None))
+        now = max(starts, key=lambda start: start.solved.snr)
+        for _ in range(_MOST_ROUNDS):
+            parts = now.solved.parts
+            now = solve(now.channels, parts)
+            change, uncertain = now.solved.change_since(parts), now.solved.uncertain
+            if all(c <= _SETTLED * u for c, u in zip(change, uncertain, strict=True)):
+                break
+        self._states = now.channels.states
+        self.source = PacketGroups(_table_of(now.plan), time_s, now.packets, now.untouched)
+        ratios = np.hypot(uncertain, change)
+        self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
+
+    @property
+    def notes(self) -> list[str]:
+        """What was left out of the file, a sentence each."""
+        recording, interval = self._recording, self._interval_note(self.plan)
+        found = [interval] if interval else []
+        found += recording.notes
+        if self._states is not None and self._states.foreign:
+            found.append(f"left out {self._states.foreign} x {FOREIGN}")
+        return found
+
+    def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
+        try:
+            return fitted_plan(plan, self._recording.subcarrier_hz, time_s, packets)
+        except InputError as error:
+            # Times in another unit leave groups nearly empty, which the rule of the plan hides.
+            note = self._interval_note(plan)
+            if note:
+                raise InputError(self._recording.path, note) from error
+            raise
+
+    def _interval_note(self, plan: Plan) -> str:
+        """What is wrong with the interval of the packets; empty if it is that of the scene."""
+        packets, recording = plan.require_scene().packets, self._recording
+        assert packets is not None  # as _check requires
+        mean_s = recording.span_s / (len(recording.time_s) - 1)
+        if max(mean_s / packets.interval_s, packets.interval_s / mean_s) <= _OTHER_INTERVAL:
+            return ""
+        count = plan.group_period_s / mean_s
+        return (
+            f"packets come every {mean_s:.3g} s on average, but packets.interval_s is "
+            f"{packets.interval_s:g}: a phase group holds {count:.3g} packets; correct the "
+            "scene, or the times, which are in seconds"
+        )
+
+    def samples_missing(self) -> dict[Path, int]:
+        """Samples that files lacked while they were read: none, as for other recordings."""
+        return {}
+
+    def frames_moved(self) -> dict[Path, int]:
+        """Frames found at another place: none, as for other recordings."""
+        return {}
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome, so far."""
+        return self.receiver.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
+        return self.receiver.suspicions()
+
+    def __iter__(self) -> Iterator[list[Reading]]:
+        for first in range(0, self.groups, _BATCH):
+            with self._blas.limit(limits=1, user_api="blas"):
+                groups = self.source.read(first, min(first + _BATCH, self.groups))
+            if len(groups):
+                yield self.receiver.process(groups)
+        yield self.receiver.finish(self.groups)
+
+
+def _table_of(plan: Plan) -> TimedTable:
+    assert isinstance(plan.table, TimedTable)  # as _check requires packets
+    return plan.table
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Packets as they were divided in a round, and the tags in them."""
+
+    channels: PacketChannels
+    plan: Plan
+    packets: DividedPackets
+    untouched: Array
+    solved: SolvedTags
+
+
+def _check(recording: ChannelSnapshots, plan: Plan) -> None:
+    scene = plan.require_scene()
+    if scene.packets is None:
+        rule = "holds channel snapshots, but the scene describes samples: it needs 'packets:'"
+        raise InputError(recording.path, rule)
+    free = scene.environment.reader_clock == "free"
+    if free and recording.antennas == 1:
+        rule = (
+            "has a single antenna, and the receiver's oscillator runs freely: each packet has a "
+            "phase of its own, which cannot be distinguished from the tag's; two antennas on the "
+            "same oscillator are needed"
+        )
+        raise InputError(recording.path, rule)
+    stated, carrier_hz = scene.radio.center_frequency_hz, recording.center_frequency_hz
+    if carrier_hz is not None and abs(carrier_hz - stated) > 1.0:
+        rule = f"center_frequency_hz must be that of the scene ({stated:.9g})"
+        raise InputError(recording.path, rule, carrier_hz)

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Streams to readings: the room is surveyed while the sensor is untouched, then it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.folded_groups import FoldedGroups
+from ..estimation.capture.snapshot_group import GroupScreen, SnapshotGroup
+from ..estimation.capture.surveyed_groups import SurveyedGroups
+from ..estimation.groups import Array, Groups
+from ..estimation.room.survey import Survey
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..planning.room.adaptation import adapted, expecting_snr, readapted
+from ..planning.room.findings import Finding, findings
+from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
+from ..press.evidence import Suspicion
+from ..press.tares import StreamTares, TareState
+from .receiver import Receiver
+
+# Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
+AGAIN_S = 10.0
+
+
+class StreamReader:
+    """Reads the phase groups of a stream as they arrive.
+
+    The groups of the untouched reference are kept until the room is surveyed in them. They are then
+    read with the weights that suit the room, and so are all that follow. The room is surveyed again
+    after a tare, and every ten seconds as soon as no sensor is touched for the length of a
+    reference; reading goes on meanwhile. Where other weights suit the room, they are used from the
+    group after the survey on, with a new reference that is computed from the surveyed groups. All
+    this depends on the groups alone and not on when they arrive, and no group is lost.
+
+    Parameters
+    ----------
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    survey_again_s : float
+        Time after a survey until the next one, in s.
+
+    Attributes
+    ----------
+    on_groups : callable or None
+        Called with every batch of Groups that has been read (see ``Receiver``). Groups in which a
+        later survey was made may come twice.
+    plan : Plan
+        Adapted to the room; the given one before the survey, and where the room does not need it.
+    survey : Survey or None
+        The latest one of the room. None before the first one, and where none can be made.
+    findings : list of Finding or None
+        What it has found; None without a survey.
+    counts : GroupCounts
+        Group counts by outcome, so far.
+    tares : StreamTares
+        Requests for a new untouched reference.
+    mean_frame : callable or None
+        Returns the mean of the first frames, guards included: complex, shape (n,), empty where it
+        is not known. The receiver's compression is measured in it, and corrected.
+    compression : Compression or None
+        What was measured.
+
+    Raises
+    ------
+    InputError
+        When a clock's tolerance exceeds 1000 ppm and the room cannot be surveyed for it; at the
+        first survey, when two tags lie within the tolerance of one clock.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> import numpy as np
+    >>> reader = StreamReader(plan("demo"))
+    >>> shape = (625, 64)
+    >>> group = SnapshotGroup(0, np.zeros(shape), np.zeros((625, 2)), np.ones(625, bool))
+    >>> reader.process([group]), len(reader.finish())
+    ([], 1)
+    """
+
+    def __init__(
+        self, plan: PlanOrScene, tracked: bool = False, survey_again_s: float = AGAIN_S
+    ) -> None:
+        self.plan = self._scene_plan = plan = as_plan(plan)
+        self.survey: Survey | None = None
+        self.findings: list[Finding] | None = None
+        self.counts = GroupCounts()
+        self.on_groups: Callable[[Groups], None] | None = None
+        self.mean_frame: Callable[[], Array] | None = None
+        self.compression: Compression | None = None
+        self.tares = StreamTares(self._request_tare, self._cancel_tare)
+        self._tracked, self._again_s = tracked, survey_again_s
+        self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
+        self._surveyed = surveyed_snapshots(plan)
+        self._kept: SurveyedGroups | None = None
+        self._in_tare = False  # whether these are the groups of a tare
+        self._adapted_to: Survey | None = None
+        self._due: int | None = None  # group from which on the room may be surveyed again
+        self._receiver: Receiver | None = None
+        self._tones: FoldedGroups | None = None
+        self._exchanged = ""  # state of the receiver that is being replaced
+        if self._surveyed:
+            self._kept = self._survey_from(first=0)
+            _ = plan.table, plan.sensors  # errors in them are raised before samples arrive
+        else:
+            self._use(plan)
+
+    def process(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
+        """Take the next groups; give the readings that are ready, in order.
+
+        Parameters
+        ----------
+        groups : sequence of SnapshotGroup
+            With rising indices. Their arrays may be overwritten after the call.
+
+        Returns
+        -------
+        list of Reading
+            A reading per group and sensor; groups that were not received are flagged ``gap``.
+        """
+        readings: list[Reading] = []
+        waiting: list[SnapshotGroup] = []
+        for group in map(self._screen.process, groups):
+            if self._receiver is not None:
+                waiting.append(group)
+            if self._kept is None and self._due is not None and group.index >= self._due:
+                untouched = max(self.plan.reference_groups, self._acquisition_groups)
+                self._kept = self._survey_from(untouched_groups=untouched)
+            if self._kept is None:
+                continue
+            self._kept.add(group)
+            ready, waiting = self._read(waiting), []
+            self._kept.check(ready)
+            readings += ready
+            if self._in_tare and self.tares.state.state == "failed":
+                self._kept, self._in_tare = None, False
+            elif self._kept.complete and not self.tares.measuring:
+                self._kept.end_survey()
+                if len(self._kept.groups) >= self._acquisition_groups:
+                    readings += self._adapt(self._kept)
+        return readings + self._read(waiting)
+
+    @property
+    def state(self) -> str:
+        """What the reader is doing: ``acquiring``, ``reference`` or ``reading``."""
+        # Other threads ask. An exchange is marked before another receiver is in use, and until that
+        # one has read: looked at in this order, none is asked before it has.
+        receiver = self._receiver
+        if receiver is not None:
+            return self._exchanged or receiver.state
+        return "reference" if self._kept is not None and self._kept.groups else "acquiring"
+
+    def reference_problem(self, sensor: str) -> str:
+        """Why it is not known which phases of a sensor are those untouched; empty if they are."""
+        if self._receiver is None:
+            return ""
+        return self._receiver.readout.sensors[sensor].state.problem
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses suggest: see ``Receiver.suspicions``."""
+        return {} if self._receiver is None else self._receiver.suspicions()
+
+    def _request_tare(self, force: bool) -> TareState:
+        if self._receiver is None:
+            reason = "the first reference is not complete"
+            return self.tares.report(TareState("refused", reason, force))
+        state = self._receiver.tare(force)
+        # What is touched in a forced tare is no room in which nothing is touched.
+        if state.state == "measuring" and self._surveyed:
+            self._in_tare = not force
+            self._kept = None if force else self._survey_from()
+        return state
+
+    def _report_tare(self, state: TareState) -> None:
+        self.tares.report(state)
+
+    def _cancel_tare(self, reason: str) -> None:
+        if self._receiver is not None:
+            self._receiver.tares.cancel(reason)
+
+    def finish(self) -> list[Reading]:
+        """Give the readings of all groups that are still held back."""
+        readings: list[Reading] = []
+        if self._receiver is None and self._kept is not None and self._kept.groups:
+            readings = self._adapt(self._kept)
+        return readings + self._receiver.finish() if self._receiver is not None else []
+
+    @property
+    def _acquisition_groups(self) -> int:
+        """Groups that another receiver needs before it reads on; 0 for the first one."""
+        return 0 if self._receiver is None else self._receiver.acquisition_groups
+
+    def _survey_from(self, first: int | None = None, untouched_groups: int = 0) -> SurveyedGroups:
+        return SurveyedGroups(self._surveyed, self.plan.group_length, first, untouched_groups)
+
+    def _adapt(self, kept: SurveyedGroups) -> list[Reading]:
+        """Survey the room in the groups kept, and go on with the plan that suits it."""
+        self._kept, self._in_tare = None, False
+        last = kept.groups[-1].index
+        self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
+        survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
+        if self._receiver is None:
+            self.survey = self._adapted_to = survey
+            if self.mean_frame is not None and len(frame := self.mean_frame()):
+                self.compression = measure_compression(frame, self.plan.waveform)
+            self._use(adapted(self._scene_plan, survey))
+            return self._read(kept.groups)
+        if survey is None:
+            return []
+        self.survey = survey
+        better = self._better(survey)
+        if better is self.plan:
+            self._update_findings()
+            return []
+        # Other threads see the state; the new receiver acquires before it gives the next reading.
+        self._exchanged = self._receiver.state
+        try:
+            readings = self._receiver.finish()
+            self._use(better, last + 1)
+            self._receiver.begin_reference_at(kept.first)
+            return readings + self._read(kept.groups)
+        finally:
+            self._exchanged = ""
+
+    def _better(self, survey: Survey) -> Plan:
+        """The plan in use, or another one where that suits the room as it is."""
+        try:
+            better, self._adapted_to = readapted(
+                self.plan, self._adapted_to, self._scene_plan, survey
+            )
+        except (InputError, np.linalg.LinAlgError):
+            # A second tag that could be meant has appeared, and ours is tracked; or LAPACK cannot
+            # solve the other weights. Neither must end a run that can be read as it is.
+            return self.plan
+        return better
+
+    def _use(self, plan: Plan, first_group: int = 0) -> None:
+        """Read with a plan, and give the readings from a group on."""
+        self.plan = plan
+        self._tones = FoldedGroups(plan.table, plan.waveform)
+        former = self._receiver
+        self._receiver = Receiver(
+            expecting_snr(replace(plan, compression=self.compression), self.survey),
+            self._tracked,
+            on_groups=self._give,
+            first_group=first_group,
+            counts=self.counts,
+            states=None if former is None else former.states,
+        )
+        self._receiver.tares.on_state = self._report_tare
+        self._update_findings()
+
+    def _give(self, groups: Groups) -> None:
+        if self.on_groups is not None:
+            self.on_groups(groups)
+
+    def _update_findings(self) -> None:
+        if self.survey is not None:
+            self.findings = findings(self.survey, self._scene_plan, self.plan)
+
+    def _read(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
+        if not groups or self._receiver is None or self._tones is None:
+            return []
+        return self._receiver.process(self._tones.groups(groups))

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
+
+import csv
+import os
+import shutil
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.antennas import channel_ratio
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture.names import second_antenna
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.simulation.simulator import simulate
+from wiforce_app.read.recordings import read_capture
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+    "environment": {"reader_clock": "free", "receive_antennas": 2},
+    "reference_s": 0.3,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 0.9,
+        "seed": 5,
+        "snr_db": 15,
+        "static_clutter_db": 65,
+        "carrier_offset_hz": 800,
+        "phase_noise_hz": 5,
+        "presses": [{"start_s": 0.45, "rise_s": 0, "hold_s": 9, "force_n": 4, "location_mm": 33}],
+    },
+}
+
+
+def test_channel_ratio_cancels_the_common_phase():
+    rng = np.random.default_rng(1)
+    first, second = rng.standard_normal((2, 40, 62)) + 1j * rng.standard_normal((2, 40, 62))
+    turns = np.exp(2j * np.pi * rng.random((40, 1)))
+    np.testing.assert_allclose(channel_ratio(turns * first, turns * second), first / second)
+    second[3] = 0
+    assert np.all(channel_ratio(first, second)[3] == 0)
+
+
+def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
+    waveform, rng = sounding_waveform(), np.random.default_rng(2)
+    folded = (rng.standard_normal((2, 30, 64)) + 1j * rng.standard_normal((2, 30, 64))).astype("c8")
+    sources = [blocks.vector_source_c(x.ravel(), False, 64) for x in folded]
+    ratio, sink = wiforce.antenna_ratio(), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    for i, source in enumerate(sources):
+        flowgraph.connect(source, (ratio, i))
+    flowgraph.connect(ratio, sink)
+    flowgraph.run()
+    got = np.fft.fft(np.array(sink.data()).reshape(30, 64)) * waveform.equalizer()
+    wanted = np.divide(*np.fft.fft(folded)[:, :, waveform.bins])
+    np.testing.assert_allclose(got[:, waveform.bins], wanted, rtol=1e-4, atol=1e-4)
+    assert np.abs(got[:, 0]).max() < 1e-5
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory):
+    """Two antennas' captures of a press, with carrier offset and phase noise."""
+    name, scene = tmp_path_factory.mktemp("two") / "press", load_scene(SCENE)
+    simulate(scene, name)
+    return name, scene
+
+
+@lru_cache
+def readings(name, scene):
+    """Readings of a touch; captures do not change."""
+    found = []
+    read_capture(open_capture(name), scene, found.append)
+    return [r for r in found if r.time_s > 0.5]
+
+
+def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
+    name, scene = captures
+    truth = scene.load_model("line-900mhz")
+    known = scene.load_model("line-900mhz-calibrated")
+    bias = np.subtract(known.untouched_deg(), truth.untouched_deg())
+    found = readings(name, scene)
+    phases = np.array([[r.phase1_deg, r.phase2_deg] for r in found])
+    errors = wrap_deg(phases - truth.phases_deg(4.0, 33.0) - bias)
+    # not quite linear in the tag: up to 2 |T|/|S| = 0.29 deg, and noise of 0.1 deg
+    assert len(found) >= 8 and np.abs(np.median(errors, axis=0)).max() < 0.35
+    assert np.abs([r.location_mm - 33 for r in found]).max() < 0.3
+
+
+def test_antenna_ratio_partial_last_group_is_not_read(captures):
+    scene = load_scene({**SCENE, "phase_group": {"snapshots": 610}})  # 25.6 groups
+    found = readings(captures[0], scene)
+    assert found[-1].time_s == pytest.approx(24.5 * scene.group_period_s)
+    assert "gap" not in found[-1].flags
+
+
+def test_single_antenna_with_free_clock_reads_nothing(captures):
+    alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
+    assert all(r.force_n is None or r.flags for r in readings(captures[0], alone))
+
+
+def test_quiet_captures_of_two_antennas_lose_no_snapshot(captures):
+    """The carrier offset makes repetitions differ far more than noise does, in every frame."""
+    assert all(r.interference == 0 for r in readings(*captures))
+
+
+@pytest.fixture(scope="module")
+def interfered(captures, tmp_path_factory):
+    """The captures with bursts at the second antenna, 6 dB below the static path."""
+    name, _ = captures
+    copied = tmp_path_factory.mktemp("bursts") / "press"
+    for path in name.parent.glob("press*"):
+        shutil.copy(path, copied.parent)
+    path = second_antenna(copied) + ".sigmf-data"
+    codes, rng = np.fromfile(path, "<i2").reshape(-1, 2).astype(float), np.random.default_rng(4)
+    rms = np.sqrt(np.mean(codes[64:320] ** 2))
+    for start in range(0, len(codes), 30_000):
+        codes[start : start + 6000] += rng.normal(0, 0.5 * rms, (6000, 2))
+    np.clip(np.rint(codes), -32768, 32767).astype("<i2").tofile(path)
+    return copied
+
+
+def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
+    done = run_command("survey", captures[0])
+    assert "the ratio of two antennas is not linear (tag against static path: -50 dB)" in (
+        done.stdout
+    )
+
+
+@pytest.mark.long
+def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
+    clean, found = readings(*captures), readings(interfered, captures[1])
+    assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []
+    for name in ("phase1_deg", "phase2_deg"):
+        got, want = ([getattr(r, name) for r in each] for each in (found, clean))
+        assert np.abs(wrap_deg(np.subtract(got, want))).max() < 0.5
+
+
+@pytest.mark.long
+def test_antenna_ratio_stream_with_bursts_is_read_as_the_recording(captures, interfered):
+    _, scene = captures
+    found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()
+    reader = wiforce.reader(scene, input_type="folded", on_reading=found.append)
+    for port, name in enumerate((interfered, second_antenna(interfered))):
+        flowgraph.connect(wiforce.capture_source(name, scene), (ratio, port))
+    flowgraph.connect(ratio, reader)
+    flowgraph.run()
+    wanted = []
+    read_capture(open_capture(interfered), scene, wanted.append)
+    assert len(found) == len(wanted)
+    for got, want in zip(found, wanted, strict=True):
+        assert got.interference == want.interference and got.flags == want.flags
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=1e-3)
+
+
+def test_reader_samples_of_one_antenna_are_refused_for_two():
+    with pytest.raises(InputError, match="environment.receive_antennas: must be 1 where samples"):
+        wiforce.reader(SCENE, input_type="sc16")
+
+
+def test_shorter_file_of_one_antenna_is_reported(captures, tmp_path):
+    """Its groups were dropped without a word about the file."""
+    first, copied = captures[0], tmp_path / "short"
+    for name, copy in ((first, copied), (second_antenna(first), second_antenna(copied))):
+        for suffix in (".sigmf-data", ".sigmf-meta"):
+            shutil.copy(f"{name}{suffix}", f"{copy}{suffix}")
+    path = second_antenna(copied) + ".sigmf-data"
+    os.truncate(path, os.path.getsize(path) - 4 * 125_000)
+    done = run_command("read", copied)
+    assert done.returncode == 0, done.stderr
+    assert f"{path}: ends 125000 samples" in done.stderr and "before" in done.stderr
+    assert "groups that lack one antenna cannot be read" in done.stderr
+
+
+ROOM = {
+    **SCENE,
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}],
+    "reference_s": 0.5,
+    "simulation": {
+        **SCENE["simulation"],
+        "duration_s": 1.2,
+        "static_clutter_db": 50,
+        "other_tags": [
+            {"clock_hz": 1730, "clock_offset_ppm": -35, "level_db": 0, "delay_s": 20e-9}
+        ],
+        "presses": [
+            {"start_s": 0.6, "hold_s": 9, "force_n": 5, "end_force_n": 4, "location_mm": 54}
+        ],
+    },
+}
+
+
+def steady(scene, folder):
+    """Readings of a steady touch, and the force in each."""
+    found = []
+    name = folder / "room"
+    simulate(scene, name)
+    read_capture(open_capture(name), scene, found.append)
+    with open(f"{name}.truth.csv", encoding="utf-8", newline="") as stream:
+        rows = [row for row in csv.DictReader(stream) if row["touch"] == "1"]
+    times = np.array([float(row["time_s"]) for row in rows])
+    force = np.array([float(row["force_n"]) for row in rows])
+    return [(r, np.interp(r.time_s, times, force)) for r in found if r.time_s > 0.7]
+
+
+@pytest.mark.long
+def test_ratio_of_a_strong_tag_beside_an_unlisted_one_is_read(tmp_path):
+    """The ratio is not linear in the tag, by more than ten times the noise; its deviation holds."""
+    readings = steady(load_scene(ROOM), tmp_path)
+    good = [(abs(r.force_n - force), r.force_std_n) for r, force in readings if not r.flags]
+    errors, stds = np.transpose(good)
+    assert len(good) > 10 and np.all(errors < 3 * stds)
+    assert np.median(errors) > 0.3 and np.median(stds) < 2.0

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The blocks of the textbook chain: stages of the receiver, wired one by one."""
+
+import numpy as np
+import pmt
+import pytest
+from chain_from_file import Chain
+from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
+from device_times import rx_time
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.blocks import names
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from plain import make_air
+from press_capture import GROUP, SCENE, array_source, press_codes
+from wiforce_app.bench.snapshots.air import TagOnAir
+
+SAMPLE_RATE_HZ = 12.5e6
+
+
+@pytest.fixture(scope="module")
+def codes(tmp_path_factory):
+    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
+    return press_codes(tmp_path_factory.mktemp("capture"))[: 25 * GROUP]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return wiforce.plan(SCENE)
+
+
+class Tap:
+    """The ratios of all groups that a receiver reads."""
+
+    def __init__(self):
+        self._batches = []
+        self.take = self._batches.append
+
+    @property
+    def ratios(self):
+        return Groups.concatenate(self._batches).ratios
+
+
+def run(*chain):
+    flowgraph = gr.top_block()
+    flowgraph.connect(*chain)
+    flowgraph.run()
+
+
+def readings_and_ratios_of_chain(plan, source, tracked):
+    """Readings by one block per step, and the ratios between the last two."""
+    readings, sink = [], blocks.vector_sink_c(2)
+    chain = Chain(plan, readings.append)
+    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
+    flowgraph = gr.top_block()
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    chain.connect(flowgraph, source, fold)
+    flowgraph.connect(chain.to_force[-2], sink)
+    flowgraph.run()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
+    return readings, np.reshape(sink.data(), (-1, 2))
+
+
+def readings_and_ratios_of_reader(plan, source, tracked):
+    readings = []
+    tap = Tap()
+    reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
+    reader.groups.stream.on_groups = tap.take
+    run(source, reader)
+    assert reader.failure is None
+    return readings, tap.ratios
+
+
+def readings_of_receiver(plan, codes, lost, tracked):
+    """Readings by NumPy alone, in double precision; ``lost`` samples are absent."""
+    tap = Tap()
+    receiver = wiforce.Receiver(plan, tracked, on_groups=tap.take)
+    frames = codes.astype(float).reshape(25, plan.group_length, 720, 2) / 32768
+    used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
+    folded = used.reshape(25, plan.group_length, 4, 64).mean(axis=2)
+    present = np.ones(len(codes), bool)
+    present[lost] = False
+    # A frame of which any sample is absent gives no snapshot.
+    present = present.reshape(25, plan.group_length, 720).all(axis=2)
+    factors, rotation = plan.waveform.equalizer(), plan.table.derotation(SAMPLE_RATE_HZ)
+    solved = [plan.table.for_present(mask).weights for mask in present]
+    rows = [w @ group[mask] for w, group, mask in zip(solved, folded, present, strict=True)]
+    tones = (np.fft.fft(np.array(rows) * rotation) * factors)[:, :, plan.waveform.bins]
+    missing = np.sum(~present, axis=1)
+    groups = Groups(np.arange(25), tones, missing, snapshot_weights=present)
+    readings = receiver.process(groups) + receiver.finish()
+    return readings, tap.ratios
+
+
+@pytest.mark.parametrize(
+    "lost, tracked",
+    [(slice(0), False), (slice(18 * GROUP + 100_000, 18 * GROUP + 136_000), True)],
+    ids=["complete", "with a gap, tracked"],
+)
+def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost, tracked):
+    kept, tags = np.delete(codes, lost, axis=0), []
+    if lost.stop > (lost.start or 0):
+        tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+    expected, ratios = readings_of_receiver(plan, codes, lost, tracked)
+    assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
+    for way in (readings_and_ratios_of_chain, readings_and_ratios_of_reader):
+        found, found_ratios = way(plan, array_source(kept, tags), tracked)
+        # Single precision in the C++ blocks and between the Python ones.
+        np.testing.assert_allclose(found_ratios, ratios, atol=5e-5)
+        assert len(found) == 25
+        for a, b in zip(found, expected, strict=True):
+            assert (a.time_s, a.sensor, a.touch, a.flags) == (b.time_s, b.sensor, b.touch, b.flags)
+            for name in ("phase1_deg", "phase2_deg"):
+                assert getattr(a, name) == pytest.approx(getattr(b, name), abs=2e-3)
+            if b.force_n is not None:
+                assert a.force_n == pytest.approx(b.force_n, abs=0.04 * b.force_std_n)
+                assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
+
+
+# What the survey adapts the plan to: lamps, and a receiver that compresses.
+ROOMS = {
+    "lamps": {
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 400},
+        "phase_group": {"snapshots": 200},
+        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 440}],
+        "simulation": SCENE["simulation"] | {"lamps": {"mains_hz": 50, "level_db": 0}},
+    },
+    "compression": {"simulation": SCENE["simulation"] | {"front_end": {"compression": 0.01}}},
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_path, room):
+    """The blocks do not survey the room: with the scene's own plan they read it otherwise."""
+    scene = wiforce.load_scene(SCENE | ROOMS[room])
+    wiforce.simulate(scene, tmp_path / "press")
+    capture = open_capture(tmp_path / "press")
+    expected = [reading for batch in RecordingReader(capture, scene) for reading in batch]
+    found, unadapted = (
+        readings_of_chain(used, wiforce.capture_source(capture, scene))
+        for used in (wiforce.plan_for_capture(capture, scene), wiforce.plan(scene))
+    )
+    assert sum(reading.touch == 1 for reading in expected) >= 8
+    assert_equal_readings(found, expected)
+    changed = [abs(a.phase2_deg - b.phase2_deg) for a, b in zip(found, unadapted, strict=True)]
+    assert max(changed) > 0.1
+
+
+def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
+    scene = wiforce.load_scene("tabletop_two").as_dict()
+    scene["simulation"] |= {"duration_s": 3.0}
+    wiforce.simulate(scene, tmp_path / "presses")
+    scene = wiforce.load_scene(scene)
+    capture = open_capture(tmp_path / "presses")
+    expected = readings_of_reader(scene, wiforce.capture_source(capture, scene), "folded")
+    assert {reading.sensor for reading in expected if reading.touch} == {"left", "right"}
+    found = readings_of_chain(wiforce.plan(scene), wiforce.capture_source(capture, scene))
+    assert_equal_readings(found, expected)
+
+
+def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
+    lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
+    tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+    source = array_source(np.delete(codes, lost, axis=0), tags)
+    readings = []
+    chain = Chain(plan, readings.append)
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    run(source, fold, chain.tones, chain.channel, *chain.to_force)
+    chain.check()
+    assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
+    assert readings[18].flags == ("gap",) and readings[18].force_n is None
+
+
+def test_chain_block_invalid_message_ends_the_flowgraph(plan):
+    separation = wiforce.end_separation(plan)
+    separation.to_basic_block()._post(pmt.intern(names.INCOMPLETE), pmt.PMT_T)
+    rows = len(plan.table.tones)
+    run(array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation, sink_of(2))
+    assert separation.failure is not None
+
+
+def sink_of(ends):
+    return blocks.null_sink(ends * 64 * gr.sizeof_gr_complex)
+
+
+def group_tags(count):
+    """Tags of consecutive groups, as the Doppler block sets them."""
+    key = pmt.intern(names.GROUP)
+    return [
+        gr.tag_utils.python_to_tag((g, key, pmt.from_uint64(g), pmt.PMT_F)) for g in range(count)
+    ]
+
+
+def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent(plan):
+    """Nobody sends on them: what arrives there is an interferer, or no number at all."""
+    count, occupied = 20, np.isin(np.arange(64), plan.waveform.bins)
+    air = make_air(plan.group_length, [TagOnAir(untouched_deg=(35.0, -80.0))], 26, 20.0)
+    tones = np.full((count, len(plan.table.tones), 64), np.nan, np.complex64)
+    tones[:, :, occupied] = [plan.table.weights @ air.group(g) for g in range(count)]
+    separation = wiforce.end_separation(plan, derotated=False)
+    difference = wiforce.conjugate_difference(plan)
+    ends, changes = blocks.vector_sink_c(128), blocks.vector_sink_c(128)
+    source = array_source(tones.reshape(count, -1), group_tags(count))
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, separation, difference, changes)
+    flowgraph.connect(separation, ends)
+    flowgraph.run()
+    for sink in (ends, changes):
+        vectors = np.reshape(sink.data(), (count, 2, 64))
+        assert np.all(vectors[:, :, ~occupied] == 0)
+        assert np.all(np.isfinite(vectors)) and np.all(vectors[:, :, occupied] != 0)
+
+
+@pytest.mark.parametrize(
+    "make", [wiforce.conjugate_difference, wiforce.subcarrier_average, wiforce.force_inversion]
+)
+def test_chain_block_without_the_blocks_before_it_ends_the_flowgraph(plan, make):
+    block = make(plan)
+    length = block.input_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
+    chain = [array_source(np.zeros((3, length), np.complex64)), block]
+    if block.output_signature().max_streams():
+        size = block.output_signature().sizeof_stream_item(0)
+        chain.append(blocks.null_sink(size))
+    run(*chain)
+    assert isinstance(block.failure, RuntimeError)
+    assert "connect after end_separation" in str(block.failure)

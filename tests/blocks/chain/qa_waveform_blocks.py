@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blocks of the chain with symbols that are not 64 samples long, against NumPy."""
+
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
+
+GROUPS, SNAPSHOTS = 3, 40
+
+
+@pytest.fixture(params=[17, 48, 600])
+def waveform(request):
+    length = request.param
+    return wiforce.sounding_waveform(
+        "chirp", 4 * length + 13, 1e6, symbol_length=length, repetitions=4, averaged_repetitions=3
+    )
+
+
+@pytest.fixture
+def samples(waveform):
+    rng = np.random.default_rng(4)
+    count = GROUPS * SNAPSHOTS * waveform.frame_length
+    noise = rng.standard_normal((count, 2), np.float32) @ np.array([0.1, 0.1j], np.complex64)
+    return np.tile(waveform.frame(), GROUPS * SNAPSHOTS).astype(np.complex64) + noise
+
+
+def folded(samples, waveform):
+    frames = samples.astype(complex).reshape(-1, waveform.frame_length)
+    used = frames[:, waveform.first_averaged :][:, : 3 * waveform.symbol_length]
+    return used.reshape(len(frames), 3, -1).mean(axis=1)
+
+
+def run(samples, *chain):
+    flowgraph = gr.top_block()
+    sink = blocks.vector_sink_c(chain[-1].output_signature().sizeof_stream_item(0) // 8)
+    flowgraph.connect(blocks.vector_source_c(samples.tolist()), *chain, sink)
+    flowgraph.run()
+    return np.array(sink.data())
+
+
+def test_fold_and_channel_of_any_symbol_equal_numpy(waveform, samples):
+    fold = wiforce.preamble_fold(**waveform.folding, sample_rate=1e6)
+    estimator = wiforce.ofdm_channel_estimator(waveform.equalizer())
+    channel = run(samples, fold, estimator).reshape(-1, waveform.symbol_length)
+    expected = np.fft.fft(folded(samples, waveform), axis=1) * waveform.equalizer()
+    np.testing.assert_allclose(channel, expected, atol=2e-5)
+    assert np.abs(channel[:, waveform.bins].mean() - 1) < 0.01
+
+
+@pytest.mark.parametrize("in_one", [True, False])
+def test_tones_of_any_symbol_equal_numpy(waveform, samples, in_one):
+    rng = np.random.default_rng(6)
+    weights = rng.standard_normal((5, SNAPSHOTS)) + 1j * rng.standard_normal((5, SNAPSHOTS))
+    weights = weights.astype(np.complex64)
+    if in_one:
+        chain = [wiforce.preamble_fold.tones(weights, SNAPSHOTS, **waveform.folding)]
+    else:
+        doppler = wiforce.phase_group_doppler(weights, SNAPSHOTS, waveform.symbol_length)
+        chain = [wiforce.preamble_fold(**waveform.folding), doppler]
+    tones = run(samples, *chain).reshape(GROUPS, 5, -1)
+    groups = folded(samples, waveform).reshape(GROUPS, SNAPSHOTS, -1)
+    expected = np.einsum("mn,gnk->gmk", weights.astype(complex), groups)
+    np.testing.assert_allclose(tones, expected, atol=2e-4)
+
+
+def test_whole_spectrum_of_any_symbol_equals_numpy(waveform, samples):
+    doppler = wiforce.phase_group_doppler.spectrum(SNAPSHOTS, waveform.symbol_length)
+    spectrum = run(samples, wiforce.preamble_fold(**waveform.folding), doppler)
+    groups = folded(samples, waveform).reshape(GROUPS, SNAPSHOTS, -1)
+    expected = np.fft.fft(groups, axis=1) / SNAPSHOTS
+    np.testing.assert_allclose(spectrum.reshape(expected.shape), expected, atol=1e-5)
+
+
+def test_ratio_of_two_antennas_takes_the_symbol(waveform):
+    ratio = wiforce.antenna_ratio(waveform)
+    length = waveform.symbol_length
+    assert ratio.input_signature().sizeof_stream_item(0) == 8 * length
+    first, second = (
+        blocks.vector_source_c((a * waveform.symbol).tolist(), False, length) for a in (3j, 2)
+    )
+    flowgraph, sink = gr.top_block(), blocks.vector_sink_c(length)
+    flowgraph.connect(first, ratio, sink)
+    flowgraph.connect(second, (ratio, 1))
+    flowgraph.run()
+    channel = np.fft.fft(sink.data()) * waveform.equalizer()
+    np.testing.assert_allclose(channel[waveform.bins], 1.5j, atol=1e-5)
+
+
+def test_blocks_take_the_sounding_of_a_scene_with_a_symbol_beside_it(tmp_path):
+    """Symbol, repetitions and frame length had to be stated again in every block."""
+    n = np.arange(48)
+    np.save(tmp_path / "own.npy", np.exp(1j * np.pi * n**2 / 48))
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "sounding: {waveform: own.npy, repetitions: 3, frame_length: 157}\n"
+        "radio: {sample_rate_hz: 1.0e+6}\n"
+        "sensors: [{name: arm, model: line-900mhz, clock_hz: 400}]\n"
+    )
+    scene = wiforce.load_scene(path)
+    frame = scene.waveform().frame()
+    assert len(frame) == 157
+    for given in (scene, str(path)):
+        tag = wiforce.backscatter_tag(
+            waveform=given, sample_rate=1e6, clock_hz=400, snr_db=60, static_clutter_db=60
+        )
+        alignment = wiforce.frame_alignment(given, search_frames=16)
+        skip, head = blocks.skiphead(8, 100), blocks.head(8, 40 * 157)
+        sounder = wiforce.sounding_source(given, amplitude=0.5)
+        flowgraph, sink = gr.top_block(), blocks.vector_sink_c()
+        flowgraph.connect(sounder, skip, head, tag, alignment, sink)
+        flowgraph.run()
+        # The block leaves MARGIN samples before the strongest path, for a weaker and earlier one.
+        assert alignment.offset == 57 - MARGIN
+        np.testing.assert_allclose(sink.data()[MARGIN : MARGIN + 157], 0.5 * frame, atol=5e-3)
+    assert wiforce.antenna_ratio(scene).input_signature().sizeof_stream_item(0) == 8 * 48
+
+
+@pytest.mark.parametrize(
+    "make, rule",
+    [
+        (lambda: wiforce.preamble_fold(720, symbol_length=15), "symbol_length must be 16 to 4096"),
+        (
+            lambda: wiforce.phase_group_doppler.collected(9, 4097),
+            "symbol_length must be 16 to 4096",
+        ),
+        (
+            lambda: wiforce.preamble_fold(720, 64, 4, symbol_length=165),
+            "first_averaged \\+ 165 repetitions = 724",
+        ),
+        (lambda: wiforce.sounding_source("chirp", 720, symbol_length=-1), "symbol_length"),
+    ],
+)
+def test_lengths_out_of_range_are_refused(make, rule):
+    with pytest.raises(ValueError, match=rule):
+        make()

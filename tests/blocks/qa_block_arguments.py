@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blocks refuse arguments of a wrong type in one line, as they refuse wrong values."""
+
+import importlib
+import inspect
+import pkgutil
+import socket
+
+import numpy as np
+import pytest
+from gnuradio import gr, wiforce
+from gnuradio.wiforce import blocks
+from gnuradio.wiforce.blocks.samples.capture_source import capture_source
+from gnuradio.wiforce.errors import InputError
+
+KINDS = gr.basic_block, gr.sync_block, gr.hier_block2
+# Right arguments where a block has no default: types are checked before anything is opened.
+RIGHT = {
+    "plan": wiforce.plan("demo"),
+    "scene": "demo",
+    "recording": "press",
+    "path": "press",
+    "waveform": wiforce.sounding_waveform("repeated"),
+    "sample_rate": 12.5e6,
+    "frame_length": 720,
+    "stream": socket.socket(),
+    "count": 1000,
+}
+
+
+def parameters():
+    """Every parameter of every block in Python, those without a description in grc/ included."""
+    for module in pkgutil.iter_modules(blocks.__path__):
+        loaded = importlib.import_module(f"{blocks.__name__}.{module.name}")
+        block = getattr(loaded, module.name, None)
+        is_class = isinstance(block, type) and issubclass(block, KINDS)
+        if not is_class and block is not capture_source:
+            continue  # it holds what blocks share
+        own = inspect.signature(block).parameters
+        required = {n: RIGHT[n] for n, p in own.items() if p.default is inspect.Parameter.empty}
+        yield from (pytest.param(block, name, required, id=f"{module.name}-{name}") for name in own)
+
+
+@pytest.mark.parametrize("block, name, required", parameters())
+def test_block_argument_of_a_wrong_type_is_refused_in_one_line(block, name, required):
+    """A TypeError from inside of NumPy or GNU Radio names neither the parameter nor the value."""
+    wrong = type("Wrong", (), {"__repr__": lambda self: "<wrong>"})()
+    with pytest.raises(InputError, match=r"must be .*, got <wrong>$") as raised:
+        block(**required | {name: wrong})
+    assert raised.value.where == name and "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "block, arguments, message",
+    [
+        ("reader", {"scene": None}, "scene: must be a Plan, text, a Path, a dict or a Scene, got"),
+        ("end_separation", {"plan": "demo"}, "plan: must be a Plan, got 'demo'"),
+        ("reader", {"scene": "demo", "on_reading": 3}, "on_reading: must be a function or None"),
+        ("clock_offset", {"sensors": "2"}, "sensors: must be a whole number, got '2'"),
+        ("clock_offset", {"sensors": 1.5}, "sensors: must be a whole number, got 1.5"),
+        ("sounding_source", {"amplitude": "0.5"}, "amplitude: must be a number, got '0.5'"),
+        ("backscatter_tag", {"static_clutter_db": None}, "static_clutter_db: must be a number"),
+        ("backscatter_tag", {"off_reflection": "0.1"}, "off_reflection: must be a number"),
+        ("readings_to_floats", {"flagged": "no"}, "flagged: must be True or False, got 'no'"),
+        ("sigmf_recorder", {"path": "a", "fields": ["core:hw"]}, "fields: must be a dict or None"),
+        ("trend_display", {"labels": "offset"}, "labels: must be a list of texts, got 'offset'"),
+        ("trend_display", {"y_range": (1, 2, 3)}, "y_range: must be 2 numbers or None, got"),
+        ("force_display", {"strips_y_mm": ["a"]}, "strips_y_mm: must be a list of numbers, got"),
+    ],
+)
+def test_block_message_of_a_wrong_type_names_the_right_one(block, arguments, message):
+    with pytest.raises(InputError) as raised:
+        getattr(wiforce, block)(**arguments)
+    assert str(raised.value).startswith(message)
+
+
+def test_block_arguments_of_other_numeric_types_are_taken():
+    """Companion's variables are often floats, and NumPy's numbers come from computations."""
+    source = wiforce.sounding_source(frame_length=720.0, amplitude=np.float32(0.25))
+    source.set_amplitude(np.float64(0.5))
+    floats = wiforce.readings_to_floats(repeat=np.int64(4), flagged=1, unknown=0)
+    assert floats.output_multiple() == 4
+
+
+def test_block_setter_of_a_running_flowgraph_refuses_text():
+    tag = wiforce.backscatter_tag("line-900mhz")
+    with pytest.raises(InputError, match="^force_n: must be a number, got '3'$"):
+        tag.set_force_n("3")
+    assert tag.force_n() == 0.0
+
+
+def test_block_without_a_required_argument_is_reported_by_python():
+    with pytest.raises(TypeError, match="missing 1 required positional argument: 'plan'"):
+        wiforce.subcarrier_average()

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mistakes in flowgraphs: each gives one sentence that names its cause, and none crashes."""
+
+import copy
+import gc
+import importlib
+import weakref
+from types import SimpleNamespace
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
+
+RATE_HZ = 12.5e6
+MORE_TAGS = copy.deepcopy(SCENE)
+MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
+
+
+@pytest.fixture(scope="module")
+def codes(tmp_path_factory):
+    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
+    return press_codes(tmp_path_factory.mktemp("capture"))
+
+
+def said_of(samples, scene=SCENE, tags=(), **settings):
+    """What a reader says of samples."""
+    said = []
+    settings = {"input_type": "sc16" if samples.ndim == 2 else "fc32", **settings}
+    reader = wiforce.reader(scene, **settings)
+    reader.groups.on_warning = said.append
+    source, flowgraph = array_source(samples, tags), gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    assert reader.failure is None
+    return said
+
+
+def said_before(samples, scene=SCENE):
+    """What a frame alignment says of samples, by its message port."""
+    item_type = "sc16" if samples.ndim == 2 else "fc32"
+    alignment = wiforce.frame_alignment(wiforce.load_scene(scene), item_type=item_type)
+    said = []
+    alignment._watch._report = said.append
+    source, flowgraph = array_source(samples), gr.top_block()
+    flowgraph.connect(source, alignment, blocks.null_sink(samples[:1].nbytes))
+    flowgraph.run()
+    return said
+
+
+def resampled(samples, ratio):
+    """Samples at another rate."""
+    times = np.arange(0, len(samples) - 1, 1 / ratio)
+    at = np.arange(len(samples))
+    found = np.interp(times, at, samples.real) + 1j * np.interp(times, at, samples.imag)
+    return found.astype(np.complex64)
+
+
+def noise(codes):
+    return (1000 * np.random.default_rng(1).standard_normal(codes.shape)).astype(np.int16)
+
+
+def test_flowgraph_without_a_mistake_says_nothing(codes):
+    assert said_of(codes) == said_of(as_floats(codes)) == said_before(codes) == []
+
+
+MISTAKES = {
+    "type": (lambda codes: said_of(codes.ravel().view("<c8")), "integers have that are read as"),
+    "scale": (lambda codes: said_of(32768 * as_floats(codes)), "divide integers of 16 bits"),
+    "nan": (lambda codes: said_of(np.nan * as_floats(codes)), "NaN or infinite"),
+    "silence": (lambda codes: said_of(0 * codes), "all samples are 0"),
+    "rate": (
+        lambda codes: said_of(resampled(as_floats(codes), 0.8)),
+        "frame length and sample rate",
+    ),
+    "clock": (
+        lambda codes: said_of(
+            codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 1250}]}
+        ),
+        "no tag is found at its clock of 1250 Hz",
+    ),
+    "frame length": (
+        lambda codes: said_of(codes, {**SCENE, "sounding": {"frame_length": 640}}),
+        "not those of the scene (waveform 'repeated', 640 samples",
+    ),
+    "waveform": (
+        lambda codes: said_of(codes, {**SCENE, "sounding": {"waveform": "wifi"}}),
+        "not those of the scene (waveform 'wifi'",
+    ),
+    "offset": (lambda codes: said_of(codes, frame_offset=300), "not at sample 300"),
+    "noise": (lambda codes: said_of(noise(codes)), "only noise or another signal"),
+    "untouched start": (
+        lambda codes: said_of(codes[10_000 * 720 :]),
+        "arm: it may have been touched while its reference was measured",
+    ),
+    "clipping": (
+        lambda codes: said_of(np.clip(8 * codes.astype(int), -32768, 32767).astype(np.int16)),
+        "the receiver is saturated",
+    ),
+    "end": (lambda codes: said_of(codes[: 3 * GROUP]), "within the untouched reference of 0.288 s"),
+    "early end": (lambda codes: said_of(codes[:1000]), "without a whole phase group of 36 ms"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
+    """An int16 file that was opened as floats gave no reading and no message."""
+    say, cause = MISTAKES[mistake]
+    (sentence,) = say(codes)
+    assert sentence.startswith("reader: ") and cause in sentence
+
+
+def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):
+    (sentence,) = said_of(press_codes_of(MORE_TAGS, tmp_path))
+    assert "such as another tag with the same clock" in sentence
+
+
+def press_codes_of(scene, folder):
+    wiforce.simulate(scene, folder / "press")
+    return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
+
+
+def test_reader_at_a_wrong_carrier_names_it(codes):
+    """The block that discards the samples names both carriers in the log."""
+    value = (0, pmt.intern("rx_freq"), pmt.from_double(2.4e9), pmt.PMT_F)
+    (sentence,) = said_of(codes, tags=[gr.tag_utils.python_to_tag(value)])
+    assert "at the carrier and sample rate of the scene" in sentence
+
+
+@pytest.mark.parametrize(
+    "change, cause",
+    [
+        (lambda codes: codes.ravel().view("<c8"), "integers have when they are read as floats"),
+        (lambda codes: np.nan * as_floats(codes), "NaN or infinite"),
+        (noise, "only noise or another signal"),
+        (lambda codes: resampled(as_floats(codes), 0.8), "0.8 times that of the transmitter"),
+    ],
+)
+def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
+    codes, change, cause, tmp_path, monkeypatch
+):
+    samples = np.ascontiguousarray(change(codes))
+    (sentence,) = said_before(samples)
+    assert sentence.startswith("frame_alignment: ") and cause in sentence
+    samples.tofile(tmp_path / "press.bin")
+    datatype = "ci16_le" if samples.ndim == 2 else "cf32_le"
+    logged = []
+    module = importlib.import_module("gnuradio.wiforce.blocks.samples.capture_source")
+    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
+    wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype=datatype)
+    (sentence,) = logged
+    assert sentence.startswith("capture_source: ")
+    assert cause in sentence or "no sounding frames found" in sentence
+
+
+def test_frame_alignment_says_it_after_a_second_and_not_again(codes):
+    silent = np.zeros((int(2.5 * RATE_HZ), 2), np.int16)
+    (sentence,) = said_before(silent)
+    assert "all samples are 0" in sentence
+
+
+def test_reader_tells_of_frames_without_groups_while_it_runs():
+    """A stream without end has no last sentence."""
+    said = []
+    reader = wiforce.reader(SCENE)
+    reader.groups.on_warning = said.append
+    bad = blocks.vector_source_c([complex(np.nan)] * 720, True)
+    flowgraph = gr.top_block()
+    flowgraph.connect(bad, reader)
+    flowgraph.start()
+    try:
+        for _ in range(200):
+            if said or reader.ended.wait(0.1):
+                break
+    finally:
+        flowgraph.stop()
+        flowgraph.wait()
+    assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
+
+
+def test_flowgraph_keeps_its_blocks_and_frees_them():
+    """Blocks without a variable ended in a segmentation fault."""
+    flowgraph = gr.top_block()
+    samples = blocks.null_source(8), blocks.head(8, 5 * GROUP)
+    reader, floats = wiforce.reader(SCENE), wiforce.readings_to_floats()
+    kept = [weakref.ref(block) for block in (reader, reader.groups, floats)]
+    flowgraph.connect(*samples, reader)
+    flowgraph.msg_connect(reader, "readings", floats, "readings")
+    for port in range(4):
+        flowgraph.connect((floats, port), blocks.null_sink(4))
+    del reader, floats
+    gc.collect()
+    assert all(block() is not None for block in kept)
+    flowgraph.start()
+    assert kept[0]().ended.wait(60)
+    flowgraph.stop()
+    flowgraph.wait()
+    del flowgraph
+    gc.collect()
+    assert all(block() is None for block in kept)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""frame_alignment and sigmf_recorder: which samples pass, their times, what a recording says."""
+
+import json
+
+import numpy as np
+import pmt
+import pytest
+from device_times import NO_TIMES, rx_time
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
+from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.io.capture import Segment, open_capture
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+
+RATE = 12.5e6
+WAVEFORM = sounding_waveform()
+
+
+def stream(before, frames, seed=1):
+    """Frames after so many samples of noise; complex64, exact in 16 bits."""
+    rng = np.random.default_rng(seed)
+    sent = np.tile(0.4 * WAVEFORM.frame(), frames)
+    samples = np.concatenate([np.zeros(before), sent])
+    samples = samples + 0.01 * (rng.normal(size=len(samples)) + 1j * rng.normal(size=len(samples)))
+    return (np.rint(samples * 32768) / 32768).astype(np.complex64)
+
+
+def align(samples, tags=(), **parameters):
+    """What passes the block, its rx_time tags {offset: seconds}, and the block."""
+    block = wiforce.frame_alignment(search_frames=20, **parameters)
+    if parameters.get("item_type") == "sc16":
+        codes = np.rint(samples.view(np.float32) * 32768).astype(np.int16)
+        source, sink = blocks.vector_source_s(codes.tolist(), False, 2, list(tags)), None
+        sink = blocks.vector_sink_s(2)
+    else:
+        source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
+        sink = blocks.vector_sink_c()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, block, sink)
+    flowgraph.run()
+    times = {
+        tag.offset: pmt.to_uint64(pmt.tuple_ref(tag.value, 0))
+        + pmt.to_double(pmt.tuple_ref(tag.value, 1))
+        for tag in sink.tags()
+        if str(tag.key) == "rx_time"
+    }
+    return np.array(sink.data()), times, block
+
+
+@pytest.mark.parametrize("item_type", ["fc32", "sc16"])
+@pytest.mark.parametrize("before", [MARGIN, 64, 700])
+def test_the_first_sample_is_a_frame_s_and_nothing_of_it_is_lost(item_type, before):
+    samples = stream(before, 50)
+    passed, times, block = align(samples, [rx_time(0, 3.5)], item_type=item_type)
+    if item_type == "sc16":
+        passed = (passed.reshape(-1, 2) / 32768) @ [1, 1j]
+    first = before - MARGIN
+    assert block.offset == first
+    assert np.array_equal(passed.astype(np.complex64), samples[first:])
+    assert times == {0: pytest.approx(3.5 + first / RATE, abs=1e-12)}
+    assert block.start_time[0] == 3
+
+
+def test_later_tags_stay_with_their_samples():
+    samples = stream(100, 60)
+    tags = [rx_time(n, 1.0 + n / RATE) for n in (0, 30_000, 40_000)]
+    _, times, _ = align(samples, tags)
+    assert list(times) == [0, 30_000 - 92, 40_000 - 92]
+    assert times[30_000 - 92] == pytest.approx(1.0 + 30_000 / RATE, abs=1e-12)
+
+
+def test_a_gap_while_searching_begins_the_search_anew():
+    samples = np.concatenate([stream(100, 10), stream(300, 50, seed=2)])
+    gap = 100 + 7200
+    _, times, block = align(samples, [rx_time(0, 1.0), rx_time(gap, 2.0)])
+    assert block.offset == gap + 300 - MARGIN
+    assert times == {0: pytest.approx(2.0 + (300 - MARGIN) / RATE, abs=1e-12)}
+
+
+def test_without_frames_nothing_passes_and_the_search_goes_on():
+    passed, _, block = align(stream(50_000, 0))
+    assert len(passed) == 0 and block.offset is None and block.searches == 3
+
+
+@pytest.mark.parametrize("wrong", [{"item_type": "sc8"}, {"frame_length": 300}])
+def test_bad_parameters_are_refused(wrong):
+    with pytest.raises(InputError):
+        wiforce.frame_alignment(**wrong)
+
+
+def record(path, samples, tags, **parameters):
+    source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
+    recorder = wiforce.sigmf_recorder(path, **parameters)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, recorder)
+    flowgraph.run()
+    return recorder
+
+
+def test_a_recording_holds_the_samples_and_marks_the_gaps(tmp_path):
+    samples = stream(0, 30)
+    tags = [rx_time(0, 1.0), rx_time(5000, 1.0 + 5100 / RATE), rx_time(9000, 1.0 + 9350 / RATE)]
+    recorder = record(tmp_path / "run", samples, tags, fields={"core:hw": "a device"})
+    assert recorder.failure is None
+    capture = open_capture(tmp_path / "run")
+    assert np.array_equal(capture.read(len(samples)), samples)
+    places = [(s.file_sample, s.global_index, s.length) for s in capture.segments]
+    assert places == [(0, 0, 5000), (5000, 5100, 4000), (9000, 9350, len(samples) - 9000)]
+    fields = json.loads((tmp_path / "run.sigmf-meta").read_text())["global"]
+    assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
+
+
+def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
+    """As when the common start of a device's streams was missed: what came between is a gap."""
+    samples = stream(0, 30)
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    parts = [(samples[:5000], 1.0), (samples[5000:], 1.0 + 6000 / RATE)]
+    for part, start_s in parts:
+        tags = [rx_time(0, start_s), rx_time(4000, start_s + 4100 / RATE)]
+        flowgraph = gr.top_block()
+        flowgraph.connect(blocks.vector_source_c(part.tolist(), False, 1, tags), recorder)
+        flowgraph.run()
+    assert recorder.failure is None
+    capture = open_capture(tmp_path / "run")
+    assert np.array_equal(capture.read(len(samples)), samples)
+    places = [(s.file_sample, s.global_index) for s in capture.segments]
+    assert places == [(0, 0), (4000, 4100), (5000, 6000), (9000, 10_100)]
+
+
+@pytest.mark.parametrize("start_s", [None, 0.5, 5000.0])
+def test_a_recording_never_joins_what_may_lie_any_time_apart(tmp_path, start_s):
+    samples = stream(0, 30)
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    for tags in ([rx_time(0, 1.0)], [] if start_s is None else [rx_time(0, start_s)]):
+        flowgraph = gr.top_block()
+        flowgraph.connect(blocks.vector_source_c(samples.tolist(), False, 1, tags), recorder)
+        flowgraph.run()
+    assert "no rx_time reports the samples lost" in recorder.failure.strerror
+    assert open_capture(tmp_path / "run").segments == (Segment(0, 0, len(samples)),)
+
+
+def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
+    samples, true = stream(0, 30), [(n, 1.0 + n / RATE) for n in (0, 5000, 15_000)]
+    slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5), (11_000, 1e305)]
+    lost = (18_000, 1.0 + 18_070 / RATE)
+    tags = [rx_time(*tag) for tag in (*true, *slips, lost)]
+    record(tmp_path / "run", samples, tags)
+    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
+    assert places == [(0, 0), (18_000, 18_070)]
+    _, times, block = align(samples, tags)
+    assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
+
+
+@pytest.mark.parametrize("lost", [0, 300])
+def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_goes_on_from_it(tmp_path, lost):
+    tags = [rx_time(0, 1000.0), rx_time(5000, 1.0), rx_time(9000, 1.0 + (4000 + lost) / RATE)]
+    tags.append(rx_time(12_000, 1.0 + (7100 + lost) / RATE))
+    record(tmp_path / "run", stream(0, 30), tags)
+    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
+    first = [(9000, 9000 + lost)] if lost else []
+    assert places == [(0, 0), *first, (12_000, 12_100 + lost)]
+
+
+def test_what_is_no_time_marks_no_gap():
+    for value in NO_TIMES.values():
+        times = Timeline(RATE)
+        times.note(0, time_value(1, 0.0))
+        assert times.note(3000, value) == times.lost == 0
+    whole = pmt.make_tuple(pmt.from_long(1), pmt.from_double((3000 + 70) / RATE))
+    assert times.note(3000, whole) == 70
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / "run.sigmf-meta").write_text("precious")
+    with pytest.raises(InputError, match="exists already"):
+        wiforce.sigmf_recorder(tmp_path / "run")
+    with pytest.raises(InputError, match="cannot be written"):
+        wiforce.sigmf_recorder(tmp_path / "nowhere" / "run")
+    assert (tmp_path / "run.sigmf-meta").read_text() == "precious"
+
+
+def test_levels_are_those_of_the_parts_that_make_the_samples():
+    rng = np.random.default_rng(3)
+    count = 500 * 720
+    noise = 1e-3 * (rng.normal(size=count) + 1j * rng.normal(size=count)) / np.sqrt(2)
+    shifted = np.roll(np.tile(0.4 * WAVEFORM.frame(), 500), MARGIN)
+    levels = measure_levels(shifted + noise + 0.01, WAVEFORM)
+    assert levels.noise_dbfs == pytest.approx(-60, abs=0.1)
+    assert levels.dc_dbfs == pytest.approx(-40, abs=0.1)
+    assert levels.preamble_dbfs == pytest.approx(20 * np.log10(0.4), abs=0.1)
+    assert levels.clipped == 0
+    loud = np.clip((4 * shifted).view(float), -1, 1).view(complex)
+    assert measure_levels(loud, WAVEFORM).clipped > 0.1

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""recording_source against numpy, and against the stream blocks that it stands for."""
+
+import numpy as np
+import pmt
+import pytest
+from device_times import rx_time
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.blocks import names
+from gnuradio.wiforce.errors import InputError
+
+FRAME = 720
+
+
+def random_samples(count, datatype, seed=1):
+    rng = np.random.default_rng(seed)
+    if datatype == "ci16_le":
+        return rng.integers(-32768, 32768, size=(count, 2)).astype("<i2")
+    return rng.normal(size=(count, 2)).astype("<f4")
+
+
+def as_complex(samples):
+    scale = 32768 if samples.dtype == np.int16 else 1
+    return (samples[:, 0] + 1j * samples[:, 1]) / scale
+
+
+def run(source):
+    """Output and tags {key: {offset: value}} of a source."""
+    sink = blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, sink)
+    flowgraph.run()
+    tags = {}
+    for tag in sink.tags():
+        if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
+            tags.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+    return np.array(sink.data()).reshape(-1, 64), tags
+
+
+def cut(samples, kept):
+    """The file that holds the kept (first, last) runs of a stream, and its segments."""
+    parts = [samples[first:last] for first, last in kept]
+    starts = np.cumsum([0] + [len(part) for part in parts])
+    base = 10**6  # of the device's count
+    segments = [
+        (int(at), base + first, last - first)
+        for at, (first, last) in zip(starts, kept, strict=False)
+    ]
+    return np.concatenate(parts), segments
+
+
+def whole_frames(kept, offset, first, length):
+    """Frames of the grid whose averaged samples all lie in one kept run."""
+    begin = kept[0][0]
+    frames = []
+    for start, end in kept:
+        for f in range((end - begin) // FRAME + 1):
+            at = begin + offset + f * FRAME + first
+            if start <= at and at + length <= end:
+                frames.append(f)
+    return frames
+
+
+KEPT = {
+    "whole": [(0, 30 * FRAME)],
+    "ends inside a preamble": [(0, 30 * FRAME + 250)],
+    "gap in a preamble": [(0, 5 * FRAME + 100), (5 * FRAME + 110, 20 * FRAME)],
+    "gap in a guard": [(0, 5 * FRAME + 400), (5 * FRAME + 410, 20 * FRAME)],
+    "many gaps": [(3, 90), (95, 2000), (9000, 9100), (9500, 17000), (17001, 25000)],
+}
+
+
+@pytest.mark.parametrize("datatype", ["ci16_le", "cf32_le"])
+@pytest.mark.parametrize("offset", [0, 431])
+@pytest.mark.parametrize("kept", KEPT)
+def test_folded_vectors_and_indices_follow_the_grid_over_gaps(tmp_path, datatype, offset, kept):
+    samples = random_samples(40 * FRAME, datatype)
+    data, segments = cut(samples, KEPT[kept])
+    path = tmp_path / "x.sigmf-data"
+    path.write_bytes(b"7 bytes" + data.tobytes())
+    source = wiforce.recording_source(
+        str(path), datatype, segments, FRAME, frame_offset=offset, header_bytes=7
+    )
+    folded, tags = run(source)
+    frames = whole_frames(KEPT[kept], offset, 64, 256)
+    base = KEPT[kept][0][0] + offset + 64
+    signal = as_complex(samples)
+    want = np.array([signal[base + f * FRAME :][:256].reshape(4, 64).mean(0) for f in frames])
+    np.testing.assert_allclose(folded, want, atol=1e-6)  # a few ulp of values near 1
+    found, index = [], None
+    for n in range(len(folded)):
+        index = tags["snapshot"].get(n, None if index is None else index + 1)
+        found.append(index)
+    assert found == frames
+    assert source.snapshots() == len(frames)
+    assert source.samples_missing() == 0
+
+
+def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path):
+    samples = random_samples(10 * FRAME, "cf32_le")
+    path = tmp_path / "x.bin"
+    path.write_bytes(samples.tobytes()[: 8 * (7 * FRAME + 100) + 3])
+    source = wiforce.recording_source(str(path), "cf32_le", [(0, 0, 10 * FRAME)], FRAME)
+    folded, _ = run(source)
+    assert len(folded) == 7
+    assert source.samples_missing() == 3 * FRAME - 100
+
+
+def test_the_guard_of_the_last_frame_is_not_needed(tmp_path):
+    path = tmp_path / "x.bin"
+    path.write_bytes(random_samples(3 * FRAME + 320, "ci16_le").tobytes())
+    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, 3 * FRAME + 320)], FRAME)
+    assert len(run(source)[0]) == 4
+
+
+def test_a_recording_without_a_whole_frame_gives_nothing_and_ends(tmp_path):
+    path = tmp_path / "x.bin"
+    path.write_bytes(random_samples(319, "ci16_le").tobytes())
+    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, 319)], FRAME)
+    assert len(run(source)[0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
+        ({"path": "/"}, "/ must be a regular file"),
+        ({"path": "empty"}, "empty holds no sample"),
+        ({"header_bytes": 8000}, "holds no sample"),
+        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le', got 'cf64_le'"),
+        ({"segments": []}, "segments must hold one or more"),
+        ({"segments": [(0, 0, 20), (10, 30, 5)]}, "segments must follow each other"),
+        ({"segments": [(0, 50, 20), (20, 60, 5)]}, "segments must follow each other"),
+        ({"frame_length": 300}, "frame_length must be >="),
+    ],
+)
+def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").write_bytes(bytes(8000))
+    (tmp_path / "empty").write_bytes(b"")
+    good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
+    with pytest.raises(InputError, match=message):
+        wiforce.recording_source(**{**good, **change})
+
+
+@pytest.mark.parametrize("datatype, item_type", [("ci16_le", "sc16"), ("cf32_le", "fc32")])
+def test_frames_that_move_without_a_tag_are_followed_as_in_a_stream_to_the_last_bit(
+    tmp_path, datatype, item_type
+):
+    length, offset = 96, 41
+    rng = np.random.default_rng(5)
+    frame = rng.normal(size=(length, 2)) * (np.arange(length) < 70)[:, None]
+    sent = 3000 * (np.tile(frame, (4000, 1)) + 0.1 * rng.normal(size=(4000 * length, 2)))
+    moved = np.delete(sent, slice(700 * length + 30, 705 * length + 77), axis=0)
+    stated, lost = 1800 * length + 7, 993  # and a moment later some come twice
+    kept = [moved[:stated], moved[stated + lost : 2400 * length], moved[2399 * length + 9 :]]
+    samples = np.concatenate(kept)
+    samples = np.rint(samples).astype("<i2") if item_type == "sc16" else samples.astype("<f4")
+    path = tmp_path / "x.bin"
+    path.write_bytes(samples.tobytes())
+    back = stated + lost + 5 * length + 47
+    segments = [(0, 0, stated), (stated, back, len(samples) - stated)]
+    source = wiforce.recording_source(
+        str(path), datatype, segments, length, first_averaged=3, repetitions=1, frame_offset=offset
+    )
+    folded, tags = run(source)
+    times = [(0, 0.0), (stated, back / 12.5e6)]
+    want, want_tags = folded_in_a_stream(samples, item_type, times, length, offset)
+    np.testing.assert_array_equal(folded, want)
+    assert tags == want_tags
+    assert len(tags["snapshot"]) == 4  # the start, the gap, and where frames were found again
+
+
+def folded_in_a_stream(samples, item_type, times, length, offset):
+    """Output and tags of preamble_fold on samples with an rx_time at some items."""
+    tags = [rx_time(item, seconds) for item, seconds in times]
+    if item_type == "sc16":
+        source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
+    else:
+        values = samples[:, 0] + 1j * samples[:, 1]
+        source = blocks.vector_source_c(values.tolist(), False, 1, tags)
+    fold = wiforce.preamble_fold(length, 3, 1, frame_offset=offset, item_type=item_type)
+    sink = blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, fold, sink)
+    flowgraph.run()
+    found = {}
+    for tag in sink.tags():
+        if str(tag.key) != names.NOISE:
+            found.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+    return np.array(sink.data()).reshape(-1, 64), found

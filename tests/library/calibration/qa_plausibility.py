@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mistakes in measured tables, as people make them: what `calibrate` and `invert` say of them."""
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from command_runs import run_command
+from gnuradio import wiforce
+from gnuradio.wiforce.calibration.line_estimate import estimate_line
+from gnuradio.wiforce.calibration.mistakes import phase_suspicions, suspicions
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.calibration.verdict import verdict
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.text.textfile import read_csv
+from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
+from scipy.optimize import brentq
+
+PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
+FORCES = np.arange(1.0, 8.1, 0.5)
+MODELS = ("line-900mhz", "line-2400mhz", "fingertip-900mhz", "wiforce-900mhz")
+
+
+def table_of(model, places=PLACES):
+    return measure_vna(model, places, FORCES, 0.2, seed=3)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return table_of(load_sensor("line-900mhz"))
+
+
+MISTAKES = [
+    (lambda t: {"phase_deg": np.radians(t.phase_deg)}, "in radians"),
+    (lambda t: {"location_mm": t.location_mm / 1000}, "in metres"),
+    (lambda t: {"location_mm": t.location_mm / 10}, "in centimetres"),
+    (lambda t: {"force_n": t.force_n * 102}, "in grams"),
+    (lambda t: {"port": 3 - t.port}, "ports swapped"),
+    (lambda t: {"location_mm": 80 - t.location_mm}, "location measured from port 2"),
+    (lambda t: {"phase_deg": -t.phase_deg}, "sign inverted"),
+]
+
+
+@pytest.mark.parametrize("carrier", ["line-900mhz", "line-2400mhz"])
+@pytest.mark.parametrize("change, message", MISTAKES)
+def test_suspicions_name_the_mistake(carrier, change, message):
+    """Such tables gave a sensor file without a word, or an error that led elsewhere."""
+    right = table_of(load_sensor(carrier))
+    (found,) = suspicions(replace(right, **change(right)), 80.0, 1.0)
+    assert message in found
+
+
+@pytest.mark.parametrize("places", [PLACES, (20.0, 25.0, 30.0), (40.0, 50.0, 60.0), (35.0, 45.0)])
+@pytest.mark.parametrize("name", MODELS)
+def test_suspicions_of_a_right_table_are_none(name, places):
+    assert suspicions(table_of(load_sensor(name), places), 80.0, 1.0) == []
+
+
+def test_suspicions_of_the_published_sweeps_are_none():
+    """Their locations have phase offsets of their own, which say nothing about the line."""
+    from gnuradio.wiforce._config import DATA_DIR
+    from gnuradio.wiforce.calibration.tables import read_vna_csv
+
+    published = read_vna_csv(Path(DATA_DIR) / "data" / "paper" / "vna.csv")
+    assert suspicions(published, 80.0, 1.0) == []
+
+
+def test_line_of_another_length_or_permittivity_is_noticed():
+    """A line of 60 mm passed as one of 80 mm."""
+    line = load_sensor("line-900mhz")
+    short = table_of(replace(line, length_mm=60.0, location_span_mm=(15.0, 45.0)), (15, 25, 35, 45))
+    (found,) = estimate_line(short, 80.0, 1.0)
+    assert found.length_mm == pytest.approx(60, abs=5)
+    (said,) = suspicions(short, 80.0, 1.0)
+    assert "a line of about 6" in said or "a line of about 5" in said
+    assert "not 80 mm: check --length-mm" in said
+    assert suspicions(short, 60.0, 1.0) == []
+    dense = table_of(replace(line, permittivity=3.0))
+    (said,) = suspicions(dense, 80.0, 1.0)
+    assert "check --permittivity" in said and suspicions(dense, 80.0, 3.0) == []
+
+
+SWAPPED = "are the ports swapped, or is location measured from port 2?"
+
+
+def test_calibrate_suspicion_must_be_accepted_and_is_repeated(table, tmp_path, monkeypatch):
+    """A table with swapped ports became a sensor file that was then used without a word."""
+    monkeypatch.chdir(tmp_path)
+    write_vna_csv(replace(table, port=3 - table.port), "vna.csv")
+    done = run_command("calibrate", "vna.csv", "-o", "s.yaml")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("gr-wiforce: vna.csv: ") and SWAPPED in done.stderr
+    assert "--accept" in done.stderr and not (tmp_path / "s.yaml").exists()
+    done = run_command("calibrate", "vna.csv", "-o", "s.yaml", "--accept")
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()[:2]
+    assert first.startswith("not to be trusted: ") and SWAPPED in first
+    assert second.startswith("verdict: ")
+    assert load_sensor("s.yaml").provenance["suspicions"][0].endswith(SWAPPED)
+    again = tmp_path / "again.yaml"
+    write_sensor(load_sensor("s.yaml").transferred(905e6), again)
+    assert load_sensor(again).provenance["suspicions"]
+
+    scene = {
+        "sounding": {"frame_length": 320},
+        "sensors": [{"name": "arm", "model": "s.yaml"}],
+        "reference_s": 0.1,
+        "simulation": {"truth_model": "line-900mhz", "duration_s": 0.3},
+    }
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    said = f"sensor 'arm' was calibrated in spite of a suspicion: {first[19:]}"
+    assert f"warning: {said}\n" in run_command("plan", "scene.yaml").stdout
+    assert run_command("simulate", "scene.yaml", "x").returncode == 0
+    for given in (["x"], ["x", "x.sigmf-meta", "-o", "folder"]):
+        assert said in run_command("read", *given, "--scene", "scene.yaml").stderr
+    with pytest.warns(UserWarning, match="in spite of a suspicion"):
+        wiforce.read("x", "scene.yaml")
+
+
+def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
+    """Nobody reads forty lines to learn what a sensor is good for."""
+    write_vna_csv(table, tmp_path / "vna.csv")
+    path = tmp_path / "s.yaml"
+    for options, limit in (
+        ([], "the noise of the phases in the table"),
+        (["--ruler-std-mm", "1"], "the accuracy of the ruler"),
+    ):
+        done = run_command("calibrate", tmp_path / "vna.csv", "-o", path, *options)
+        first = done.stdout.splitlines()[0]
+        assert re.match(r"verdict: 0\.\d+ N and [\d.]+ mm between \d+ and \d+ mm, ", first)
+        assert f"limited by {limit} (" in first
+    (found,) = verdict(load_sensor(path))
+    assert found.location_std_mm == pytest.approx(1.0, abs=0.05)
+    assert found.force_std_n < 0.2 and found.flagged < 0.2
+
+
+def test_calibrate_prints_the_assumed_line(table, tmp_path):
+    write_vna_csv(table, tmp_path / "vna.csv")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "line: 80 mm and effective permittivity 1 are assumed" in done.stdout
+    assert re.search(r"900 MHz: the data suggest roughly (79|80|81) mm", done.stdout)
+
+
+def test_calibrate_refusal_names_the_likely_cause(table, tmp_path):
+    """A table in grams was refused, if at all, for something else."""
+    few = table.take(table.untouched | (table.force_n == FORCES[0]))
+    write_vna_csv(replace(few, force_n=few.force_n * 102), tmp_path / "vna.csv")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "must have at least 5 forces" in done.stderr and "in grams" in done.stderr
+
+
+@pytest.mark.parametrize("text", ["a,b\n1,2,3\n", "a,b\n1,2\n3,4,\n"])
+def test_read_csv_surplus_fields_are_refused(tmp_path, text):
+    """A decimal comma shifts all fields behind it."""
+    (tmp_path / "t.csv").write_text(text)
+    rule = r"t.csv: row \d: must have as many fields as there are columns, 2, got 3"
+    with pytest.raises(InputError, match=rule):
+        read_csv(tmp_path / "t.csv")
+
+
+def test_read_csv_repeated_column_is_refused(tmp_path):
+    (tmp_path / "t.csv").write_text("a,b,a\n1,2,3\n")
+    with pytest.raises(InputError, match="columns must have different names, got 'a'"):
+        read_csv(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_touch_of_says_when_it_is_unknown(name):
+    model = load_sensor(name)
+    phases = np.array([model.untouched_deg(), model.phases_deg(4.0, 40.0)])
+    assert touch_of(model, phases, 1.0).tolist() == [0, 1]
+    assert touch_of(model, phases, 5.0).tolist() == [0, 1]
+    assert touch_of(model, phases, 60.0)[0] == -1
+
+
+def inverted(folder, rows, *options):
+    with open(folder / "p.csv", "w", newline="") as stream:
+        csv.writer(stream).writerows([("phase1_deg", "phase2_deg"), *rows])
+    done = run_command("invert", folder / "p.csv", "--sensor", "line-900mhz", *options)
+    assert done.returncode == 0, done.stderr
+    return list(csv.DictReader(done.stdout.splitlines())), done.stderr
+
+
+def test_invert_with_large_std_does_not_report_untouched(tmp_path):
+    """`--std-deg 45` reported presses as untouched, without a flag."""
+    line = load_sensor("line-900mhz")
+    rows = [line.untouched_deg(), line.phases_deg(4.0, 40.0)]
+    for options in (["--std-deg", 45], ["--std-deg", 60]):
+        found, _ = inverted(tmp_path, rows, *options)
+        assert all(row["touch"] != "0" and "weak" in row["flags"] for row in found)
+    found, _ = inverted(tmp_path, rows, "--std-deg", 4)
+    assert [row["touch"] for row in found] == ["0", "1"]
+    assert all("weak" in row["flags"] for row in found)
+    found, _ = inverted(tmp_path, rows)
+    assert [(row["touch"], row["flags"]) for row in found] == [("0", ""), ("1", "")]
+
+
+def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
+    line = load_sensor("line-900mhz")
+    places = np.array([25.0, 35.0, 45.0, 55.0])
+    phases = line.phases_deg([2.0, 3.0, 4.0, 5.0], places)
+    assert phase_suspicions(line, phases, 1.0, places) == []
+    for changed, known, message in (
+        (np.radians(phases), None, "in radians"),
+        (-phases, None, "with the opposite sign"),
+        (phases[:, ::-1], places, "with the ports swapped"),
+        (phases, places / 1000, "in metres"),
+        (2.7 * phases, None, "of another line or carrier"),
+    ):
+        (found,) = phase_suspicions(line, changed, 1.0, known)
+        assert message in found
+    _, said = inverted(tmp_path, (-phases).tolist())
+    assert "warning: " in said and "with the opposite sign the phases would fit" in said
+
+
+def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
+    """Users who describe a line by its physics begin with this example."""
+    page = (Path(__file__).parents[3] / "docs" / "sensors.md").read_text()
+    (example,) = re.findall(r"```yaml\n(name: my-line\n.*?)```", page, re.DOTALL)
+    (tmp_path / "my-line.yaml").write_text(example)
+    line = load_sensor(tmp_path / "my-line.yaml")
+    # By the formulas of that page.
+    u = brentq(lambda u: np.exp(-u) * (np.cos(u) + np.sin(u)) - 0.9 / 4.0, 0, np.pi)
+    half_mm, tilt = 3.95 * u, 0.68 * -5.0 / np.hypot(5.0, 7.0)
+    distances = np.array([45 - half_mm * (1 + tilt), 35 - half_mm * (1 - tilt)])
+    expected = 180 - 720 * 900e6 / 299_792_458e3 * distances
+    assert line.phases_deg(4.0, 45.0) == pytest.approx(expected, abs=1e-6)

@@ -1,0 +1,451 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calibration: any honest table becomes a model, what a table cannot support is refused or said."""
+
+import warnings
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.fit import CurveFitter, force_knots, noise_and_misfit
+from gnuradio.wiforce.calibration.refine import refine
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import (
+    read_tap_csv,
+    read_touchstone_index,
+    read_vna_csv,
+    table_kind,
+)
+from gnuradio.wiforce.calibration.validation import best_form
+from gnuradio.wiforce.calibration.verdict import calibration_warnings
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
+from gnuradio.wiforce.sensor.location import learn_interpolation
+from sensor_laws import LAWS, OwnLaw, read_law, untouched_deg, vna_rows, wrap
+
+FORCES = np.linspace(2, 8, 25)
+LIMITS = {900e6: (0.12, 0.2), 2400e6: (0.08, 0.12)}
+
+
+def written(path, rows):
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture
+def rows():
+    """A clean table of an own law, as text."""
+    return vna_rows(LAWS[0], 900e6, FORCES, 0.1, np.random.default_rng(4))
+
+
+@pytest.fixture
+def own_table(rows, tmp_path):
+    return lambda: read_vna_csv(written(tmp_path / "vna.csv", rows))
+
+
+@pytest.mark.parametrize("frequency", LIMITS)
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.reach}-{law.fade_mm:g}mm")
+def test_laws_it_never_saw_are_read_between_calibrated_locations(tmp_path, law, frequency):
+    rng = np.random.default_rng(11)
+    rows = vna_rows(law, frequency, np.linspace(2, 8, 30), 0.2, rng)
+    model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", rows)), "own")
+    result = read_law(model, law, frequency, 400, 0.1, rng)
+    force, location = LIMITS[frequency]
+    assert np.median(result.pooled("force_error")) <= force
+    assert np.median(result.pooled("location_error")) <= location
+    for place in result.force_error:
+        assert np.median(result.force_error[place]) <= force
+        assert np.median(result.location_error[place]) <= location
+    # One calibration of twelve: each has errors of its own. All: tests/models/sensor_acceptance.py
+    assert 0.88 <= result.coverage("force")
+    assert 0.80 <= result.coverage("location")
+
+
+def test_intervals_hold_the_truth_over_many_calibrations(tmp_path):
+    held = {"force": [], "location": []}
+    for seed in range(6):
+        law = LAWS[seed % 3]
+        rng = np.random.default_rng(100 + seed)
+        rows = vna_rows(law, 900e6, np.linspace(2, 8, 30), 0.2, rng)
+        model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", rows)), "own", form="power")
+        result = read_law(model, law, 900e6, 200, 0.1, rng)
+        for what in held:
+            held[what].append(result.coverage(what))
+    assert 0.90 <= np.mean(held["force"]) <= 0.99
+    assert 0.90 <= np.mean(held["location"]) <= 0.99
+
+
+@pytest.mark.parametrize("frequency", LIMITS)
+def test_what_five_locations_leave_open_of_a_law_is_in_the_deviation(tmp_path, frequency):
+    law = OwnLaw("log", "kinked", 12.0)
+    rng = np.random.default_rng(3)
+    rows = vna_rows(law, frequency, np.linspace(2, 8, 30), 0.2, rng)
+    model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", rows)), "own")
+    result = read_law(model, law, frequency, 200, 0.1, rng)
+    assert result.coverage("force") >= 0.9 and result.coverage("location") >= 0.9
+
+
+def test_another_sensors_table_reads_presses_at_uncalibrated_places(tmp_path):
+    line = load_sensor("line-900mhz")
+    table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.25), 0.2, seed=5)
+    model = calibrate(table, "own")
+    forces, places = np.array([2.5, 4.0, 6.0, 7.5])[:, None], np.array([24.0, 37.0, 46.0, 57.0])
+    phases = line.phases_deg(forces, places).reshape(-1, 2)
+    found = model.invert(phases, 0.2)
+    assert np.median(np.abs(found.force_n.reshape(4, 4) - forces)) <= 0.15
+    assert np.abs(found.force_n.reshape(4, 4) - forces).max() <= 0.25
+    assert np.abs(found.location_mm.reshape(4, 4) - places).max() <= 0.5
+
+
+def test_untouched_rows_give_the_untouched_phases(own_table, rows):
+    model = calibrate(own_table(), "own")
+    assert model.untouched_deg() == pytest.approx([wrap(untouched_deg(900e6))] * 2, abs=0.5)
+    assert not any("untouched" in text for text in model.provenance["assumed"])
+    del rows[1:3]
+    model = calibrate(own_table(), "own")
+    assert model.untouched_deg() == pytest.approx([wrap(untouched_deg(900e6))] * 2, abs=1e-6)
+    assert any("untouched phases" in text for text in model.provenance["assumed"])
+
+
+def test_phases_count_modulo_360_and_rows_in_any_order(own_table, rows):
+    reference = calibrate(own_table(), "own")
+    rng = np.random.default_rng(1)
+    turned = []
+    for row in rows[1:]:
+        *start, phase = row.split(",")
+        turned.append(",".join([*start, f"{float(phase) + 360 * rng.integers(-2, 3):.4f}"]))
+    rng.shuffle(turned)
+    rows[1:] = turned
+    model = calibrate(own_table(), "own")
+    places = np.linspace(20, 60, 9)
+    difference = model.phases_deg(FORCES[:, None], places) - reference.phases_deg(
+        FORCES[:, None], places
+    )
+    assert np.abs(wrap(difference)).max() < 1e-3
+
+
+def test_ports_may_have_forces_of_their_own(own_table, rows):
+    reference = calibrate(own_table(), "own")
+    rows[:] = [row for i, row in enumerate(rows) if i < 3 or "0,2," not in row or i % 3]
+    model = calibrate(own_table(), "own")
+    difference = model.phases_deg(5.0, [25.0, 40.0]) - reference.phases_deg(5.0, [25.0, 40.0])
+    assert np.abs(difference).max() < 0.4
+
+
+def test_sweeps_that_start_before_the_contact_give_the_onset():
+    line = load_sensor("line-900mhz")
+    table = measure_vna(line, (20, 40, 60), np.arange(0.2, 8.1, 0.2), 0.1, seed=1)
+    model = calibrate(table, "own")
+    assert model.onset_force_n == pytest.approx(0.9, abs=0.11)
+    assert model.force_span_n[0] == pytest.approx(1.0, abs=0.21)
+
+
+def test_several_carriers_go_into_one_model(tmp_path):
+    rng = np.random.default_rng(2)
+    low = vna_rows(LAWS[1], 900e6, FORCES, 0.2, rng)
+    high = vna_rows(LAWS[1], 2400e6, FORCES, 0.2, rng)
+    model = calibrate(read_vna_csv(written(tmp_path / "v.csv", low + high[1:])), "own")
+    assert model.frequencies_hz == (900e6, 2400e6)
+    for frequency in model.frequencies_hz:
+        phases = LAWS[1].phases_deg(5.0, 33.0, frequency)
+        assert np.abs(wrap(model.phases_deg(5.0, 33.0, frequency) - phases)).max() < 0.6
+    with pytest.raises(InputError, match="holds several carriers"):
+        model.phases_deg(5.0, 33.0)
+
+
+def refused(table, message):
+    with pytest.raises(InputError) as caught:
+        calibrate(table(), "own")
+    assert message in str(caught.value), caught.value
+    assert "\n" not in str(caught.value)
+
+
+def test_one_location_is_refused(own_table, rows):
+    rows[:] = rows[:1] + [row for row in rows if ",40," in row]
+    refused(own_table, "row 2: location_mm: must have at least two locations at 900 MHz")
+
+
+def test_ports_without_a_common_force_are_refused(own_table, rows):
+    def keep(row):
+        _, place, port, force, _ = row.split(",")
+        return place != "40" or (float(force) < 4.5) == (port == "1")
+
+    rows[1:] = [row for row in rows[1:] if keep(row)]
+    refused(own_table, "must have forces that both ports share")
+
+
+def test_a_missing_port_is_refused(own_table, rows):
+    rows[:] = [row for row in rows if ",40,2," not in row]
+    refused(own_table, "must have at least 5 forces at port 2")
+
+
+@pytest.mark.parametrize(
+    "row, message",
+    [
+        ("900.000,30,1,x,12", "row 254: force_n: must be a number, got 'x'"),
+        ("900.000,30,1,3,nan", "row 254: phase_deg: must be finite"),
+        ("900.000,30,3,3,12", "row 254: port: must be 1 or 2, got '3'"),
+        ("900.000,,1,3,12", "row 254: location_mm: must be given"),
+        ("900.000,30,1,-3,12", "row 254: force_n: must be at least"),
+        ("900.000,95,1,3,12", "row 254: location_mm: must lie within the line"),
+        ("-5,30,1,3,12", "row 254: freq_mhz: must be positive"),
+    ],
+)
+def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, message):
+    rows.append(row)
+    refused(own_table, message)
+
+
+def test_repeated_sweeps_with_equal_rounded_phases_are_repeats(tmp_path):
+    """Phases are rounded: whoever measures carefully, and again, gets equal ones."""
+    header, *first = vna_rows(LAWS[0], 900e6, FORCES, 0.2, np.random.default_rng(4))
+    sweeps = [*first]
+    for seed in (5, 6):
+        sweeps += vna_rows(LAWS[0], 900e6, FORCES, 0.2, np.random.default_rng(seed))[1:]
+    errors, stds = [], []
+    for rows in (first, sweeps):
+        rounded = [f"{before},{float(phase):.1f}" for before, phase in map(by_phase, rows)]
+        model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", [header, *rounded])), "own")
+        errors.append(model.phases_deg(FORCES, 40.0) - LAWS[0].phases_deg(FORCES, 40.0, 900e6))
+        stds.append(model.carrier_std_deg(FORCES, 40.0, 0))
+    assert len(set(rounded)) < len(rounded)
+    once, thrice = (np.sqrt(np.mean(wrap(error) ** 2)) for error in errors)
+    assert thrice < 0.8 * once and np.mean(stds[1]) < 0.8 * np.mean(stds[0])
+
+
+def by_phase(row):
+    return row.rsplit(",", 1)
+
+
+def test_a_jump_that_is_neither_a_turn_nor_in_the_force_is_refused(own_table, rows):
+    *start, phase = rows[70].split(",")
+    rows[70] = ",".join([*start, f"{float(phase) + 100:.4f}"])
+    refused(own_table, "row 71: phase_deg: must not jump by")
+
+
+def test_settings_that_cannot_be_are_refused(own_table):
+    for setting, value in (
+        ("form", "septic"),
+        ("length_mm", 0.0),
+        ("length_mm", 1e300),
+        ("permittivity", 0.5),
+        ("onset_force_n", -1.0),
+        ("onset_force_n", 9.0),
+        ("onset_force_n", 1e300),
+        ("location_steps", "sideways"),
+    ):
+        with pytest.raises(InputError, match=setting):
+            calibrate(own_table(), "own", **{setting: value})
+
+
+def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
+    assert calibration_warnings(calibrate(own_table(), "own")) == []
+    rows[:] = [row for row in rows if ",30," not in row and ",50," not in row]
+    few = calibration_warnings(calibrate(own_table(), "own"))
+    assert any("3 locations: five" in text for text in few)
+    paper = " ".join(calibration_warnings(load_sensor("paper-900mhz")))
+    for warning in ("do not fit a line", "force-unobservable", "falls by", "location 40 mm"):
+        assert warning in paper
+
+
+def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows):
+    import skrf
+
+    law, frequency = LAWS[0], skrf.Frequency(700, 1100, 81, unit="MHz")
+    index = ["file,force_n,location_mm"]
+    places, forces = (20.0, 40.0, 60.0), np.linspace(2, 8, 7)
+    presses = [(f, p) for p in places for f in forces] + [(0.0, None)]
+    for number, (force, place) in enumerate(presses):
+        angle = [
+            law.phases_deg(force, place, f) if force else np.full(2, untouched_deg(f))
+            for f in frequency.f
+        ]
+        s = np.zeros((81, 2, 2), complex)
+        s[:, [0, 1], [0, 1]] = 0.97 * np.exp(1j * np.radians(angle))
+        network = skrf.Network(frequency=frequency, s=s)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            network.write_touchstone(f"p{number}", dir=str(tmp_path))
+        index.append(f"p{number}.s2p,{force:g},{'' if place is None else place}")
+    path = written(tmp_path / "index.csv", index)
+    assert table_kind(path) == "touchstone"
+    table = read_touchstone_index(path, 900e6)
+    for row in range(2 * 21):
+        expected = law.phases_deg(table.force_n[row], table.location_mm[row], 900e6)
+        assert wrap(table.phase_deg[row] - expected[table.port[row] - 1]) == pytest.approx(
+            0, abs=0.01
+        )
+    assert calibrate(table, "own").untouched_deg() == pytest.approx(
+        [wrap(untouched_deg(900e6))] * 2, abs=0.01
+    )
+    with pytest.raises(InputError, match="p0.s2p must span the carrier 2400 MHz"):
+        read_touchstone_index(path, 2.4e9)
+    written(tmp_path / "p3.s2p", ["# not", "touchstone"])
+    with pytest.raises(InputError, match="row 5: file: is not a Touchstone file"):
+        read_touchstone_index(path, 900e6)
+    (tmp_path / "p3.s2p").unlink()
+    with pytest.raises(InputError, match="row 5: file: .*p3.s2p: cannot be read"):
+        read_touchstone_index(path, 900e6)
+
+
+def test_a_touchstone_file_that_is_a_pickle_runs_no_code(tmp_path):
+    import pickle
+
+    (tmp_path / "p.s2p").write_bytes(pickle.dumps(_Pwned(tmp_path / "ran")))
+    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", "p.s2p,1,20"])
+    with pytest.raises(InputError, match="is not a Touchstone file"):
+        read_touchstone_index(index, 900e6)
+    assert not (tmp_path / "ran").exists()
+
+
+class _Pwned:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __reduce__(self):
+        return self._path.write_text, ("",)
+
+
+@pytest.mark.parametrize("name", ["../x.s2p", "/etc/passwd", "a/../../x.s2p"])
+def test_an_index_cannot_lead_out_of_its_folder(tmp_path, name):
+    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", f"{name},1,20"])
+    with pytest.raises(InputError, match="row 2: file: must lie in the index's folder"):
+        read_touchstone_index(index, 900e6)
+
+
+def tap_rows(law, offset_deg, noise_deg, rng):
+    rows = ["time_s,phase1_deg,phase2_deg,force_n,location_mm,press"]
+    for number, place in enumerate((20.0, 30.0, 40.0, 50.0, 60.0)):
+        forces = np.sort(rng.uniform(2, 8, 15))
+        phases = law.phases_deg(forces, place, 900e6) + offset_deg
+        phases = wrap(phases + noise_deg * rng.standard_t(4, phases.shape))
+        rows += [
+            f"0,{a:.4f},{b:.4f},{f:.3f},{place},{number}"
+            for f, (a, b) in zip(forces, phases, strict=True)
+        ]
+    return rows
+
+
+def test_taps_bring_a_bench_model_to_what_the_air_shows(tmp_path, own_table):
+    rng = np.random.default_rng(6)
+    bench, offset = calibrate(own_table(), "own"), np.array([6.0, -4.0])
+    path = written(tmp_path / "taps.csv", tap_rows(LAWS[0], offset, 0.5, rng))
+    assert table_kind(path) == "taps"
+    refined = refine(bench, read_tap_csv(path, 900e6))
+    forces, places = np.linspace(2.5, 7.5, 11)[:, None], np.array([25.0, 40.0, 55.0])
+    truth = LAWS[0].phases_deg(forces, places, 900e6) + offset
+    before = np.abs(wrap(bench.phases_deg(forces, places) - truth)).mean(axis=(0, 1))
+    after = np.abs(wrap(refined.phases_deg(forces, places) - truth)).mean(axis=(0, 1))
+    assert before == pytest.approx([6, 4], abs=0.2) and after.max() < 0.3
+    # scatter of Student-t noise of scale 0.5 and four degrees of freedom
+    assert 0.3 < min(refined.noise_deg()) and max(refined.noise_deg()) < 1.0
+    assert "refined by taps" in refined.provenance["source"]
+
+
+def test_taps_alone_make_a_model(tmp_path):
+    rng = np.random.default_rng(7)
+    path = written(tmp_path / "taps.csv", tap_rows(LAWS[0], 0.0, 0.3, rng))
+    model = calibrate(read_tap_csv(path, 900e6), "taps")
+    truth = LAWS[0].phases_deg(5.0, 25.0, 900e6)
+    assert np.abs(wrap(model.phases_deg(5.0, 25.0) - truth)).max() < 1.0
+
+
+def test_taps_outside_the_model_are_refused(tmp_path, own_table):
+    bench = calibrate(own_table(), "own")
+    rows = ["phase1_deg,phase2_deg,force_n,location_mm", "1,2,3,70"]
+    table = read_tap_csv(written(tmp_path / "t.csv", rows), 900e6)
+    with pytest.raises(
+        InputError, match="row 2: location_mm: must lie within the model's 20 to 60"
+    ):
+        refine(bench, table)
+    with pytest.raises(InputError, match="must be at a carrier of the model"):
+        refine(bench, read_tap_csv(tmp_path / "t.csv", 2.4e9))
+    with pytest.raises(InputError, match="must have calibrated curves"):
+        refine(load_sensor("line-900mhz"), table)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_reproduces_what_it_can_represent(form):
+    force = np.linspace(2, 8, 40)
+    truth = {
+        "power": 96 - 80 * force ** (-1 / 3) - 0.9 * force,
+        "cubic": 7.8 + 15 * force - 2 * force**2 + 0.1 * force**3,
+        "spline": 30 * np.log(force),
+    }[form]
+    fitter = CurveFitter(form, force_knots(form, force), [(force, truth)])
+    fit = fitter.fit(force, truth)
+    # the spline is not made of logarithms: it comes within a twentieth of a degree of 41
+    assert np.abs(fitter.value(fit, force) - truth).max() < (0.05 if form == "spline" else 1e-6)
+
+
+def test_the_spline_never_turns_back():
+    rng = np.random.default_rng(8)
+    force = np.sort(rng.uniform(2, 8, 40))
+    value = 20 * np.tanh((force - 2) / 2) + rng.normal(0, 1.5, 40)
+    fitter = CurveFitter("spline", force_knots("spline", force), [(force, value)])
+    curve = fitter.value(fitter.fit(force, value), np.linspace(1, 10, 500))
+    assert np.all(np.diff(curve) >= -1e-9)
+
+
+def test_bases_go_on_smoothly_beyond_their_knots():
+    for basis in (PowerBasis(), SplineBasis(np.array([2.0, 3.0, 5.0, 8.0]))):
+        for edge in (2.0, 8.0):
+            values = basis(edge + np.array([-2e-4, -1e-4, 0.0, 1e-4, 2e-4]))
+            curvature = np.diff(values, 2, axis=0)
+            assert np.abs(curvature).max() < 1e-6
+
+
+def test_coefficient_covariance_is_that_of_repeated_calibrations():
+    rng = np.random.default_rng(9)
+    force = np.linspace(2, 8, 30)
+    truth = 90 - 70 * force ** (-1 / 3) - 0.5 * force
+    fits = []
+    for _ in range(300):
+        noisy = truth + rng.normal(0, 0.3, 30)
+        fits.append(CurveFitter("power", None, []).fit(force, noisy))
+    at = PowerBasis()(np.array([2.5, 5.0, 7.5]))
+    spread = np.std([at @ fit.coefficients for fit in fits], axis=0)
+    stated = 0.3 * np.sqrt(np.einsum("fk,km,fm->f", at, fits[0].unit_covariance, at))
+    # 300 repeats know a standard deviation to 4 %
+    assert spread == pytest.approx(stated, rel=0.15)
+
+
+def test_noise_and_misfit_are_distinguished():
+    rng = np.random.default_rng(10)
+    force = np.linspace(2, 8, 60)
+    noisy = CurveFitter("power", None, []).fit(force, rng.normal(0, 0.4, 60))
+    noise, misfit = noise_and_misfit([noisy])
+    assert noise == pytest.approx(0.4, rel=0.25) and misfit < 0.15
+    wavy = CurveFitter("power", None, []).fit(force, np.sin(2 * force))
+    noise, misfit = noise_and_misfit([wavy])
+    assert misfit > 0.9 * np.sqrt(np.mean(wavy.residual**2))
+
+
+def test_the_simplest_form_wins_unless_another_is_truly_better():
+    rng = np.random.default_rng(12)
+    error = [rng.normal(0, 1, 10) ** 2 for _ in range(12)]
+    wobble = np.resize([0.1, -0.1], 12)
+    alike = {
+        "power": [e * (1.02 + w) for e, w in zip(error, wobble, strict=True)],
+        "cubic": error,
+        "spline": [e * (1.01 - w) for e, w in zip(error, wobble, strict=True)],
+    }
+    assert best_form(alike) == "power"
+    alike["spline"] = [0.2 * e for e in error]
+    assert best_form(alike) == "spline"
+
+
+def test_interpolation_passes_through_what_was_calibrated():
+    places = np.array([20.0, 30.0, 40.0, 50.0, 60.0])
+    values = np.random.default_rng(13).normal(0, 5, (2, 5, 3)).cumsum(axis=1)
+    interpolation = learn_interpolation(places, 80.0, values, 1e-4)
+    for port in (0, 1):
+        assert interpolation.weights(places, port) == pytest.approx(np.eye(5), abs=1e-4)
+        assert interpolation.weights(np.linspace(0, 80, 30), port).sum(axis=1) == pytest.approx(1.0)
+        at = interpolation.variance(places, port, values[port].T[:1].repeat(5, axis=0))
+        between = interpolation.variance(
+            places[:-1] + 5, port, values[port].T[:1].repeat(4, axis=0)
+        )
+        assert np.all(at < 0.02 * between.max()) and np.all(between > 0)

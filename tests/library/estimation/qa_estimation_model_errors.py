@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Standard deviations where the model is wrong: residuals, profiles, drift, compression."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.ends.coherence import CoherentResidual
+from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
+from gnuradio.wiforce.io.readings import Flag
+from gnuradio.wiforce.planning.clutter_band import automatic_band_hz
+from gnuradio.wiforce.planning.loss import end_variances
+from gnuradio.wiforce.press.explanations import filter_of
+from gnuradio.wiforce.press.sensor_readout import SensorReadout
+from gnuradio.wiforce.press.sensor_state import SensorState
+from gnuradio.wiforce.sensor.file import load_sensor
+from gnuradio.wiforce.signal.clutter import clutter_basis
+from gnuradio.wiforce.signal.lines import centered_times_s
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+
+WAVEFORM = sounding_waveform()
+PERIOD_S = 0.036
+
+
+def normal(rng, *shape):
+    """Complex noise of variance 1."""
+    return rng.standard_normal((*shape, 2)) @ [1, 1j] / np.sqrt(2)
+
+
+def fit_of(rng, coherent, tones=24, subcarriers=62):
+    """Least squares of two ends in white noise, and noise along the first end's channel."""
+    white, _ = np.linalg.qr(normal(rng, tones, 2))
+    ends = np.exp(1j * rng.uniform(0, 6, (2, subcarriers)))
+    received = normal(rng, tones, subcarriers)
+    received += coherent * normal(rng, tones, 1) * ends[0] / np.sqrt(subcarriers)
+    received += white @ (10 * ends)
+    solver = white.conj().T
+    solved = solver @ received
+    residual = received - white @ solved
+    group = (each[None] for each in (solved, np.ones(2), residual, white, solver, white))
+    fit = GroupFit(np.arange(2), *group)
+    return fit, np.vdot(ends[0], solved[0] - 10 * ends[0]) / np.sqrt(subcarriers)
+
+
+@pytest.mark.parametrize("coherent", [0.0, 1.0, 3.0, 10.0])
+def test_coherent_residual_factor_is_that_of_the_error(coherent):
+    """An interferer that is alike on all subcarriers is not averaged away by 62 of them."""
+    rng, residual = np.random.default_rng(3), CoherentResidual(2)
+    factors, errors = [], []
+    for _ in range(400):
+        fit, error = fit_of(rng, coherent)
+        factors.append(residual.update(fit, np.ones(62))[0][0, 0])
+        errors.append(abs(error) ** 2)
+    # Means of 400 groups: 5 % for the errors, less for the factors.
+    assert np.mean(factors[50:]) == pytest.approx(np.mean(errors), rel=0.2)
+    if not coherent:
+        assert np.mean(np.array(factors) > 1) < 0.01
+
+
+def test_coherent_residual_forgets_a_burst_at_once():
+    """One loud group must not make a second of readings uncertain."""
+    rng, residual = np.random.default_rng(4), CoherentResidual(2)
+    quiet = [fit_of(rng, 0.0)[0] for _ in range(20)]
+    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[:10]] == [1] * 10
+    assert residual.update(fit_of(rng, 30.0)[0], np.ones(62))[0][0, 0] > 300
+    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[10:]] == [1] * 10
+
+
+def test_coherent_residual_does_not_depend_on_batches():
+    rng = np.random.default_rng(5)
+    fits = [fit_of(rng, 4.0 if 10 < g < 80 else 0.0)[0] for g in range(120)]
+    noise = rng.uniform(0.5, 2.0, (120, 62))
+    alone = CoherentResidual(2)
+    expected = [alone.update(fit, noise[g])[0][0] for g, fit in enumerate(fits)]
+    together, found = CoherentResidual(2), []
+    for start, stop in ((0, 1), (1, 60), (60, 120)):
+        fields = [f.name for f in dataclasses.fields(GroupFit)][1:]
+        arrays = (np.concatenate([getattr(f, name) for f in fits[start:stop]]) for name in fields)
+        batch = GroupFit(np.arange(2), *arrays)
+        found += list(together.update(batch, noise[start:stop])[0])
+    assert np.max(expected) > 5
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def received_with(image, channel):
+    return channel + image * image_of(channel, WAVEFORM)
+
+
+@pytest.mark.parametrize("image_db, limit_deg", [(-40, 0.001), (-30, 0.003), (-20, 0.03)])
+def test_image_of_unbalanced_receiver_does_not_change_phases(image_db, limit_deg):
+    """An image at -30 dB would turn readings by up to 0.8 deg without a word."""
+    rng = np.random.default_rng(5)
+    delays = np.exp(-2j * np.pi * np.outer(rng.uniform(0, 0.2, 3), WAVEFORM.subcarriers / 5.12))
+    channel = np.stack([np.ones(62), [1, 0.4, 0.2] @ delays])
+    level = 10 ** (image_db / 20) * np.exp(1j)
+    untouched = received_with(level, channel)
+    turns = np.radians(np.array([[10.0, -70.0], [120.0, 95.0]]))
+    pressed = received_with(level, np.exp(1j * turns)[:, :, None] * channel)
+    check = ProfileCheck(WAVEFORM, 2)
+    weights = np.full((2, 62), 1 / 62)
+    gain, noise = np.full((2, 2), 1.0), np.full((2, 62), 1e-12)
+    ends, factor = check.process(pressed, untouched, weights, gain, noise)
+    ratios = np.einsum("gek,ek->ge", ends, untouched.conj())
+    # To second order; what is left grows with the third power of the image.
+    assert np.abs(np.degrees(np.angle(ratios) - turns)).max() < limit_deg
+    assert factor.max() < 1.3  # the noise along the image's profile, and nothing else
+
+
+def test_image_that_is_not_there_costs_no_accuracy():
+    """Quiet rooms must be read as well as before: noise of the phase grows by less than 2 %."""
+    rng, groups = np.random.default_rng(6), 4000
+    channel = np.ones((2, 62), complex)
+    noise = 0.1 * normal(rng, groups, 2, 62)
+    weights = np.full((groups, 62), 1 / 62)
+    ends, factor = ProfileCheck(WAVEFORM, 2).process(
+        channel + noise, channel, weights, np.ones((groups, 2)), np.full((groups, 62), 0.01)
+    )
+    spread = np.std(np.mean(ends.imag, axis=2)) / np.std(np.mean(noise.imag, axis=2))
+    assert spread < 1.02
+    assert np.mean(factor > 1.1) < 0.15 and np.median(factor) == 1
+
+
+def test_channel_with_another_path_raises_the_variance():
+    """A second tag or a moving hand shows in the profile over the subcarriers."""
+    rng, groups = np.random.default_rng(7), 30
+    channel = np.ones((2, 62), complex)
+    late = np.exp(-2j * np.pi * 0.1 * WAVEFORM.subcarriers / 5.12)  # by 100 ns
+    noise = 0.01 * normal(rng, groups, 2, 62)
+    gain, variance = np.ones((groups, 2)), np.full((groups, 62), 1e-4)
+    check = ProfileCheck(WAVEFORM, 2)
+    weights = np.full((groups, 62), 1 / 62)
+    _, factor = check.process(channel + 0.03 * late + noise, channel, weights, gain, variance)
+    assert factor.min() > 30
+    check.reset()
+    _, factor = check.process(channel + noise, channel, weights, gain, variance)
+    assert np.median(factor) == 1
+
+
+def compressed_frames(share, offset=0.0, before=True, delay=0.0, frames=3):
+    """Frames of three static paths through a third-order receiver; and the linear symbol."""
+    spectrum, cycles = np.fft.fft(WAVEFORM.frame()), np.fft.fftfreq(WAVEFORM.frame_length)
+    linear = sum(
+        level * np.fft.ifft(spectrum * np.exp(-2j * np.pi * cycles * (lag + delay)))
+        for lag, level in [(0, 1.0), (1, 0.4j), (3, -0.2)]
+    )
+    largest = np.abs(linear).max()
+    drive = linear + (offset if before else 0)
+    received = drive * (1 - share * np.abs(drive / largest) ** 2)
+    received += 0 if before else offset
+    return np.tile(received, frames), linear[64:128], largest
+
+
+@pytest.mark.parametrize("share", [0.005, 0.01, 0.04])
+@pytest.mark.parametrize("delay", [0.0, 0.5, 1.7])
+def test_compression_is_distinguished_from_the_ringing_of_filters(share, delay):
+    """Ringing that passes for 0.5 % of compression would turn the readings of a linear receiver."""
+    samples, _, largest = compressed_frames(share, delay=delay)
+    found = measure_compression(samples, WAVEFORM)
+    expected = image_operator(samples[64:128], -share / largest**2, WAVEFORM)
+    # What was compressed is 3 share larger than what is measured; ringing adds 0.1 %.
+    channels = np.eye(62)
+    images = [image.of(channels) for image in (found.image, expected)]
+    apart = np.linalg.norm(images[0] - images[1]) / np.linalg.norm(images[1])
+    assert apart < 0.05 + 3 * share + 0.001 / share
+    assert measure_compression(compressed_frames(0.0, delay=delay)[0], WAVEFORM) is None
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize("share, offset", [(0.01, 0.0), (0.03, 0.0), (0.02, 0.1)])
+def test_compressed_tag_is_read_with_its_phase(share, offset, before):
+    """Compression turns the tag's channel the opposite way: 0.3 deg at 1 %."""
+    samples, symbol, largest = compressed_frames(share, offset, before)
+    found = measure_compression(samples, WAVEFORM)
+    drive = symbol + (offset if before else 0)
+    factors, bins = WAVEFORM.equalizer()[WAVEFORM.bins], WAVEFORM.bins
+
+    def channel_of(turn):
+        """Channel of a weak tag behind the receiver, to first order in the tag."""
+        tag = np.exp(1j * turn) * WAVEFORM.preamble[64:128]
+        ratio = share / largest**2
+        tag = tag * (1 - 2 * ratio * np.abs(drive) ** 2) - ratio * drive**2 * tag.conj()
+        return np.fft.fft(tag)[bins] * factors
+
+    turns = np.radians([0.0, 40.0, 100.0])
+    ends = np.stack([channel_of(turn) for turn in turns])[:, None]
+    groups = Groups(np.arange(3), ends=ends, gain=np.full((3, 1), 1e-9), noise=np.ones((3, 62)))
+    corrected = found.correct(groups)
+
+    def errors_deg(ends):
+        return np.degrees(np.angle(np.sum(ends * ends[0].conj(), axis=2))[:, 0] - turns)[1:]
+
+    before_deg, after_deg = np.abs(errors_deg(ends)), np.abs(errors_deg(corrected.ends))
+    stated_deg = np.degrees(found.std)
+    assert np.all(after_deg < 0.15 * before_deg.max() + 2 * stated_deg)
+    assert (stated_deg > 0.01) == (offset > 0)
+    np.testing.assert_allclose(
+        corrected.gain[:, 0],
+        1e-9 + 2 * found.std**2 * np.sum(np.abs(ends[:, 0]) ** 2, axis=1),
+    )
+
+
+def test_image_operator_equals_third_order_product():
+    """Held to the product of time samples, sample by sample."""
+    rng = np.random.default_rng(11)
+    symbol, channel = normal(rng, 64), normal(rng, 62)
+    bins, factors = WAVEFORM.bins, WAVEFORM.equalizer()[WAVEFORM.bins]
+    spectrum = np.zeros(64, complex)
+    spectrum[bins] = channel / factors
+    product = -0.02 * symbol**2 * np.fft.ifft(spectrum).conj()
+    expected = np.fft.fft(product)[bins] * factors
+    found = image_operator(symbol, -0.02, WAVEFORM).of(channel)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "clock_hz, snapshots, band_hz",
+    [(1000.0, 625, 250.0), (1000.0, 250, 30.0), (1000.0, 125, 0.0), (400.0, 625, 0.0)],
+)
+def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshots, band_hz):
+    """Readings in a quiet room must not pay for movers that may never come."""
+    clocks = [TagClock(clock_hz)]
+    found = automatic_band_hz(clocks, snapshots, 57.6e-6, 20.48e-6)
+    assert found == band_hz
+    times_s = centered_times_s(snapshots, 57.6e-6)
+    costs = [
+        end_variances(clocks, times_s, 20.48e-6, clutter_basis(snapshots, 57.6e-6, hertz)).max()
+        for hertz in (0.0, found)
+    ]
+    assert costs[1] <= costs[0] * 10**0.01
+
+
+@pytest.mark.parametrize(
+    ("surveyed_snr_db", "in_lamps", "std_deg", "flagged"),
+    [
+        (10.0, False, 2.0, True),
+        (10.0, False, 0.2, False),
+        (3.0, False, 2.0, False),
+        (-np.inf, False, 2.0, False),
+        (None, False, 2.0, False),
+        (None, True, 2.0, True),
+        (None, True, 0.6, False),
+    ],
+)
+def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, in_lamps, std_deg, flagged):
+    """A stronger tag on nearly the same clock takes the place of ours: no touch, and no flag."""
+    none = np.zeros((1, 2), bool)
+    groups = Groups(
+        [20],
+        ratios=np.ones((1, 2), complex),
+        phase_std_deg=np.full((1, 2), std_deg),
+        snr_db=np.full((1, 2), -10.0),
+        locked=np.ones((1, 1), bool),
+        overlapping=np.zeros((1, 1), bool),
+        new_reference=np.zeros(1, bool),
+        in_reference=~none,
+        late_reference=none,
+        reshaped=none,
+        reference_step=np.ones((1, 2), complex),
+    )
+    model = load_sensor("line-900mhz")
+    readout = SensorReadout(
+        model,
+        900e6,
+        0j,
+        0.036,
+        SensorState(lambda: filter_of(model, 900e6, 0j)),
+        surveyed_snr_db=surveyed_snr_db,
+        in_lamps=in_lamps,
+    )
+    _, flags = readout.take(groups, 0, np.array([[0.0, 0.0, 1e-9]]))
+    found = readout.read(groups, 0, readout.state.newest, flags)
+    assert bool(found.flags[0] & Flag.INCONSISTENT.value) == flagged

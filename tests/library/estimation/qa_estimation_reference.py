@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an end's channel is compared with, and the average over subcarriers and groups."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
+from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference, subcarrier_weights
+from long_cases import cases
+from plain import WAVEFORM, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
+
+K = len(WAVEFORM.bins)
+
+
+def group_of(index, ends, gain, noise=1.0):
+    """One separated group; ``ends`` (2S, K) or a number, ``gain`` (2S,)."""
+    return Groups(
+        [index],
+        ends=np.broadcast_to(ends, (1, len(gain), K)),
+        gain=np.array([gain], float),
+        noise=np.broadcast_to(noise, (1, K)),
+    )
+
+
+def normal(rng, *shape):
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def averaged(groups, difference, tare_at=None):
+    """Groups with their ratios, given one after the other; a tare before group ``tare_at``."""
+    average, ready = SubcarrierAverage(), []
+    for group in groups:
+        if group.index[0] == tare_at:
+            difference.tare()
+        ready.append(average.process(difference.process(group)))
+    return Groups.concatenate(ready)
+
+
+def angles_of(groups, end=0):
+    """arg R in degrees of one end."""
+    return np.degrees(np.angle(groups.ratios[:, end]))
+
+
+def test_subcarrier_weights_are_those_of_maximum_ratio_combining():
+    noise = np.array([1.0, 4.0, 0.5])
+    assert subcarrier_weights(noise) == pytest.approx(np.array([1, 0.25, 2]) / 3.25)
+
+
+def test_ratio_equals_the_weighted_conjugate_product_over_the_reference():
+    """R = sum w V conj(V_ref) / (sum w |V_ref|^2 - its noise), in loops."""
+    rng = np.random.default_rng(1)
+    noise, gain = rng.uniform(0.5, 2, K) * 1e-4, [0.02, 0.03]
+    values = [normal(rng, 2, K) for _ in range(7)]
+    groups = [group_of(g, value, gain, noise) for g, value in enumerate(values)]
+    results = averaged(groups, ConjugateDifference(2, 3))
+    for g in range(7):
+        for end in range(2):
+            reference = sum(values[r][end] for r in range(3)) / 3
+            top = sum(values[g][end][k] * np.conj(reference[k]) / noise[k] for k in range(K))
+            bottom = sum(abs(reference[k]) ** 2 / noise[k] for k in range(K)) - K * gain[end] / 3
+            assert results.ratios[g, end] == pytest.approx(top / bottom, rel=1e-9)
+            assert results.in_reference[g, end] == (g < 3)
+
+
+def test_reference_discarded_group_is_not_replaced_by_a_later_one():
+    """Else each would bias every reading by a part of the touch, here 90 / 4 deg."""
+    channel = normal(np.random.default_rng(12), 2, K)
+    groups = [
+        group_of(g, channel * (1j if g >= 4 else 1), [np.inf if g in (0, 2) else 1e-9, 1e-9])
+        for g in range(8)
+    ]
+    angles = angles_of(averaged(groups, ConjugateDifference(2, 4)))
+    assert angles == pytest.approx([0] * 4 + [90] * 4, abs=1e-6)
+
+
+def test_reference_incomplete_holds_groups_up_to_twice_its_length():
+    difference = ConjugateDifference(2, 4)
+    counts = [len(difference.process(group_of(g, 1.0, [np.inf, np.inf]))) for g in range(8)]
+    assert counts == [0] * 7 + [8]
+    counts = [len(difference.process(group_of(g, 1.0, [0.01, 0.01]))) for g in range(8, 14)]
+    assert counts == [1] * 6
+
+
+def test_reference_of_a_late_tag_is_taken_when_it_appears():
+    rng = np.random.default_rng(2)
+    channel = normal(rng, 2, K)
+    groups = [group_of(g, channel * (g >= 7), [np.inf if g < 7 else 1e-6] * 2) for g in range(12)]
+    results = averaged(groups, ConjugateDifference(2, 3))
+    references = results.in_reference.all(axis=1).tolist()
+    assert references == [False] * 7 + [True] * 3 + [False] * 2
+    assert results.late_reference.all(axis=1).tolist() == [False] * 7 + [True] * 5
+    assert np.all(np.isinf(results.phase_std_deg[:7])) and np.all(results.ratios[:7] == 0)
+    assert results.ratios[-1] == pytest.approx([1, 1], abs=1e-6)
+
+
+def test_reference_after_a_tare_is_not_late():
+    groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(10)]
+    late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
+    assert late == [[False, True]] * 8 + [[False, False]] * 2
+
+
+def test_reference_after_a_tare_is_taken_from_the_groups_that_follow():
+    rng = np.random.default_rng(3)
+    channel = normal(rng, 2, K)
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
+    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
+    assert angles_of(results) == pytest.approx([0, 0, 0, 0, 30, 30, 30, 30, 0, 0], abs=1e-6)
+    assert np.flatnonzero(results.new_reference).tolist() == [0, 8]
+    assert np.flatnonzero(results.in_tare).tolist() == [6, 7]
+
+
+def test_reference_that_is_discarded_leaves_the_former_one():
+    channel = normal(np.random.default_rng(3), 2, K)
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
+    difference = ConjugateDifference(2, 2)
+    before = averaged(groups[:7], difference, tare_at=6)
+    assert difference.completes(8) and not difference.completes(7)
+    difference.discard()
+    results = Groups.concatenate([before, averaged(groups[7:], difference)])
+    assert angles_of(results) == pytest.approx([0] * 4 + [30] * 6, abs=1e-6)
+    assert np.flatnonzero(results.new_reference).tolist() == [0]
+
+
+def test_reference_of_an_end_that_is_not_received_survives_a_tare():
+    """A tag that is off during a tare must not lose its reference."""
+    channel = normal(np.random.default_rng(3), 2, K)
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [
+        group_of(g, turned if g >= 4 else channel, [1e-9, np.inf if 5 <= g < 9 else 1e-9])
+        for g in range(12)
+    ]
+    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
+    assert angles_of(results, 0)[8:] == pytest.approx([0] * 4, abs=1e-6)
+    assert angles_of(results, 1)[9:] == pytest.approx([30] * 3, abs=1e-6)
+    assert not results.late_reference.any()
+
+
+def test_reference_previous_group_gives_steps_across_a_lost_group():
+    rng = np.random.default_rng(4)
+    channel = normal(rng, 2, K)
+    groups = [
+        group_of(g, channel * turn * (g != 3), [np.inf if g == 3 else 1e-9] * 2)
+        for g, turn in enumerate(np.exp(1j * np.radians([0.0, 10.0, 25.0, 25.0, 40.0])))
+    ]
+    angles = angles_of(averaged(groups, ConjugateDifference(2, 1, "previous")))
+    assert angles == pytest.approx([0, 10, 15, 0, 15], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [((2, 0), "reference_groups: must be at least 1"), ((2, 1, "first"), "against")],
+)
+def test_reference_invalid_setting_is_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        ConjugateDifference(*arguments)
+
+
+@pytest.mark.parametrize(
+    "gamma_db, group_length", cases((-15, 625), (0, 125), long=((0, 625), (20, 625)))
+)
+def test_ratios_stated_standard_deviation_matches_the_errors(gamma_db, group_length):
+    """90 to 99 % of errors within two of them, and their size right on average."""
+    groups = 12 * 625 // group_length
+    plan = make_plan(group_length=group_length, reference_groups=groups)
+    relative = []
+    for seed in range(2):
+        tags = [random_tag(np.random.default_rng([5, seed]))]
+        air = make_air(group_length, tags, [6, seed], gamma_db)
+        results = run_chain(plan, air, groups + 80)
+        relative.append(errors_deg(results, tags, groups) / stated_deg(results, groups))
+    relative = np.concatenate(relative)
+    # 320 values: the fraction is known to 2.5 %, the root mean square to 8 %.
+    assert 0.90 <= np.mean(np.abs(relative) < 2) <= 0.99
+    assert np.sqrt(np.mean(relative**2)) == pytest.approx(1.0, abs=0.15)

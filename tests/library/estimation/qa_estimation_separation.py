@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Separation of the ends at the tracked clock, and what it says of a group."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.ends.separation import EndSeparator
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.signal.weights import design_weights
+from plain import (
+    TA,
+    WAVEFORM,
+    T,
+    averaged_switches,
+    bound_of,
+    errors_deg,
+    make_air,
+    make_plan,
+    random_tag,
+    run_chain,
+    stated_deg,
+    turned_deg,
+)
+from wiforce_app.bench.snapshots.air import TagOnAir
+
+
+class Separation:
+    """The separator behind the tones of a run's snapshots."""
+
+    def __init__(self, clocks_hz=(1000.0,), clutter_hz=0.0, group_length=625):
+        self.table = design_weights(clocks_hz, group_length, T, clutter_hz)
+        clocks = [TagClock(f) for f in clocks_hz]
+        self._stage = EndSeparator(self.table, clocks, WAVEFORM, derotated=False)
+
+    def tones(self, snapshots):
+        with np.errstate(invalid="ignore"):
+            return self.table.weights @ snapshots
+
+    def run(self, snapshots):
+        """All groups, given one after the other as snapshots (N, K)."""
+        return self.run_tones(map(self.tones, snapshots))
+
+    def run_tones(self, tones):
+        """As ``run``, of tones (M, K)."""
+        ready = [self._stage.process(Groups([g], item[None])) for g, item in enumerate(tones)]
+        return Groups.concatenate([*ready, self._stage.flush()])
+
+
+def separate(air, groups, clutter_hz=0.0, **how):
+    """Groups of a tag at 1 kHz with their ends."""
+    return Separation(clutter_hz=clutter_hz).run(air.group(g, **how) for g in range(groups))
+
+
+def loss_db(errors, bound):
+    return 10 * np.log10(np.mean((errors / bound) ** 2, axis=0))
+
+
+def test_ends_equal_least_squares_with_counted_waveforms():
+    """On every subcarrier: tones = W [s1, s2] D, the tones' own noise whitened."""
+    tag = TagOnAir(offset_ppm=-60.0, start_cycles=0.3, untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 1, 30.0)
+    separation = Separation()
+    tones = [separation.tones(air.group(g)) for g in range(12)]
+    last = separation.run_tones(tones)[-1:]
+    weights = separation.table.weights
+    cycles_per_s = 1000.0 * (1 + last.clock_offset_ppm.item() * 1e-6)
+    cycles = last.clock_phase.item() / (2 * np.pi) + cycles_per_s * separation.table.times_s
+    waves = averaged_switches(cycles, cycles_per_s * TA, points=20001)
+    white = np.linalg.inv(np.linalg.cholesky(weights @ weights.conj().T))
+    expected = np.linalg.lstsq(white @ weights @ waves, white @ tones[-1], rcond=None)[0]
+    # Counting errs by 1e-4 per snapshot, 625 of which are averaged.
+    assert np.max(np.abs(last.ends[0] - expected)) < 1e-3
+
+
+def test_ends_in_low_noise_equal_the_simulated_channels():
+    tag = TagOnAir(offset_ppm=90.0, start_cycles=0.8, untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 2, 60.0, static_db=70)
+    ends = separate(air, 12).ends[-1]
+    # Noise of an end is -60 dB - 20 dB; the common clock error drops out of the ends' phases.
+    assert np.max(np.abs(ends - air.ends(False))) < 2e-3
+
+
+def test_separation_stated_noise_gain_and_snr_match_the_errors():
+    tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 3, 5.0)
+    results = separate(air, 80)
+    errors = results.ends[11:] - air.ends(False)
+    seen = np.mean(np.abs(errors) ** 2, axis=(0, 2))
+    stated = np.mean(results.gain[11:], axis=0) * air.noise[0]
+    # 69 groups of 62 subcarriers; the clock's jitter adds some per cent.
+    assert stated == pytest.approx(seen, rel=0.12)
+    assert results.noise.mean() == pytest.approx(air.noise[0], rel=0.03)
+    # By definition: |c1[1] G|^2 against the noise in H; 12.95 dB below gamma, averaging included.
+    assert np.mean(results.snr_db, axis=0) == pytest.approx([5 - 12.96] * 2, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    "gamma_db, clutter_hz, around",
+    [(-15, 0.0, {}), (10, 0.0, {"static_db": 70}), (0, 250.0, {"static_db": 70, "movers_db": 30})],
+)
+def test_phases_with_drift_and_clutter_stay_near_the_bound(gamma_db, clutter_hz, around):
+    """Off clock, drift, fading, static and moving clutter together."""
+    plan, ratios = make_plan(clutter_hz=clutter_hz), []
+    for seed in range(2):
+        tags = [random_tag(np.random.default_rng([4, seed]))]
+        air = make_air(625, tags, [5, seed], gamma_db, **around)
+        errors = errors_deg(run_chain(plan, air, 87), tags)
+        ratios.append(errors / bound_of(air, clutter_hz=clutter_hz))
+    # 150 errors know the loss, .3 dB or so, to 1 dB.
+    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
+
+
+@pytest.mark.parametrize("lost", ["at random", "in a block"])
+def test_phases_with_a_fifth_of_the_snapshots_missing_stay_near_the_bound(lost):
+    plan, rng, ratios = make_plan(), np.random.default_rng(6), []
+    masks = rng.random((87, 625)) > 0.2
+    if lost == "in a block":
+        masks = [np.roll(np.arange(625) >= 125, shift) for shift in rng.integers(625, size=87)]
+    for seed in range(2):
+        tags = [random_tag(np.random.default_rng([7, seed]))]
+        air = make_air(625, tags, [8, seed], 0.0, static_db=70)
+        results = run_chain(plan, air, 87, present=lambda g: masks[g])
+        assert results.missing.tolist() == [np.sum(~masks[g]) for g in results.index]
+        ratios.append(errors_deg(results, tags) / bound_of(air, mask=masks[20]))
+    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
+
+
+def test_separation_group_with_few_snapshots_is_discarded():
+    tag = TagOnAir(untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 9, 20.0)
+    keep = np.arange(625) < 12
+    results = run_chain(make_plan(), air, 20, present=lambda g: keep if g == 15 else keep >= 0)
+    assert not results.locked[15, 0] and np.all(np.isinf(results.phase_std_deg[15]))
+    assert np.all(results.ratios[15] == 0)
+    assert results.missing[15] == 613 and results.locked[16, 0]
+
+
+def test_phases_of_two_tags_stay_near_the_bound():
+    """1.0 and 1.4 kHz share a line, and 36 ms are no whole periods of 1.4 kHz."""
+    plan, ratios = make_plan((1000.0, 1400.0)), []
+    for seed in range(2):
+        rng = np.random.default_rng([10, seed])
+        tags = [random_tag(rng), random_tag(rng, clock_hz=1400.0)]
+        air = make_air(625, tags, [11, seed], 0.0)
+        ratios.append(errors_deg(run_chain(plan, air, 87), tags) / bound_of(air))
+    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
+
+
+@pytest.mark.parametrize("second_db, largest_deg", [(0.0, 0.01), (-20.0, 0.1)])
+def test_phases_beside_a_second_tag_are_unbiased(second_db, largest_deg):
+    plan = make_plan((1000.0, 1400.0))
+    for seed in range(3):
+        rng = np.random.default_rng([12, seed])
+        tags = [random_tag(rng), random_tag(rng, clock_hz=1400.0, level_db=second_db)]
+        air = make_air(625, tags, [13, seed], 60.0)
+        bias = np.mean(errors_deg(run_chain(plan, air, 40), tags), axis=0)
+        assert np.max(np.abs(bias)) < largest_deg
+
+
+def test_phases_of_clocks_near_a_factor_of_two_state_their_uncertainty():
+    """Its lines lie on those of the first: what comes out must not look certain and be wrong."""
+    plan = make_plan((1000.0, 1995.0))
+    rng = np.random.default_rng(14)
+    tags = [random_tag(rng), random_tag(rng, clock_hz=1995.0)]
+    results = run_chain(plan, make_air(625, tags, 15, 10.0), 60)
+    errors = errors_deg(results, tags)
+    assert np.mean(np.abs(errors) < 3 * stated_deg(results) + 0.5) > 0.9
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, 0.0])
+def test_separation_invalid_group_is_empty_and_affects_no_other(broken):
+    tag = TagOnAir(untouched_deg=(35.0, -80.0), touched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 16, 20.0)
+    snapshots = [air.group(g) for g in range(30)]
+    for g in (3, 20):
+        snapshots[g][100 if broken else slice(None)] = broken
+    results = Separation().run(snapshots)
+    hurt = np.isin(np.arange(30), (3, 20))
+    assert np.array_equal(results.locked[:, 0], ~hurt)
+    assert np.all(np.isfinite(results.ends)) and np.all(np.isfinite(results.noise))
+    assert np.array_equal(np.all(np.isinf(results.gain), axis=1), hurt)
+
+
+def test_separation_without_signal_gives_groups_without_ends():
+    results = Separation().run_tones(np.zeros((30, 16, 62)))
+    assert len(results) == 30
+    assert not results.locked.any() and np.all(np.isinf(results.gain)) and not results.ends.any()
+
+
+def test_separation_tag_switched_off_is_not_locked():
+    air = make_air(625, [TagOnAir()], 17, 10.0, static_db=60, movers_db=20)
+    results = separate(air, 60, clutter_hz=250.0, on=False)
+    assert len(results) == 60
+    assert not results.locked.any()
+
+
+def test_separation_tag_switched_on_again_is_acquired_and_keeps_its_reference():
+    """Its clock starts anew at any phase: the two ends must not turn with it."""
+    tags = [TagOnAir(start_cycles=0.2, untouched_deg=(35.0, -80.0), touched_deg=(95.0, -20.0))]
+    air = make_air(625, tags, 18, 10.0)
+
+    def on(group):
+        if group == 30:
+            air.clocks[0]._cycles += 0.3719
+        return not 15 <= group < 40
+
+    results = run_chain(make_plan(), air, 70, on=on)
+    locked = results.locked[:, 0]
+    assert locked[:15].all() and not locked[15:40].any()
+    back = int(np.argmax(locked[40:])) + 40
+    assert back - 40 <= 12 and locked[back:].all()
+    errors = errors_deg(results, tags)
+    assert np.max(np.abs(errors[back - 12 :])) < 1.0
+
+
+def test_separation_tag_switched_on_late_is_acquired():
+    tags = [TagOnAir(untouched_deg=(35.0, -80.0)), TagOnAir(1400.0, untouched_deg=(5.0, 80.0))]
+    air = make_air(625, tags, 19, 10.0)
+    separation = Separation((1000.0, 1400.0))
+    locked = separation.run(air.group(g, on=(True, g >= 25)) for g in range(60)).locked
+    assert locked[:, 0].all() and not locked[:25, 1].any() and locked[40:, 1].all()
+
+
+def test_separation_loud_group_does_not_hide_the_tag_in_others():
+    tag = TagOnAir(offset_ppm=30.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 9, 5.0)
+    snapshots = [air.group(g) for g in range(24)]
+    snapshots[5] = snapshots[5] + 300 * np.random.default_rng(10).standard_normal((625, 62))
+    results = Separation().run(snapshots)
+    assert results.locked.all()
+    # What it did to the usual noise is gone after some groups.
+    assert results.noise[0].mean() == pytest.approx(air.noise[0], rel=0.1)
+
+
+def test_phases_with_interference_on_12_subcarriers_stay_near_the_bound():
+    """Without the weights it would cost 13 dB."""
+    profile = np.ones(62)
+    profile[10:22] = 100.0
+    plan, ratios, plain_errors = make_plan(), [], []
+    for seed in range(2):
+        tags = [random_tag(np.random.default_rng([20, seed]))]
+        air = make_air(625, tags, [21, seed], 0.0, profile)
+        errors = errors_deg(run_chain(plan, air, 87), tags)
+        ratios.append(errors / bound_of(air))
+        plain_errors.append(errors)
+    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.7
+    assert np.sqrt(np.mean(np.concatenate(plain_errors) ** 2)) < 0.9
+
+
+def test_phases_with_delayed_clock_2_are_unbiased():
+    """31 us left out would turn it by a degree when the touch changes the shared lines."""
+    tags = [
+        TagOnAir(
+            untouched_deg=(0.0, 0.0),
+            touched_deg=(90.0, -60.0),
+            clock2_delay_cycles=0.031,
+            start_cycles=0.3,
+            offset_ppm=30.0,
+        )
+    ]
+    results = run_chain(make_plan(), make_air(625, tags, 22, 30.0), 60)
+    assert np.max(np.abs(np.mean(errors_deg(results, tags), axis=0))) < 0.02
+    assert results.clock2_delay[-1, 0] == pytest.approx(2 * np.pi * 0.031, abs=0.01)
+
+
+def test_separation_overlapping_pulses_are_reported():
+    tags = [random_tag(np.random.default_rng(23), clock2_delay_cycles=0.25)]
+    results = run_chain(make_plan(), make_air(625, tags, 24, 0.0), 20)
+    assert results.overlapping.all()
+    tags = [random_tag(np.random.default_rng(23))]
+    results = run_chain(make_plan(), make_air(625, tags, 24, 0.0), 20)
+    assert not results.overlapping.any()
+
+
+def test_separation_press_inside_a_group_raises_its_gain():
+    """The phases jump in the middle: the group fits no constant ends, and must say so."""
+    tag = TagOnAir(untouched_deg=(0.0, 0.0), touched_deg=(120.0, 90.0))
+    air = make_air(625, [tag], 25, 20.0)
+    inside = np.arange(625) > 300
+    gains = Separation().run(air.group(g, inside if g == 15 else g > 15) for g in range(20)).gain
+    assert np.all(gains[15] > 3 * gains[14])
+    assert np.all(gains[16:] < 1.3 * gains[14])
+
+
+@pytest.mark.parametrize("turn_cycles", [0.1, 0.5, -0.3])
+def test_separation_clock_jump_raises_the_gain_until_reacquired(turn_cycles):
+    before, after = (
+        make_air(625, [TagOnAir(start_cycles=start, untouched_deg=(35.0, -80.0))], 23, 10.0)
+        for start in (0.2, 0.2 + turn_cycles)
+    )
+    results = Separation().run((before, after)[g >= 30].group(g) for g in range(44))
+    gains, ends = results.gain, results.ends
+    assert np.all(gains[30:37] > 3 * gains[20])
+    # Eight groups, of which none was as before.
+    assert np.all(gains[38:] < 1.3 * gains[20])
+    turned = np.angle(np.sum(ends[38:] * ends[20].conj(), axis=2))
+    assert np.abs(np.degrees(turned)).max() < 2.0
+
+
+@pytest.mark.parametrize("change_db", [6.0, -6.0])
+def test_separation_noise_step_is_stated_within_half_a_second(change_db):
+    tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
+    before, after = (make_air(625, [tag], 21, gamma) for gamma in (10.0, 10.0 - change_db))
+    results = Separation().run((before, after)[g >= 40].group(g) for g in range(54))
+    stated_db = 10 * np.log10(np.mean(results.noise[-1]) / before.noise[0])
+    # 8 groups of 868 degrees of freedom tell it to 4 %, whose median to 5 %.
+    assert stated_db == pytest.approx(change_db, abs=0.5)
+
+
+def test_separation_press_on_a_leaky_tag_keeps_the_lock():
+    # |G - G_off| goes from 1.3 to .7.
+    tag = TagOnAir(offset_ppm=40.0, untouched_deg=(180.0, 180.0), off_reflection=0.3)
+    air = make_air(625, [tag], 22, 20.0)
+    results = Separation().run(air.group(g, touched=g >= 30) for g in range(60))
+    assert results.locked[:, 0].tolist() == [True] * 60
+
+
+def test_ratios_of_touched_groups_keep_their_magnitude():
+    """|R| tells a free sensor from one whose press changed inside the group."""
+    tags = [TagOnAir(untouched_deg=(10.0, 20.0), touched_deg=(100.0, -70.0))]
+    results = run_chain(make_plan(), make_air(625, tags, 27, 0.0), 100)
+    magnitudes = np.abs(results.ratios[results.index >= 12])
+    assert magnitudes.mean(axis=0) == pytest.approx([1.0, 1.0], abs=0.01)
+    assert turned_deg(tags) == pytest.approx([90.0, -90.0])

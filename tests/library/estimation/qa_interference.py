@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Interference: snapshots that other transmitters hit are left out, and no others."""
+
+import copy
+import shutil
+from functools import lru_cache
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups
+from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from long_cases import cases
+from press_capture import SCENE, array_source
+
+FRAME = 720
+LONG = pytest.mark.long
+
+
+def scene_of(clocks=(1000,), waveform="repeated", snapshots=625, **simulation):
+    described = copy.deepcopy(SCENE)
+    described["sensors"] = [
+        {"name": f"arm{n}", "model": "line-900mhz", "clock_hz": hz} for n, hz in enumerate(clocks)
+    ]
+    described["sounding"] = {"waveform": waveform}
+    described["phase_group"] = {"snapshots": snapshots}
+    press = described["simulation"]["presses"][0] | {"sensor": "arm0"}
+    described["simulation"].update(presses=[press], **simulation)
+    return load_scene(described)
+
+
+def captured(scene, name):
+    """Write a scene's capture; its codes, int16 of shape (n, 2)."""
+    simulate(scene, name)
+    return np.fromfile(f"{name}.sigmf-data", "<i2").reshape(-1, 2)
+
+
+def copy_with(codes, source, name):
+    """A capture like another one, of other samples."""
+    codes.astype("<i2").tofile(f"{name}.sigmf-data")
+    shutil.copy(f"{source}.sigmf-meta", f"{name}.sigmf-meta")
+    return name
+
+
+def noise_power(codes):
+    """Per sample, by the guards."""
+    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2)
+    return 2 * np.mean(frames[:, 450:].astype(float) ** 2)
+
+
+def with_bursts(codes, share, level_db, seed):
+    """Bursts of white noise, 0.3 to 2 ms long, for a share of the time."""
+    rng = np.random.default_rng(seed)
+    samples, at = codes.astype(float), 0
+    amplitude = np.sqrt(noise_power(codes) * 10 ** (level_db / 10) / 2)
+    while True:
+        at += int(rng.exponential(1.15e-3 * (1 / share - 1)) * 12.5e6)
+        length = int(rng.uniform(0.3e-3, 2e-3) * 12.5e6)
+        hit = samples[at : at + length]
+        if not len(hit):
+            return np.clip(np.rint(samples), -32768, 32767)
+        hit += rng.normal(0, amplitude, hit.shape)
+        at += length
+
+
+def with_hopper(codes, level_db, seed, width=8):
+    """Transmissions on 8 of 64 subcarriers, 5 to 20 ms long, for half of the time."""
+    rng = np.random.default_rng(seed)
+    samples, at = codes.astype(float), 0
+    amplitude = np.sqrt(noise_power(codes) * 10 ** (level_db / 10))
+    while True:
+        at += int(rng.uniform(6e-3, 19e-3) * 12.5e6)
+        length = int(rng.uniform(5e-3, 20e-3) * 12.5e6) // 960 * 960  # small prime factors
+        if not len(hit := samples[at : at + length]):
+            return np.clip(np.rint(samples), -32768, 32767)
+        spectrum = np.zeros(length, np.complex64)
+        lowest = int(rng.uniform(-31, 32 - width) / 64 * length)
+        band = (lowest + np.arange(length * width // 64)) % length
+        spectrum[band] = rng.normal(0, 1, (len(band), 2)) @ [1, 1j]
+        sent = np.fft.ifft(spectrum) * np.sqrt(length / 2) * amplitude
+        hit += np.stack([sent.real, sent.imag], axis=1)[: len(hit)]
+        at += length
+
+
+def groups_of(scene, name):
+    """All groups of tones of a recording."""
+    source = RecordingReader(open_capture(name), plan(scene)).source
+    batches = []
+    while len(batch := source.read()):
+        batches.append(batch)
+    return Groups.concatenate(batches)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"clocks": (400,)},
+        pytest.param({"clocks": (1000,)}, marks=LONG),
+        {"clocks": (2000,)},
+        pytest.param({"clocks": (1000, 1400)}, marks=LONG),
+        {"waveform": "wifi"},
+        {"snr_db": 5},
+        {"snapshots": 125},
+    ],
+    ids=str,
+)
+def test_screen_quiet_capture_rejects_no_snapshot(settings, tmp_path):
+    """Edges of a tag differ from the rest of a frame as well; they are not to cost anything."""
+    scene = scene_of(**{"snr_db": 30, "duration_s": 0.54} | settings)
+    captured(scene, tmp_path / "quiet")
+    groups = groups_of(scene, tmp_path / "quiet")
+    assert len(groups) >= 14
+    assert not groups.interference.any() and groups.snapshot_weights is None
+
+
+EIGHT = (1000, 1400, 1790, 820, 1180, 1610, 1930, 1100)
+SIXTEEN = (435, 765, 1660, 585, 645, 705, 1595, 495, 930, 1800, 1230, 1470, 1050, 1920, 1350, 1110)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("clocks", [EIGHT, SIXTEEN], ids=len)
+def test_screen_takes_edges_of_many_tags_for_bursts_only_among_bursts(clocks, tmp_path):
+    """Eight tags raise all differences in 3 % of the snapshots, sixteen in 12 %."""
+    scene = scene_of(clocks, snr_db=15, duration_s=0.54)
+    codes = captured(scene, tmp_path / "quiet")
+    assert groups_of(scene, tmp_path / "quiet").interference.mean() < 0.002
+    bursts = with_bursts(codes, 0.2, 25, seed=2)
+    copy_with(bursts, tmp_path / "quiet", tmp_path / "bursts")
+    frames = (bursts != codes)[: len(codes) // FRAME * FRAME].reshape(-1, FRAME * 2)
+    hit = np.mean(frames[:, : 2 * 450].mean(axis=1) > 0.9)
+    assert groups_of(scene, tmp_path / "bursts").interference.mean() >= hit > 0.1
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """Name, scene and codes of a capture of a press."""
+    name = tmp_path_factory.mktemp("interference") / "press"
+    scene = scene_of(snapshots=125)
+    return name, scene, captured(scene, name)
+
+
+def test_screen_bursts_10_db_above_noise_are_rejected_where_they_are(press, tmp_path):
+    """A burst in a quarter of a snapshot already doubles the noise of its group's share."""
+    name, scene, codes = press
+    rng = np.random.default_rng(7)
+    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
+    starts = np.arange(20, len(frames) - 20, 20) + rng.integers(0, 5, len(frames) // 20 - 1)
+    hit, partly = np.zeros((2, len(frames)), bool)
+    amplitude = np.sqrt(noise_power(codes) * 10 / 2)
+    for start in starts:
+        frames[start : start + 3] += rng.normal(0, amplitude, (3, FRAME, 2))
+        # The burst begins in one of the repetitions of the frame before.
+        frames[start - 1, rng.integers(64, 310) :] += rng.normal(0, amplitude, 2)
+        hit[start : start + 3], partly[start - 1] = True, True
+    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
+    groups = groups_of(scene, tmp_path / "hit")
+    kept = groups.snapshot_weights.ravel() > 0
+    hit, partly = hit[: len(kept)], partly[: len(kept)]
+    assert hit.sum() > 1500
+    assert np.mean(kept[hit]) < 0.005
+    # Neighbours of bursts are lost where they hold an edge of the tag, one in eight.
+    assert np.mean(~kept[~hit & ~partly]) < 0.03
+    shares = np.mean(~kept.reshape(-1, 125), axis=1)
+    np.testing.assert_allclose(groups.interference, shares)
+    assert not groups.missing.any()
+
+
+def test_screen_burst_in_one_repetition_is_rejected_beside_a_hit_snapshot(press, tmp_path):
+    name, scene, codes = press
+    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
+    amplitude = np.sqrt(noise_power(codes) * 100 / 2)
+    rng = np.random.default_rng(8)
+    starts = np.arange(20, len(frames) - 20, 20)
+    starts = starts[starts % 125 > 2]  # both in one group
+    frames[starts] += rng.normal(0, amplitude, (len(starts), FRAME, 2))
+    frames[starts - 1, 256:] += rng.normal(0, amplitude, (len(starts), FRAME - 256, 2))
+    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
+    kept = groups_of(scene, tmp_path / "hit").snapshot_weights.ravel() > 0
+    starts = starts[starts < len(kept)]
+    assert np.mean(kept[starts]) < 0.01 and np.mean(kept[starts - 1]) < 0.01
+
+
+def test_screen_short_bursts_beyond_the_tag_are_rejected_alone(press, tmp_path):
+    """A burst of 10 us hits one repetition or two, and no frame as a whole."""
+    name, scene, codes = press
+    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
+    amplitude = np.sqrt(noise_power(codes) * 1000 / 2)
+    rng = np.random.default_rng(9)
+    hit = np.arange(20, len(frames) - 20, 20)
+    for frame in hit:
+        at = rng.integers(64, 310 - 125)
+        frames[frame, at : at + 125] += rng.normal(0, amplitude, (125, 2))
+    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
+    kept = groups_of(scene, tmp_path / "hit").snapshot_weights.ravel() > 0
+    others = np.setdiff1d(np.arange(len(kept)), hit)
+    assert np.mean(kept[hit[hit < len(kept)]]) < 0.02
+    assert np.mean(~kept[others]) < 0.02  # neighbours with an edge of the tag
+
+
+def phase_errors(scene, readings):
+    """In degrees, of both ends, while the press is held."""
+    model = scene.load_model("line-900mhz")
+    truth = model.phases_deg(4.0, 37.0)
+    held = [r for r in readings if 0.54 < r.time_s < 0.8 and r.touch == 1]
+    assert len(held) > 30
+    return wrap_deg(np.array([(r.phase1_deg, r.phase2_deg) for r in held]) - truth)
+
+
+@lru_cache
+def read(scene, name):
+    """Readings of a capture that does not change."""
+    return [r for batch in RecordingReader(open_capture(name), plan(scene)) for r in batch]
+
+
+def read_without_rejection(scene, name):
+    settings = plan(scene)
+    reader = folded_reader(**frame_settings(open_capture(name), settings.waveform, 0))
+    folded = reader.read(10**6)["folded"]
+    count, length = len(folded) // settings.group_length, settings.group_length
+    solver, every = FoldedGroups(settings.table, settings.waveform), np.ones(length, bool)
+    tones = [solver.solve(every, folded[g * length :][:length])[0] for g in range(count)]
+    receiver = Receiver(settings)
+    return receiver.process(Groups(np.arange(count), np.array(tones))) + receiver.finish()
+
+
+def rms(errors):
+    return np.sqrt(np.mean(errors**2))
+
+
+@pytest.fixture(scope="module")
+def bursty(press, tmp_path_factory):
+    """The capture with bursts 25 dB above the noise for 20 % of the time."""
+    name, _, codes = press
+    hit = with_bursts(codes, 0.2, 25, seed=3)
+    return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "bursts")
+
+
+def test_read_with_bursts_loses_little_accuracy(press, bursty):
+    """Without rejection, Wi-Fi nearby multiplies the errors."""
+    name, scene, _ = press
+    clean = rms(phase_errors(scene, read(scene, name)))
+    readings = read(scene, bursty)
+    interfered = rms(phase_errors(scene, readings))
+    assert interfered < 1.3 * clean
+    assert rms(phase_errors(scene, read_without_rejection(scene, bursty))) > 3 * clean
+    shares = [r.interference for r in readings]
+    assert 0.2 < np.mean(shares) < 0.4
+    assert not any("gap" in r.flags for r in readings)
+
+
+def test_read_groups_hit_as_a_whole_have_no_values_and_are_flagged(press, tmp_path):
+    name, scene, codes = press
+    hit, group = codes.astype(float), 125 * FRAME
+    part = hit[90 * group : 95 * group]
+    part += np.random.default_rng(5).normal(0, 20 * np.sqrt(noise_power(codes)), part.shape)
+    copy_with(np.clip(np.rint(hit), -32768, 32767), name, tmp_path / "hit")
+    readings = read(scene, tmp_path / "hit")
+    for reading in readings[90:95]:
+        assert reading.flags == ("gap",) and reading.interference == 1
+        assert reading.touch is None and reading.phase1_deg is None
+    assert all(r.interference < 0.02 for r in readings[:90] + readings[95:])
+
+
+@pytest.fixture(scope="module")
+def hopped(press, tmp_path_factory):
+    """The capture with a narrow-band transmitter 30 dB above the noise."""
+    name, _, codes = press
+    hit = with_hopper(codes, 30, seed=4)
+    return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "hopper")
+
+
+def test_read_with_hopper_loses_subcarriers_and_no_groups(press, hopped):
+    """Groups are shorter than its transmissions: without their snapshots nothing would be left."""
+    name, scene, _ = press
+    clean = rms(phase_errors(scene, read(scene, name)))
+    readings = read(scene, hopped)
+    assert not any("gap" in r.flags for r in readings)
+    errors = phase_errors(scene, readings)
+    assert rms(errors) < 1.35 * clean
+    # A transmitter on 8 of 62 subcarriers costs a fifth of the information at most.
+    shares = np.array([r.interference for r in readings])
+    assert 0.05 < np.mean(shares) < 0.2 and np.quantile(shares, 0.9) < 0.35
+    stated = np.array([r.force_std_n for r in readings if 0.54 < r.time_s < 0.8])
+    quiet = np.array([r.force_std_n for r in read(scene, name) if 0.54 < r.time_s < 0.8])
+    assert np.median(stated) < 1.5 * np.median(quiet)
+
+
+def test_noise_of_few_subcarriers_is_learned_only_if_it_lasts():
+    """A hopper must not spoil the subcarriers that it has left; a lasting carrier is no hopper."""
+    noise, residual = NoiseEstimate(0.036), np.ones(62)
+    noise.set(np.ones(62), 1.0, 55)
+    residual[20:28] = 100.0
+    for _ in range(16):
+        raised = noise.raised(residual, 14)
+        assert np.flatnonzero(raised > 1).tolist() == list(range(20, 28))
+        noise.learn(residual, 1.0, 1.0, raised)
+    assert noise.variance.max() == pytest.approx(1)
+    for _ in range(150):
+        noise.learn(residual, 1.0, 1.0, noise.raised(residual, 14))
+    np.testing.assert_allclose(noise.variance[20:28], 100, rtol=0.1)
+
+
+@pytest.mark.parametrize("level, verdict", [(2.0, Verdict.STEPPED), (20.0, Verdict.MODEL_LOST)])
+def test_noise_of_a_run_is_that_of_its_groups_one_by_one(level, verdict):
+    rng = np.random.default_rng(3)
+    residuals = rng.gamma(14, 1 / 14, (60, 62))
+    residuals[10, 20:28] *= 100  # a hopper
+    residuals[20] *= 30  # an outlier
+    residuals[40:] *= level
+    complete = np.arange(60) != 30
+    noise, alone = NoiseEstimate(0.036), NoiseEstimate(0.036)
+    for each in (noise, alone):
+        each.set(np.ones(62), 1.0, 12)
+    found = noise.follow(residuals, 14, np.ones(60), complete.tolist())
+    assert found.verdict is verdict and 40 < len(found) <= 48
+    for row, residual in enumerate(residuals[: len(found)]):
+        raised = alone.raised(residual, 14)
+        ratio = np.mean(residual * alone.inverse / raised)
+        assert found.ratio[row] == pytest.approx(ratio, rel=1e-12)
+        np.testing.assert_array_equal(found.raised[row], raised)
+        np.testing.assert_allclose(found.inverse[row], alone.inverse / raised, rtol=1e-12)
+        if complete[row]:
+            outcome = alone.learn(residual, ratio, 1.0, raised)
+            assert outcome is (verdict if row == len(found) - 1 else Verdict.LEARNED)
+        np.testing.assert_allclose(found.variance[row], alone.variance, rtol=1e-12)
+    assert np.flatnonzero((found.raised > 1).any(axis=1)).tolist() == [10]
+
+
+def assert_same(found, wanted):
+    # A stream without reported gaps ends with its last whole group, as a recording does.
+    assert len(found) == len(wanted) > 100
+    for got, want in zip(found, wanted, strict=True):
+        assert (got.flags, got.touch) == (want.flags, want.touch)
+        assert got.interference == pytest.approx(want.interference, abs=1e-6)
+        for name in ("phase1_deg", "phase2_deg", "force_n", "location_mm"):
+            value = getattr(want, name)
+            assert getattr(got, name) == (
+                value if value is None else pytest.approx(value, abs=1e-4)
+            )
+
+
+@pytest.mark.parametrize(
+    ("input_type", "interference"),
+    [("fc32", "bursty"), ("sc16", "bursty"), ("folded", "bursty"), ("fc32", "hopped")],
+)
+def test_stream_with_interference_is_read_as_the_recording(
+    press, request, input_type, interference
+):
+    """Live readings must be as good as those of a recording of the same signal."""
+    _, scene, _ = press
+    hit = request.getfixturevalue(interference)
+    codes = np.fromfile(f"{hit}.sigmf-data", "<i2").reshape(-1, 2)
+    readings = []
+    reader = wiforce.reader(scene, input_type=input_type, on_reading=readings.append)
+    if input_type == "folded":
+        source = wiforce.capture_source(hit, scene)
+    elif input_type == "sc16":
+        source = array_source(codes)
+    else:
+        samples = (codes / np.float32(32768)).astype(np.float32).view(np.complex64)[:, 0]
+        source = array_source(samples)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    assert_same(readings, read(scene, hit))
+
+
+@pytest.mark.parametrize("packet", cases(1, 64, long=(7,)))
+def test_vectors_in_packets_carry_the_noise_of_each(press, bursty, packet):
+    """However the scheduler divides the stream, the same snapshots must be rejected."""
+    _, scene, _ = press
+    settings = plan(scene)
+    source = blocks.head(64 * 8, 40 * 125)
+    packets, sink = blocks.copy(64 * 8), blocks.vector_sink_c(64 * len(settings.table.tones))
+    packets.set_max_noutput_items(packet)
+    doppler = wiforce.phase_group_doppler(settings.table.weights, 125)
+    flowgraph = gr.top_block()
+    capture = wiforce.capture_source(bursty, scene)
+    flowgraph.connect(capture, source, packets, doppler, sink)
+    flowgraph.run()
+    tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "rejected"}
+    wanted = np.rint(groups_of(scene, bursty).interference[:40] * 125)
+    assert [tagged.get(n, 0) for n in range(40)] == wanted.tolist()
+    assert sum(tagged.values()) > 500

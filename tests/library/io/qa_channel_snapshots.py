@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of channel snapshots: what is refused in one line, and what is read."""
+
+import os
+import pickle
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
+
+
+def arrays_of(packets=100, subcarriers=8, antennas=2):
+    rng = np.random.default_rng(1)
+    shape = (packets, subcarriers, antennas)
+    return {
+        "time_s": 100.0 + np.arange(packets) * 1e-3,
+        "channel": rng.standard_normal((*shape, 2)) @ np.array([1, 1j]),
+        "subcarrier_hz": np.arange(subcarriers) * 312.5e3,
+    }
+
+
+def changed(name, index, value):
+    arrays = arrays_of()
+    arrays[name][index] = value
+    return arrays
+
+
+BAD = {
+    "missing": ({"time_s": np.arange(100.0)}, "missing: channel, subcarrier_hz"),
+    "falling": (changed("time_s", 50, 0.0), r"time_s\[50\]: must not lie before"),
+    "nan time": (changed("time_s", 7, np.nan), r"time_s\[7\]: must be finite, got nan"),
+    "infinite time": (changed("time_s", 99, np.inf), r"time_s\[99\]: must be finite"),
+    "late": (changed("time_s", 99, 1e300), r"time_s\[99\]: must lie at most 3600 s"),
+    "standing": (arrays_of() | {"time_s": np.ones(100)}, "time_s: must not be the same"),
+    "few packets": (arrays_of(63), "time_s: must hold 64 packets or more, got 63"),
+    "few subcarriers": (arrays_of(subcarriers=3), "subcarrier_hz: must hold 4 to 4096"),
+    "no antenna": (arrays_of(antennas=0), "channel: must have 1 to 16 antennas, got 0"),
+    "antennas": (arrays_of(antennas=17), "channel: must have 1 to 16 antennas, got 17"),
+    "times": (arrays_of() | {"time_s": np.arange(99.0)}, "as many packets as time_s"),
+    "hertz": (arrays_of() | {"subcarrier_hz": np.arange(7.0)}, "as many subcarriers as"),
+    "same hertz": (changed("subcarrier_hz", 1, 0.0), "subcarrier_hz: must differ"),
+    "nan hertz": (changed("subcarrier_hz", 1, np.nan), r"subcarrier_hz\[1\]: must be a number"),
+    "real": (arrays_of() | {"channel": np.ones((100, 8))}, "channel: must be complex"),
+    "magnitudes": (
+        arrays_of() | {"channel": np.abs(arrays_of()["channel"]).astype(complex)},
+        "channel: must hold phases, but all imaginary parts are 0",
+    ),
+    "flat": (arrays_of() | {"channel": np.ones(100, complex)}, "channel: must be complex"),
+    "text": (arrays_of() | {"time_s": np.array(["a"] * 100)}, "time_s: must be one real"),
+    "silent": (arrays_of() | {"channel": np.zeros((100, 8, 2), complex)}, "64 packets or more"),
+    "carrier": (arrays_of() | {"center_frequency_hz": -1.0}, "center_frequency_hz: must be"),
+    "scene": (arrays_of() | {"scene": "{"}, "scene: is not JSON"),
+    "scene type": (arrays_of() | {"scene": 3.0}, "scene: must be a text"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_file_with_a_mistake_is_refused_by_name_and_rule(name, tmp_path):
+    arrays, rule = BAD[name]
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(InputError, match=rule) as caught:
+        open_snapshots(tmp_path / "a.npz")
+    assert "a.npz: " in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_pickled_objects_are_refused_and_never_loaded(tmp_path):
+    """A file from elsewhere must not run anything."""
+    objects = np.array([{"a": 1}] * 100, object)
+    np.savez(tmp_path / "a.npz", **(arrays_of() | {"time_s": objects}))
+    with pytest.raises(InputError, match="pickles"):
+        open_snapshots(tmp_path / "a.npz")
+    (tmp_path / "b.npz").write_bytes(pickle.dumps([1, 2, 3]))
+    with pytest.raises(InputError, match="pickles|broken"):
+        open_snapshots(tmp_path / "b.npz")
+
+
+def test_a_single_array_is_refused_by_its_kind(tmp_path):
+    np.save(tmp_path / "a.npy", np.ones(3))
+    (tmp_path / "a.npy").rename(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="is a single array; write it with numpy.savez"):
+        open_snapshots(tmp_path / "a.npz")
+
+
+def test_a_pipe_is_refused_instead_of_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="not a pipe"):
+        open_snapshots(tmp_path / "a.npz")
+
+
+def test_files_that_are_no_npz_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.ones(3))
+    (tmp_path / "a.npy").rename(tmp_path / "a.npz")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    (tmp_path / "text.npz").write_text("time_s,channel\n")
+    np.savez(tmp_path / "cut.npz", **arrays_of())
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "cut.npz").read_bytes()[:-300])
+    (tmp_path / "folder.npz").mkdir()
+    for name in ("a", "empty", "text", "cut", "folder", "nowhere"):
+        with pytest.raises(InputError, match=f"{name}.npz: "):
+            open_snapshots(tmp_path / f"{name}.npz")
+
+
+def test_the_command_says_what_is_wrong_in_one_line(tmp_path):
+    np.savez(tmp_path / "a.npz", **BAD["falling"][0])
+    done = run_command("read", "a.npz", "--scene", "wifi_packets", cwd=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "a.npz: time_s[50]: must not lie before the packet before it" in done.stderr
+    np.savez(tmp_path / "b.npz", **arrays_of())
+    done = run_command("read", "b.npz", cwd=tmp_path)
+    assert done.returncode == 2 and "holds no scene; name one with --scene" in done.stderr
+
+
+def test_commands_for_samples_say_that_the_file_holds_snapshots(tmp_path):
+    np.savez(tmp_path / "a.npz", **arrays_of())
+    done = run_command("survey", "a.npz", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "a.npz: holds channel snapshots, which only `read` and `check` take" in done.stderr
+    done = run_command("read", "a", "--scene", "wifi_packets", cwd=tmp_path)
+    assert (
+        done.returncode == 2 and "a: no such capture; channel snapshots are in a.npz" in done.stderr
+    )
+
+
+def test_size_and_unit_of_the_channel_do_not_matter(tmp_path):
+    arrays = arrays_of()
+    for size in (1e-30, 1.0, 1e30):
+        np.savez(tmp_path / "a.npz", **(arrays | {"channel": size * arrays["channel"]}))
+        found = open_snapshots(tmp_path / "a.npz")
+        assert found.channel.shape == (100, 8, 2) and found.unusable == 0
+        assert 0.5 < np.median(np.abs(found.channel)) < 2
+
+
+def test_guard_subcarriers_that_are_always_zero_are_left_out(tmp_path):
+    arrays = arrays_of(antennas=1)
+    arrays["channel"][:, 3] = 0
+    np.savez(tmp_path / "a.npz", **(arrays | {"channel": arrays["channel"][:, :, 0]}))
+    found = open_snapshots(tmp_path / "a.npz")
+    assert found.channel.shape == (100, 7, 1)
+    assert 3 * 312.5e3 not in found.subcarrier_hz
+
+
+def test_several_files_are_found_in_a_folder_and_named_when_they_are_broken(tmp_path):
+    (tmp_path / "day").mkdir()
+    for name in ("a", "b"):
+        np.savez(tmp_path / "day" / f"{name}.npz", **arrays_of())
+    done = run_command(
+        "read", "day", "--scene", "wifi_packets", "-o", "out", "--jobs", "1", cwd=tmp_path
+    )
+    assert done.returncode != 0
+    assert "a.npz" in done.stderr and "b.npz" in done.stderr and "must span" in done.stderr

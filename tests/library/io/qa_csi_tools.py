@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of CSI tools, synthesised by their published formats and by what real cards wrote."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
+from gnuradio.wiforce.io.csi_tools.formats import sent_subcarriers, tool_of
+
+pytest.importorskip("csiread")
+PACKETS = 80
+
+
+def values_of(subcarriers, antennas, size):
+    rng = np.random.default_rng(1)
+    parts = rng.integers(-size, size, (PACKETS, subcarriers, antennas, 2))
+    return parts @ np.array([1, 1j])
+
+
+def same_up_to_scale(found, expected):
+    assert found.shape == expected.shape
+    scale = np.vdot(expected, found) / np.vdot(expected, expected)
+    assert np.allclose(found, scale * expected, atol=1e-4 * np.abs(found).max())
+
+
+def intel_file(values, start_us=(1 << 32) - 30_000):
+    """Linux 802.11n CSI Tool: 8-bit values, 3 bits before each subcarrier, a 1 MHz clock."""
+    _, _, antennas = values.shape
+    records = []
+    for number, packet in enumerate(values):
+        bits = []
+        for row in packet:
+            bits += [0, 0, 0]
+            for value in row:
+                for part in (int(value.real), int(value.imag)):
+                    bits += [(part >> bit) & 1 for bit in range(8)]
+        bits += [0] * (-len(bits) % 8)
+        payload = np.packbits(bits, bitorder="little").tobytes()
+        length = 60 * antennas + 12
+        payload = payload.ljust(length, b"\0")
+        clock = (start_us + 1000 * number) % (1 << 32)
+        head = struct.pack("<IHHBBBBBbBBHH", clock, number, 0, antennas, 1, 40, 40, 40, -90, 30,
+                           0b100100, length, 0x1103)  # fmt: skip
+        records.append(struct.pack(">HB", len(head) + length + 1, 0xBB) + head + payload)
+    return b"".join(records) + b"\0\0\0"
+
+
+def atheros_file(values):
+    """Atheros CSI Tool: 10-bit values, imaginary part first."""
+    _, tones, antennas = values.shape
+    records = []
+    for number, packet in enumerate(values):
+        bits = []
+        for value in packet.ravel():
+            for part in (int(value.imag), int(value.real)):
+                bits += [(part >> bit) & 1 for bit in range(10)]
+        csi = np.packbits(bits, bitorder="little").tobytes()
+        csi += b"\0" * (len(csi) % 2)
+        head = struct.pack("<QHHBBBBBBBBBBBH", 5_000_000 + 1000 * number, len(csi), 2437, 0, 0, 0,
+                           0, tones, antennas, 1, 40, 40, 40, 40, 0)  # fmt: skip
+        records.append(struct.pack("<H", len(head) + len(csi)) + head + csi)
+    return b"".join(records) + b"\0\0\0\0"
+
+
+def nexmon_file(values, sequence=True, senders=(0,), lost=()):
+    """nexmon_csi of a 43455c0: UDP packets in a pcap file, one per core."""
+    records = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)]
+    for number, packet in enumerate(values):
+        sender = bytes([senders[number % len(senders)]] * 6)
+        for core in range(packet.shape[1]):
+            if (number, core) in lost:
+                continue
+            parts = np.stack([packet[:, core].real, packet[:, core].imag], axis=1)
+            csi = parts.astype("<i2").tobytes()
+            head = b"\xff" * 6 + b"NEXMON" + b"\0" * 30
+            count = number if sequence else 0
+            head += struct.pack("<I6sHHHH", 0x11111111, sender, count, core, 0, 0x0065)
+            length = len(head) + len(csi)
+            time = struct.pack("<II", 10, 1000 * number + 3 * core)
+            records.append(time + struct.pack("<II", length, length) + head + csi)
+    return b"".join(records)
+
+
+ESP32_HEADER = (
+    "type,role,mac,rssi,rate,sig_mode,mcs,bandwidth,smoothing,not_sounding,aggregation,stbc,"
+    "fec_coding,sgi,noise_floor,ampdu_cnt,channel,secondary_channel,local_timestamp,ant,sig_len,"
+    "rx_state,real_time_set,real_timestamp,len,CSI_DATA\n"
+)
+
+
+def esp32_lines(values, mac="00:00:00:00:00:00"):
+    """ESP32-CSI-Tool: lines of CSV with pairs of imaginary and real parts."""
+    lines = []
+    for number, packet in enumerate(values[:, :, 0]):
+        pairs = " ".join(f"{int(v.imag)} {int(v.real)}" for v in packet)
+        numbers = "-40,11,1,0,0,1,0,0,0,0,0,-90,0,6,1"
+        times = f"{2000 * number},0,100,0,1,{number}.5,{2 * len(packet)}"
+        lines.append(f"CSI_DATA,AP,{mac},{numbers},{times},[{pairs} ]\n")
+    return lines
+
+
+def crab_file(values, first=0, header="seq"):
+    """esp-crab, and esp-csi on an ESP32-C5: quoted values, and the sender's number of packets."""
+    lines = [
+        f"type,{header},mac,rssi,rate,noise_floor,fft_gain,agc_gain,channel,local_timestamp,"
+        "sig_len,rx_state,len,first_word,data\n"
+    ]
+    for number, packet in enumerate(values):
+        pairs = ",".join(f"{int(v.imag)},{int(v.real)}" for v in packet)
+        start = f"CSI_DATA,{first + number},1a:00:00:00:00:00,-23,11,-96,32,4,11"
+        lines.append(f'{start},{2000 * number + 7},47,0,{2 * len(packet)},0,"[{pairs}]"\n')
+    return "".join(lines)
+
+
+def test_intel_file_is_read_with_its_clock_unwrapped(tmp_path):
+    values = values_of(30, 3, 100)
+    (tmp_path / "a.dat").write_bytes(intel_file(values))
+    found = open_csi(tmp_path / "a.dat", "intel")
+    same_up_to_scale(found.channel, values)
+    assert np.allclose(np.diff(found.time_s), 1e-3)
+    assert found.subcarrier_hz[0] == -28 * 312.5e3 and found.subcarrier_hz[-1] == 28 * 312.5e3
+
+
+def test_atheros_file_is_read(tmp_path):
+    values = values_of(56, 2, 400)
+    (tmp_path / "a.dat").write_bytes(atheros_file(values))
+    found = open_csi(tmp_path / "a.dat", "atheros")
+    same_up_to_scale(found.channel, values)
+    assert np.allclose(np.diff(found.time_s), 1e-3) and len(found.subcarrier_hz) == 56
+
+
+def test_intel_clock_that_steps_back_is_a_gap_and_other_packets_are_left_out(tmp_path):
+    """One real file steps back by seconds; packets that one antenna received lie among others."""
+    values = values_of(30, 3, 100)
+    others = intel_file(values_of(30, 1, 100)[:9], 9_000_000)
+    parts = intel_file(values, 9_000_000), others, intel_file(values, 5_000_000)
+    (tmp_path / "a.dat").write_bytes(b"".join(part[:-3] for part in parts) + b"\0\0\0")
+    found = open_csi(tmp_path / "a.dat")
+    same_up_to_scale(found.channel, np.concatenate([values, values]))
+    assert found.clock_steps == 1 and np.all(np.diff(found.time_s) > 0)
+    assert found.left_out == (
+        ("packet with another number of antennas, streams or subcarriers", 9),
+    )
+    assert "stepped back once" in found.notes[0] and found.notes[1].startswith(
+        "left out 9 x packet"
+    )
+
+
+@pytest.mark.parametrize("sequence", [True, False])
+def test_nexmon_file_is_read_core_by_core(sequence, tmp_path):
+    """Some versions of the firmware number all packets 0: all of them were one packet."""
+    values = values_of(64, 2, 2000)
+    lost = [(5, 0), (9, 1)]
+    (tmp_path / "a.pcap").write_bytes(nexmon_file(values, sequence, lost=lost))
+    found = open_csi(tmp_path / "a.pcap", "nexmon/43455c0/20")
+    kept = np.delete(values, [5, 9], axis=0)
+    same_up_to_scale(found.channel, kept[:, sent_subcarriers(64)])
+    assert np.allclose(np.median(np.diff(found.time_s)), 1e-3)
+    assert found.left_out == (("packet that not all cores report", 2),)
+
+
+def test_nexmon_packets_of_one_sender_are_read(tmp_path):
+    values = values_of(64, 2, 2000)
+    values = np.concatenate([values, values[:, ::-1]])
+    (tmp_path / "a.pcap").write_bytes(nexmon_file(values, senders=(1, 2)))
+    found = open_csi(tmp_path / "a.pcap", mac="02:02:02:02:02:02")
+    same_up_to_scale(found.channel, values[1::2][:, sent_subcarriers(64)])
+    assert found.left_out == (("frame of another sender", 160),)
+
+
+def test_esp32_file_has_one_antenna_and_is_refused_by_the_reader(tmp_path):
+    values = values_of(64, 1, 100)
+    (tmp_path / "a.csv").write_text("".join(esp32_lines(values)))
+    found = open_csi(tmp_path / "a.csv", "esp32")
+    same_up_to_scale(found.channel, values[:, sent_subcarriers(64)])
+    assert np.allclose(np.diff(found.time_s), 2e-3)
+    done = run_command("read", "a.csv", "--scene", "wifi_packets", cwd=tmp_path)
+    assert done.returncode == 2 and "single antenna" in done.stderr
+
+
+def test_esp32_header_odd_lines_and_other_senders_are_left_out(tmp_path):
+    """The tool's own header row made csiread fail, and so did every line that was cut."""
+    values = values_of(64, 1, 100)
+    lines = [ESP32_HEADER, *esp32_lines(values), *esp32_lines(values[:7], "11:22:33:44:55:66")]
+    lines[20] = lines[20][:150] + "\n"
+    lines[30] = "I (3411) wifi: station joined\0\n"
+    lines[40:40] = esp32_lines(values_of(32, 1, 100)[:3])
+    (tmp_path / "a.csv").write_text("".join(lines))
+    found = open_csi(tmp_path / "a.csv")
+    assert len(found.time_s) == PACKETS - 2
+    assert dict(found.left_out) == {
+        "line that is incomplete or of another kind": 1,
+        "packet of another sender": 7,
+        "packet with another number of subcarriers": 3,
+    }
+    with pytest.raises(InputError, match="a.csv.*64 packets or more, got 7"):
+        open_csi(tmp_path / "a.csv", mac="11:22:33:44:55:66")
+    with pytest.raises(InputError, match="--mac: must be that of a sender in .*a.csv"):
+        open_csi(tmp_path / "a.csv", mac="11:22:33:44:55:67")
+
+
+@pytest.mark.parametrize("header", ["seq", "id"])
+def test_two_esp32_on_one_crystal_are_two_antennas(header, tmp_path):
+    """esp-crab: each device prints lines of its own, and misses packets of its own."""
+    values = values_of(64, 2, 100)
+    (tmp_path / "a.csv").write_text(crab_file(values[:-4, :, 0], header=header))
+    (tmp_path / "b.csv").write_text(crab_file(values[3:, :, 1], 3, header))
+    done = run_command("check", "a.csv", "--second-antenna", "b.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["antennas"]["count"] == 2 and report["file"]["packets"] == PACKETS - 7
+    assert "left out 7 x packet that one device received" in report["notes"]
+    found = open_csi(tmp_path / "a.csv", second=tmp_path / "b.csv")
+    same_up_to_scale(found.channel, values[3:-4, sent_subcarriers(64)])
+
+
+def test_tool_is_found_by_the_first_bytes(tmp_path):
+    files = {
+        "intel": intel_file(values_of(30, 3, 100)),
+        "atheros": atheros_file(values_of(56, 2, 400)),
+        "nexmon/43455c0/20": nexmon_file(values_of(64, 2, 2000)),
+        "esp32": crab_file(values_of(64, 1, 100)[:, :, 0]).encode(),
+        None: np.random.default_rng(1).integers(-99, 99, 9999).astype("<i2").tobytes(),
+    }
+    for tool, content in files.items():
+        (tmp_path / "a").write_bytes(content)
+        assert tool_of(tmp_path / "a") == tool
+    assert tool_of(tmp_path) is None
+
+
+def test_options_that_do_not_suit_a_tool_are_refused(tmp_path):
+    (tmp_path / "a.dat").write_bytes(intel_file(values_of(30, 3, 100)))
+    for tool in ("intel", None):
+        with pytest.raises(InputError, match="--mac: must not be given for intel"):
+            open_csi(tmp_path / "a.dat", tool, mac="11:22:33:44:55:66")
+    with pytest.raises(InputError, match="--mac: must be like"):
+        check_tool("esp32", mac="nobody")
+    with pytest.raises(InputError, match="--second-antenna: must not be given"):
+        check_tool("nexmon/4358/80", second="b.csv")
+    done = run_command(
+        "read", "a.dat", "--csi-tool", "intel", "--datatype", "ci16_le", cwd=tmp_path
+    )
+    assert done.returncode == 2 and "not for channel snapshots" in done.stderr
+
+
+def test_broken_files_and_unknown_tools_are_refused_in_one_line(tmp_path):
+    (tmp_path / "text.dat").write_text("no CSI at all\n" * 50)
+    noise = np.random.default_rng(1).bytes(20_000)
+    (tmp_path / "noise.dat").write_bytes(noise)
+    for name in ("text.dat", "noise.dat", "nowhere.dat"):
+        for tool in ("intel", "nexmon/4358/80"):
+            with pytest.raises(InputError, match=name) as caught:
+                open_csi(tmp_path / name, tool)
+            assert "\n" not in str(caught.value)
+    for tool in ("", "picoscenes", "nexmon", "nexmon/4358/60"):
+        with pytest.raises(InputError, match="--csi-tool: must be one of"):
+            check_tool(tool)
+    done = run_command("read", "text.dat", "--csi-tool", "nexmon", cwd=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1

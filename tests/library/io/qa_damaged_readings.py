@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Damaged files of readings and odd files of gauges are refused, and never give other readings."""
+
+import errno
+import json
+import os
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
+from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.files.mcap_file import McapWriter
+from gnuradio.wiforce.io.files.readings_files import ReadingsFile
+from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.text.textfile import write_whole
+from wiforce_app.shell.plots import save_picture
+
+
+def readings(count=300):
+    """Readings with distinct values."""
+    for group in range(count):
+        time_s = round(0.018 + 0.036 * group, 6)
+        yield Reading(time_s, "arm", 1, 1 + group / 7, 0.1, 40.0, 0.2, group=group)
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "parquet"])
+def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffix):
+    """A bit that a disk has changed must not become another force."""
+    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}[suffix])
+    path, out = tmp_path / f"a.{suffix}", tmp_path / "out.csv"
+    with McapWriter(path) if suffix == "mcap" else open_writer(path) as writer:
+        for reading in readings():
+            writer.write(reading)
+    whole = path.read_bytes()
+    assert run_command("export", path, "-o", out).returncode == 0
+    expected = out.read_text()
+    refused = 0
+    for place in np.linspace(10, len(whole) - 10, 25).astype(int):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        out.unlink(missing_ok=True)
+        done = run_command("export", path, "-o", out)
+        assert done.returncode in (0, 2) and done.stderr.count("\n") == 1, done.stderr
+        refused += done.returncode == 2
+        assert not out.exists() if done.returncode else out.read_text() == expected
+    assert refused > 5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"time_s": 1, "sensor": ["x"]}\n', "sensor must be a text"),
+        ('{"time_s": NaN, "sensor": "arm"}\n', "time_s and sensor must be given"),
+        ('{"time_s": 1e999, "sensor": "arm"}\n', "time_s must be finite"),
+        ('{"time_s": 1, "sensor": "arm", "touch": 0.7}\n', "touch must be an integer"),
+        ('{"time_s": 1, "sensor": "arm", "touch": 7}\n', "touch must be 0, 1 or empty"),
+        ('{"time_s": -5, "sensor": "arm"}\n', "cannot be converted to mcap"),
+        ("[" * 100_000, "is not JSON"),
+        ("\udcff", "is not UTF-8"),
+    ],
+)
+def test_export_malformed_row_is_named_in_one_line(tmp_path, text, message):
+    pytest.importorskip("mcap_ros2")
+    path, out = tmp_path / "a.jsonl", tmp_path / "a.mcap"
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    done = run_command("export", path, "-o", out)
+    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert done.stderr.count("\n") == 1 and [file.name for file in tmp_path.iterdir()] == [
+        path.name
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must have a first row with the names of its columns"),
+        ("a,b\n", "it has no column time_s"),
+        ("time_s,sensor,force_n,force_n\n1,arm,2,3\n", "must have different names, got 'force_n'"),
+        ("time_s,sensor\n1,arm\n2,arm,3\n", "line 3: must have as many fields"),
+        ('time_s,sensor\n1,"arm\n', "is not a CSV file"),
+        ("time_s,sensor,group\n1,arm,1_0\n", "row 1: is no reading"),
+    ],
+)
+def test_export_csv_that_may_be_misread_is_refused(tmp_path, text, message):
+    """A file that was cut off, or has other columns, must not become fewer or other readings."""
+    (tmp_path / "a.csv").write_text(text)
+    done = run_command("export", tmp_path / "a.csv", "--to", "json")
+    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert done.stderr.count("\n") == 1 and len(list(tmp_path.iterdir())) == 1
+
+
+def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
+    """The names are not covered by any checksum; the command ended with an error of a codec."""
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "a.parquet"
+    with open_writer(path) as writer:
+        writer.write(Reading(1.0, "arm"))
+    path.write_bytes(path.read_bytes().replace(b"force_n", b"\xfforce_n", 1))
+    with pytest.raises(InputError, match="is not a complete Parquet file"):
+        list(ReadingsFile(path).rows())
+
+
+def test_export_header_alone_gives_a_file_without_readings(tmp_path):
+    """A run may end before its first reading."""
+    (tmp_path / "a.csv").write_text("time_s,sensor\n")
+    assert run_command("export", tmp_path / "a.csv", "--to", "json").returncode == 0
+    assert (tmp_path / "a.jsonl").read_text() == ""
+
+
+def test_export_keeps_keys_that_only_later_lines_have(tmp_path):
+    """Joined logs of two runs: the columns of the second one were dropped without a word."""
+    rows = [{"time_s": 1, "sensor": "a"}, {"time_s": 2, "sensor": "a", "note": {"by": True}}]
+    (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert run_command("export", tmp_path / "a.jsonl", "--to", "csv").returncode == 0
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0].endswith(",note") and lines[2].endswith(',"{""by"": true}"')
+    pytest.importorskip("mcap_ros2")
+    done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
+    assert "columns without a field in MCAP are left out: note" in done.stderr
+
+
+def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
+    """Their wrenches would be published on one topic."""
+    pytest.importorskip("mcap_ros2")
+    rows = [{"time_s": 1, "sensor": name} for name in ("a/b c", "a b/c")]
+    (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
+    rule = "sensor 'a b/c': has the same ROS topic as 'a/b c', /wiforce/a_b_c/reading"
+    assert done.returncode == 2 and rule in done.stderr and done.stderr.count("\n") == 1
+    assert len(list(tmp_path.iterdir())) == 1
+    with pytest.raises(InputError, match="has the same ROS topic"):
+        McapWriter(tmp_path / "b.mcap", sensors=["a/b c", "a b/c"])
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "mcap"])
+def test_export_full_disk_names_the_output_and_keeps_the_former_one(tmp_path, monkeypatch, suffix):
+    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}.get(suffix, "csv"))
+
+    def full(self, data):
+        self._failure = OutputError(self._path, "cannot be written further (disk full); rows kept")
+        raise self._failure
+
+    with open_writer(tmp_path / "a.jsonl") as writer:
+        for reading in readings(5):
+            writer.write(reading)
+    out = tmp_path / f"out.{suffix}"
+    out.write_text("former")
+    monkeypatch.setattr("gnuradio.wiforce.io.files.output_file.OutputFile.write", full)
+    done = run_command("export", tmp_path / "a.jsonl", "-o", out)
+    assert done.returncode == 1
+    assert done.stderr == f"gr-wiforce: {out}: cannot be written (disk full)\n"
+    assert out.read_text() == "former" and len(list(tmp_path.iterdir())) == 2
+
+
+def test_replacing_keeps_pipes_and_the_target_of_a_link(tmp_path):
+    """A run as root replaced /dev/full by a file, and a link to another disk by its content."""
+    target, link, pipe = tmp_path / "target.csv", tmp_path / "link.csv", tmp_path / "pipe.csv"
+    target.write_text("former")
+    link.symlink_to(target)
+    write_whole(link, "new")
+    assert link.is_symlink() and target.read_text() == "new"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_whole(pipe, "new")
+    assert os.read(reader, 10) == b"new" and pipe.is_fifo()
+    os.close(reader)
+
+
+def test_picture_on_a_full_disk_is_named_and_not_left_in_part(tmp_path):
+    class Canvas:
+        def savefig(self, path, **_):
+            path.write_bytes(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OutputError, match="a.png: cannot be written .No space left"):
+        save_picture(Canvas(), tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_export_accepts_integers_as_pandas_writes_them(tmp_path):
+    """Columns with empty fields become 1.0 when a file is read and written by pandas."""
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,sensor,touch,force_n,group\n1,arm,1.0,nan,3.0\n")
+    assert run_command("export", path, "--to", "json").returncode == 0
+    row = json.loads((tmp_path / "a.jsonl").read_text())
+    assert (row["touch"], row["force_n"], row["group"]) == (1, None, 3)
+
+
+def test_score_offset_of_a_gauge_with_unix_times_is_as_exact_as_of_small_ones(tmp_path):
+    """Most loggers write seconds since 1970, where the offset was not refined."""
+    times = 0.018 + 0.036 * np.arange(200)
+    force = np.where((times > 2) & (times < 4), times, 0.0)
+    rows = [f"{t},arm,{int(f > 0)},{f},0.1,40,," for t, f in zip(times, force, strict=True)]
+    head = "time_s,sensor,touch,force_n,force_std_n,location_mm,flags,group"
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
+    fine = np.arange(0, 7.2, 0.004)
+    shown = np.where((fine > 2) & (fine < 4), fine, 0.0)
+    for start in (0.0, 1.7e9):
+        lines = [f"{start + t - 0.007:.6f},{f}" for t, f in zip(fine, shown, strict=True)]
+        (tmp_path / "g.csv").write_text("\n".join(["time_s,force_n", *lines]) + "\n")
+        done = run_command("score", tmp_path / "a.csv", "--against", tmp_path / "g.csv", "--json")
+        assert done.returncode == 0, done.stderr
+        assert abs(json.loads(done.stdout)["offset_s"] - start + 0.007) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,force_n\n", "g.csv: must hold two forces or more"),
+        ("time_s,force_n\n1,0\n1,2\n", "g.csv: time_s must increase"),
+        ("time_s,force_n\n0,0\n90000,2\n200000,1\n", "g.csv: must hold several values while"),
+        ("time_s,force_n\n0,0\n1,1e308\n2,-1e308\n", "row 3: force_n must be below 1e+12 N"),
+        ("Time (days),Force\n0,0\n1,2\n", "Time (days): names an unknown unit of time"),
+        ("time_s,force_n\n0,True\n1,False\n", "row 2: force_n must be a finite number"),
+        ("time_s,force_n\n0,5,1,2\n1,5,2,2\n", "must not have more fields than there are columns"),
+        ("t,force\n0,1\n1,\n2,1\n1,2\n", "row 5: t must not decrease"),
+    ],
+)
+def test_score_gauge_that_shows_no_presses_is_refused(tmp_path, text, message):
+    with open_writer(tmp_path / "a.csv") as writer:
+        for reading in readings(50):
+            writer.write(reading)
+    (tmp_path / "g.csv").write_text(text)
+    done = run_command("score", tmp_path / "a.csv", "--against", tmp_path / "g.csv")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert message in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([], "a.jsonl: holds no readings"),
+        ([1.0], "a.jsonl: must be two or more, got 1"),
+        ([1.0, 1.036, 1.072, 1e9], "a.jsonl: must span at most"),
+    ],
+)
+def test_score_readings_of_no_or_endless_time_are_refused(tmp_path, times, message):
+    """A wrong time in one row took all memory of the machine."""
+    with open_writer(tmp_path / "a.jsonl") as writer:
+        for time_s in times:
+            writer.write(Reading(time_s, "arm", 0))
+    (tmp_path / "g.csv").write_text("time_s,force_n\n0,0\n0.1,2\n")
+    done = run_command("score", tmp_path / "a.jsonl", "--against", tmp_path / "g.csv")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert message in done.stderr
+
+
+def test_gauge_rows_that_end_in_a_separator_are_not_shifted(tmp_path):
+    """Loggers write such rows, whose times were taken for forces."""
+    (tmp_path / "g.csv").write_text("Time (h);Force (N)\n0;5;\n1;7;\n")
+    record = read_gauge_file(tmp_path / "g.csv")
+    assert record.time_s.tolist() == [0, 3600] and record.force_n.tolist() == [5, 7]

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Foxglove and LSL outputs within one process: slow clients, addresses, times."""
+
+import json
+import math
+import os
+import socket
+import time
+from datetime import datetime, timezone
+
+import pylsl
+import pytest
+import websockets.sync.client
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.addresses import host_and_port
+from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets, lsl_offset_s
+from gnuradio.wiforce.io.readings import Reading
+from ros_clients import SUBPROTOCOL, FoxgloveClient
+
+STAMP = {"run": "r", "time_utc": "2026-01-31T23:59:59.000000Z", "device_time_s": 1.0}
+
+
+@pytest.fixture
+def server():
+    with socket.create_server(("127.0.0.1", 0)) as held:
+        port = held.getsockname()[1]
+    made = FoxgloveServer(str(port), ["arm"])
+    made.port = port
+    yield made
+    made.close()
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline, "not in time"
+        time.sleep(0.01)
+
+
+def test_foxglove_client_that_does_not_read_delays_nobody(server):
+    """A browser tab in the background must not stop the readings of the robot."""
+    with websockets.sync.client.connect(
+        f"ws://127.0.0.1:{server.port}", subprotocols=[SUBPROTOCOL], max_queue=1
+    ) as stalled:
+        channels = []
+        while not channels:
+            channels = json.loads(stalled.recv()).get("channels", [])
+        ids = [{"id": each["id"], "channelId": each["id"]} for each in channels]
+        stalled.send(json.dumps({"op": "subscribe", "subscriptions": ids}))
+        client = FoxgloveClient(server.port)
+        received = client.messages["/wiforce/arm/reading"]
+
+        def heard():
+            server.publish(Reading(0.0, "arm", 0, group=-1), STAMP)
+            return received
+
+        wait_for(heard)
+        large = STAMP | {"run": "r" * 10_000}
+        for group in range(1000):  # 10 MB, more than the sockets of both hold
+            server.publish(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
+        wait_for(lambda: received[-1].group == 999)
+        stalled.socket.close()
+
+
+def test_foxglove_port_in_use_is_refused(server):
+    with pytest.raises(InputError, match="--foxglove: cannot be bound .*in use"):
+        FoxgloveServer(str(server.port), ["arm"])
+
+
+@pytest.mark.parametrize("text", ["", "0", "65536", "x", "1:2:3", "host:8765", "a b:"])
+def test_foxglove_address_that_is_none_is_refused(text):
+    with pytest.raises(InputError, match=r"must be PORT or ADDRESS:PORT"):
+        host_and_port(text, "--foxglove")
+
+
+def test_lsl_samples_have_the_time_of_the_measurement():
+    """Streams of other devices are aligned by it; the time of arrival is a group and more later."""
+    name = f"arm{os.getpid()}"
+    outlets = LslOutlets([name], 0.036)
+    (info,) = pylsl.resolve_byprop("name", f"gr-wiforce {name}", timeout=30)
+    inlet = pylsl.StreamInlet(info, recover=False)
+    inlet.open_stream(timeout=30)
+    measured_s = time.time() - 0.1
+    utc = datetime.fromtimestamp(measured_s, timezone.utc).isoformat()
+    before_s = pylsl.local_clock()
+    outlets.push(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), utc)
+    outlets.push(Reading(0.054, name), "")
+    sample, sample_s = inlet.pull_sample(timeout=30)
+    unknown, unknown_s = inlet.pull_sample(timeout=30)
+    outlets.close()
+    found = {label: value for (label, *_), value in zip(CHANNELS, sample, strict=True)}
+    assert (found["force_n"], found["touch"], found["flags"], found["group"]) == (4.0, 1, 10, 7)
+    assert math.isnan(found["location_mm"])
+    # Both clocks are read here and by the outlet, between which the process may wait its turn.
+    assert sample_s == pytest.approx(before_s - 0.1, abs=0.02)
+    assert all(math.isnan(value) for value in unknown[:9]) and unknown_s >= before_s
+
+
+def test_lsl_offset_is_that_of_the_quickest_comparison():
+    """A process that has to wait between two clocks would shift a sample."""
+    local, utc = iter((0.0, 5.0, 10.0, 11.0, 20.0, 25.0)), iter((200.0, 110.5, 300.0))
+    assert lsl_offset_s(lambda: next(local), lambda: next(utc)) == -100.0
+
+
+@pytest.mark.parametrize(
+    ("network", "own", "settings"),
+    [
+        (False, False, ["machine", "127.0.0.1", "level = -2"]),
+        (False, True, ["machine", "127.0.0.1", "level = -2"]),
+        (True, False, ["level = -2"]),
+        (True, True, None),
+    ],
+)
+def test_lsl_keeps_to_this_machine_unless_asked(monkeypatch, tmp_path, network, own, settings):
+    """Streams would be offered to a network, or not as its administrator has set."""
+    given = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("LSLAPICFG", raising=False)
+    monkeypatch.setattr(pylsl, "set_config_content", given.append)
+    if own:
+        (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = site\n")
+    LslOutlets([], 0.036, network=network)
+    if settings is None:
+        assert given == []
+    else:
+        (text,) = given
+        assert all(word in text for word in settings) and ("machine" in text) == (not network)

@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The plan of a scene: what it chooses, what it expects, what it warns of, and the command."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.planning.advice import improve, warnings
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.levels import receive_levels
+from gnuradio.wiforce.planning.loss import line_loss_db
+from gnuradio.wiforce.planning.plan import HARMONICS, plan
+from gnuradio.wiforce.planning.steps import MORE_LINES, steps, with_more_lines
+from gnuradio.wiforce.planning.waveform_limits import waveform_warnings
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.weights import design_weights
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate
+from long_cases import cases
+
+ROOT = Path(__file__).parents[3]
+
+T, TA = 57.6e-6, 20.48e-6
+
+
+def scene_of(sensors=None, **sections):
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
+    return load_scene({"sensors": sensors or [sensor], **sections})
+
+
+def square(cycles, half, centers):
+    """A switch averaged over a window, point by point."""
+    inside = (np.arange(400) + 0.5) / 200 - 1
+    cycles = cycles[:, None] + half * inside
+    away = [np.abs((cycles - c + 0.5) % 1 - 0.5) for c in centers]
+    width = 1 / 8 if len(centers) == 1 else 1 / 16
+    return sum((a < width).astype(float) for a in away).mean(axis=1)
+
+
+@pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
+def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
+    clock = TagClock(1000.0, 100.0)
+    table = design_weights([1000.0], 625, T, clutter_hz, harmonics)
+    clutter = table.basis[:, len(table.tones) :]
+    ratios = []
+    for phase in (0.1, 0.37, 0.72):
+        for sign in (1, -1):
+            hertz = 1000 * (1 + sign * 1e-4)
+            times = table.times_s
+            s = np.column_stack(
+                [
+                    square(hertz * times + phase, hertz * TA / 2, centers)
+                    for centers in ((0.0,), (0.25, 0.75))
+                ]
+            )
+            basis = np.hstack([s, clutter])
+            whole = np.diag(np.linalg.inv(basis.conj().T @ basis).real)[:2]
+            mixing, noise = table.weights @ s, table.weights @ table.weights.conj().T
+            information = mixing.conj().T @ np.linalg.solve(noise, mixing)
+            ratios.append((np.diag(np.linalg.inv(information)).real, whole))
+    taken, whole = np.mean(ratios, axis=0)
+    loss = line_loss_db([clock], 625, T, TA, clutter_hz, harmonics)
+    # edges drawn to a 400th of a window
+    assert loss == pytest.approx(10 * np.log10(taken / whole), abs=0.01)
+
+
+def test_plan_chooses_fewest_harmonics_within_a_tenth_of_a_db():
+    chosen = plan(scene_of())
+    band_hz = chosen.clutter_hz
+    losses = {h: line_loss_db(chosen.clocks, 625, T, TA, band_hz, h).max() for h in (8, 12, 16, 24)}
+    accepted = [h for h, loss in losses.items() if loss <= min(losses.values()) + 0.1]
+    assert chosen.harmonics == min(accepted) and losses[8] > losses[chosen.harmonics]
+    assert max(chosen.loss_db) == pytest.approx(losses[chosen.harmonics])
+
+
+@pytest.mark.parametrize("snapshots", [33, 97, 110, 136, 500])
+def test_plan_short_group_falls_back_to_fewer_lines(snapshots):
+    clocks = [("a", 1000), ("b", 1400)] if snapshots < 500 else [("a", 700), ("b", 1000)]
+    sensors = [
+        {"name": n, "model": "line-900mhz-calibrated", "clock_hz": f, "clock_tolerance_ppm": 10}
+        for n, f in (clocks[:1] if snapshots < 90 else clocks)
+    ]
+    chosen = plan(scene_of(sensors, phase_group={"snapshots": snapshots}))
+    assert np.all(np.isfinite(chosen.table.weights))
+
+
+@pytest.mark.parametrize("smoothing_s, groups", [(0.036, 5), (0.0, 1), (0.072, 10)])
+def test_plan_averages_over_groups_as_long_as_the_scene_states(smoothing_s, groups):
+    settings = plan(scene_of(phase_group={"snapshots": 125, "smoothing_s": smoothing_s}))
+    assert settings.smoothing_groups == groups
+
+
+def test_steps_not_needed_are_skipped_with_reason():
+    nothing = {"moving_clutter_hz": 0}
+    still = {s.name: s for s in steps(plan(scene_of(environment=nothing)))}
+    assert "nothing moves" in still["tones"].reason
+    skipped = [name for name, step in still.items() if not step.needed]
+    assert skipped == [
+        "guard and first repetition",
+        "channel per snapshot",
+        "more lines",
+        "inversion while untouched",
+    ]
+    moving = scene_of(environment={"moving_clutter_hz": 30}, phase_group={"snapshots": 125})
+    busy = {s.name: s for s in steps(plan(moving))}
+    assert "sequences up to 30 Hz" in busy["tones"].reason
+
+
+def test_steps_operations_equal_hand_count():
+    scene = scene_of()
+    found = {s.name: s.operations for s in steps(plan(scene))}
+    rate = 12.5e6 / 720
+    assert found["fold"] == pytest.approx(3 * 64 * 2 * rate)
+    assert found["guard and first repetition"] == pytest.approx((400 + 64) * 2 * rate)
+    # a pair of tones: 4 products and 4 sums for each of 64 samples of a snapshot, twice over
+    pairs = len(plan(scene).table.tones) / 2
+    assert found["tones"] == pytest.approx(8 * 64 * pairs * rate)
+
+
+SHORT = {
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 1.6,
+        "snr_db": -5,
+        "static_clutter_db": 40,
+        "presses": [
+            {"start_s": 0.35, "rise_s": 0.05, "hold_s": 1.05, "force_n": 5.0, "location_mm": 30.0}
+        ],
+    },
+    "reference_s": 0.3,
+}
+SECOND = {
+    **SHORT,
+    "phase_group": {"snapshots": 250},
+    "environment": {"moving_clutter_hz": 40},
+    "simulation": {
+        **SHORT["simulation"],
+        "snr_db": 0,
+        "moving_clutter_db": 20,
+        "seed": 4,
+        "presses": [{**SHORT["simulation"]["presses"][0], "force_n": 3.0, "location_mm": 52.0}],
+    },
+}
+
+
+@pytest.mark.parametrize("sections", cases(SECOND, long=(SHORT,)), ids=["moving", "still"])
+def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
+    from gnuradio.wiforce.io.capture import open_capture
+    from wiforce_app.read.recordings import read_capture
+
+    scene = scene_of(**sections)
+    expected = expect(plan(scene))[0]
+    simulate(scene, tmp_path / "capture")
+    readings = []
+    read_capture(open_capture(tmp_path / "capture"), scene, readings.append)
+    found = score(readings, read_truth(tmp_path / "capture.truth.csv"), "arm")
+    assert len(found.force_error_n) >= 20
+    # of the change against the untouched sensor: what the calibration errs by there is constant
+    truth = scene.load_model(scene.simulation.tags[0].truth_model).untouched_deg()
+    bias = np.subtract(scene.load_model(scene.sensors[0].model).untouched_deg(), truth)
+    phase = np.median(np.abs(found.phase_error_deg - bias))
+    assert 1 / 1.5 < phase / np.mean(expected.phase_error_deg) < 1.5
+    assert 0.5 < found.median_force_n / expected.force_error_n < 2
+    assert 0.5 < found.median_location_mm / expected.location_error_mm < 2
+
+
+def test_expect_noise_falls_with_energy_only():
+    scene = scene_of()
+    std = np.array(expect(plan(scene))[0].phase_std_deg)
+    louder = dataclasses.replace(scene.simulation, snr_db=scene.simulation.snr_db + 6)
+    better = np.array(expect(plan(dataclasses.replace(scene, simulation=louder)))[0].phase_std_deg)
+    # the ADC's steps are 2 % of the noise at 10 dB
+    assert std / better == pytest.approx(10**0.3, rel=0.03)
+
+
+def test_receive_levels_adc_steps_equal_simulator():
+    from gnuradio.wiforce.simulation.channel import AirChannel
+
+    scene = scene_of()
+    levels = receive_levels(scene)
+    noise_steps = AirChannel(scene).noise_std / np.sqrt(2) * 2**13
+    # the simulator's static echoes add up to another peak, by up to 3 dB
+    assert 0.7 < levels.noise_steps / noise_steps < 1.41
+
+
+PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}
+TWO = [
+    {"name": name, "model": "line-900mhz-calibrated", "clock_hz": clock}
+    for name, clock in (("a", 1000), ("b", 1400))
+]
+
+
+@pytest.mark.parametrize(
+    "scene, warning",
+    [
+        ({"sensors": TWO}, "line 7 of 'a' falls on line 5 of 'b'"),
+        ({"sounding": {"frame_length": 1500}}, "Nyquist"),
+        ({"simulation": {"presses": [{**PRESS, "rise_s": 0.02}]}}, "N_g against dynamics"),
+        ({"simulation": {"presses": [{**PRESS, "location_mm": 75.0}]}}, "calibrated for"),
+        ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
+        ({"simulation": {"tags": [{"clock2_duty": "two_frequencies"}]}}, "on at the same time"),
+        ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
+        ({"reference_s": 0.05}, "untouched reference"),
+        ({"simulation": {"moving_clutter_db": 10, "moving_clutter_hz": 300}}, "leaks"),
+        ({"sensors": TWO, "simulation": {"tags": [{"sensor": "b", "level_db": -30}]}}, "differ by"),
+    ],
+)
+def test_warnings_faulty_scene_names_fault(scene, warning):
+    scene = scene_of(**scene)
+    assert any(warning in found for found in warnings(plan(scene)))
+
+
+def test_warnings_sound_scene_is_empty():
+    """Users stop to read warnings that sound scenes have too."""
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}
+    assert warnings(plan(scene_of([sensor], simulation={"presses": [PRESS]}))) == []
+
+
+@pytest.mark.parametrize("more, stated", [(0, False), (1, True)])
+def test_frames_longer_than_the_kernel_monitors_are_stated(more, stated):
+    header = (ROOT / "lib/kernel/timing/frame_watch.h").read_text(encoding="utf-8")
+    whole = int(re.search(r"LONGEST_WHOLE = (\d+);", header)[1])
+    longest = int(re.search(r"LONGEST_FRAME = (\d+) \* LONGEST_WHOLE;", header)[1]) * whole
+    tag = {"name": "arm", "model": "line-900mhz", "clock_hz": 10}
+    sounding = {"frame_length": longest + more}
+    scene = {"sensors": [tag], "sounding": sounding, "phase_group": {"snapshots": 100}}
+    settings = plan({**scene, "reference_s": 3})
+    texts = [text for text in waveform_warnings(settings) if "frame timing that slips" in text]
+    assert [f"more than {longest} samples" in text for text in texts] == [True] * stated
+
+
+def test_improve_proposals_have_stated_effect():
+    scene = scene_of(simulation={"presses": [{**PRESS, "rise_s": 0.02}]})
+    found = improve(plan(scene))
+    guard = next(p for p in found if p.change.startswith("sounding.frame_length: 320"))
+    # 2.25 x the snapshots, each as good
+    assert guard.phase_std_deg[0] / guard.phase_std_deg[1] == pytest.approx(1.5, rel=0.05)
+    shorter = next(p for p in found if p.change.startswith("phase_group.snapshots"))
+    assert shorter.time_resolution_s[1] <= 0.02 / 2 * 1.01
+
+
+def command(*arguments):
+    return run_command("plan", *arguments)
+
+
+def test_command_prints_steps_errors_and_warnings():
+    done = command("two_sensors")
+    assert done.returncode == 0 and done.stderr == ""
+    for words in (
+        "separation",
+        "skipped",
+        "expected median errors at snr_db 10",
+        "clock collision",
+    ):
+        assert words in done.stdout
+
+
+def test_command_json_holds_results_of_functions():
+    report = json.loads(command("demo", "--json", "--improve").stdout)
+    scene = load_scene("demo")
+    assert report["expected"][0]["force_error_n"] == expect(plan(scene))[0].force_error_n
+    assert report["settings"]["harmonics"] == plan(scene).harmonics
+    assert report["proposals"] and report["warnings"] == warnings(plan(scene))
+
+
+def test_command_measure_gives_time_of_each_step():
+    report = json.loads(command("tabletop", "--measure", "--json").stdout)
+    took = {step["name"]: step["seconds_per_s"] for step in report["steps"]}
+    assert [step.name for step in steps(plan("tabletop"))] == [*took]
+    # times themselves depend on the machine
+    assert all(0 <= seconds < 1 for seconds in took.values())
+    assert took["separation"] > 0 and took["tones"] > 0
+
+
+def test_command_bad_scene_fails_with_one_line(tmp_path):
+    (tmp_path / "bad.yaml").write_text("sensors: []\n")
+    done = command(tmp_path / "bad.yaml")
+    assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "snapshots, clutter_hz, message",
+    [
+        (40, 200, "phase_group.snapshots: "),
+        (625, 985, "environment.moving_clutter_hz: must lie more than"),
+    ],
+)
+def test_plan_infeasible_weights_names_key_of_scene(snapshots, clutter_hz, message):
+    """Users edit the scene's file: a parameter of an inner function would tell them nothing."""
+    scene = scene_of(
+        phase_group={"snapshots": snapshots}, environment={"moving_clutter_hz": clutter_hz}
+    )
+    with pytest.raises(InputError, match=message):
+        plan(scene)
+
+
+def test_plan_clock_without_own_line_names_sensor():
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 390}
+    scene = scene_of([sensor], sounding={"frame_length": 4000}, phase_group={"snapshots": 125})
+    with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag a line"):
+        plan(scene)
+
+
+def test_more_lines_are_offered_only_where_weights_for_them_exist():
+    """`plan --measure` of a scene with a wide clutter band must not end with an error."""
+    fan = plan(load_scene("fan"))
+    assert fan.clutter_hz == 200
+    with pytest.raises(InputError, match="too short to separate the lines from clutter of 200 Hz"):
+        dataclasses.replace(fan, harmonics=HARMONICS[-1]).table  # noqa: B018
+    more = with_more_lines(fan)
+    assert more is None or more.harmonics < HARMONICS[-1]
+    for name in ("fan", "demo"):
+        named = {step.name for step in steps(plan(load_scene(name)))}
+        assert (MORE_LINES in named) == (with_more_lines(plan(load_scene(name))) is not None)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What real cards add to channel snapshots: flips, strong tags, other senders, poor time stamps."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from gnuradio import wiforce
+from gnuradio.wiforce.estimation.packets.antenna_states import LEAST_STEP, find_states
+from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from packet_simulator import PacketCapture, PacketTag
+
+PERIOD_S = 0.25
+FORCE_N, LOCATION_MM = 4, 35
+
+
+def scene_of():
+    return {
+        "packets": {"interval_s": PERIOD_S / 225},
+        "radio": {"center_frequency_hz": 2.44e9},
+        "phase_group": {"snapshots": 225},
+        "reference_s": 2.5,
+        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
+    }
+
+
+def capture_of(line_db, snr_db=30.0, **more):
+    """4 N at 35 mm on a tag whose first line is some dB below the direct path."""
+    static = 0.225 * 10 ** (line_db / 20)
+    settings = {"seed": 5, "subcarriers": 16, "duration_s": 7.0, "touched_s": (3.0, 7.0)}
+    settings["gain_db"] = (0.0, 0.5)
+    noise = static * 10 ** (-snr_db / 20)
+    return PacketCapture([PacketTag(134.0)], static=static, noise=noise, **(settings | more))
+
+
+def readings_of(capture, folder):
+    """Readings, those of steady touches, and their errors over standard deviations."""
+    capture.save(folder / "p.npz")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        readings = wiforce.read(folder / "p.npz", scene_of())
+    steady = readings[(readings["time_s"] > 3.25) & (readings["time_s"] < 6.75)]
+    clear = steady[steady["flags"] == ""]
+    stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
+    return readings, steady, clear, stds.to_numpy()
+
+
+def readings_of_rooms(line_db, seeds, folder, **effects):
+    """Steady and clear readings in several rooms, and errors over standard deviations."""
+    rooms = [readings_of(capture_of(line_db, seed=seed, **effects), folder) for seed in seeds]
+    _, steady, clear, stds = zip(*rooms, strict=True)
+    return pd.concat(steady), pd.concat(clear), np.concatenate(stds)
+
+
+@pytest.mark.parametrize("line_db, seeds", [(22, (5, 11, 13)), (29, (5, 6, 8))])
+@pytest.mark.parametrize("phases", [2, 4])
+def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, tmp_path):
+    """An AX200 flips several times per second: no reading was without a flag."""
+    effects = {"flip_s": 0.4, "flip_phases": phases}
+    steady, clear, stds = readings_of_rooms(line_db, seeds, tmp_path, **effects)
+    assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
+    errors = np.abs(clear["force_n"] - FORCE_N)
+    # In the first room the tag has an SNR of -4 dB, and forces a standard deviation of 0.3 N.
+    assert np.quantile(errors, 0.9) < 0.4 and stds.max() < 4
+    assert np.abs(clear["location_mm"] - LOCATION_MM).max() < 0.5
+
+
+def test_flips_of_90_degrees_with_a_tag_of_half_that_size_give_no_wrong_reading(tmp_path):
+    """Most readings are flagged, since such a tag looks like the flips."""
+    _, clear, stds = readings_of_rooms(22, (6, 7, 9), tmp_path, flip_s=0.4, flip_phases=4)
+    assert stds.max(initial=0) < 4 and (clear["touch"] == 1).all()
+
+
+def test_own_part_of_a_strong_tag_is_solved_without_flips(tmp_path):
+    """Its curvature was a standard deviation: near tags were `weak`, however high their SNR."""
+    _, steady, clear, stds = readings_of(capture_of(22, snr_db=35.0), tmp_path)
+    assert len(clear) > 0.75 * len(steady) and stds.max() < 4
+    assert np.median(clear["force_std_n"]) < 0.15
+
+
+@pytest.mark.parametrize("line_db", [50, 60])
+def test_gains_of_single_antennas_that_step_are_followed(line_db, tmp_path):
+    """Steps hide a weak tag, whose clock is then not found."""
+    capture = capture_of(line_db, snr_db=line_db + 5, flip_s=0.4, chain_gain_db=1.5)
+    _, steady, clear, stds = readings_of(capture, tmp_path)
+    assert len(clear) > 0.75 * len(steady) and stds.max() < 4
+
+
+def test_packets_of_another_sender_are_left_out_and_counted(tmp_path):
+    capture = capture_of(35, strangers=0.1, repeated=0.0)
+    _, steady, clear, stds = readings_of(capture, tmp_path)
+    assert len(clear) > 0.75 * len(steady) and stds.max() < 4
+    reader = SnapshotReader(open_snapshots(tmp_path / "p.npz"), plan(scene_of()))
+    (note,) = [note for note in reader.notes if "another sender" in note]
+    count = int(note.split()[2])
+    assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)
+
+
+@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-4}, {"stamp_s": 1e-4}])
+def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, tmp_path):
+    """They refused the whole file, with an infinite ratio of the tag."""
+    seeds = 5, 6, 7
+    exact, *_ = readings_of_rooms(29, seeds, tmp_path)
+    steady, clear, stds = readings_of_rooms(29, seeds, tmp_path, **stamps)
+    assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
+    assert stds.max() < 4
+    # Standard deviations of the force also contain the drift that ten groups of reference allow.
+    assert (steady["snr_db"].to_numpy() < exact["snr_db"].to_numpy() + 0.1).all()
+    assert steady["snr_db"].mean() < exact["snr_db"].mean() - 0.1
+
+
+@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-3}, {"stamp_s": 1e-3}])
+def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, tmp_path):
+    """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
+    _, clear, stds = readings_of_rooms(29, (5, 6, 7), tmp_path, **stamps)
+    assert (clear["touch"] == 1).all() and stds.max(initial=0) < 4
+
+
+def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
+    """The file was refused; an Intel 5300 does this within 90 s."""
+    capture = capture_of(35, duration_s=12.0, touched_s=(3.0, 12.0), clock_back_s=5.0)
+    readings, *_ = readings_of(capture, tmp_path)
+    recording = open_snapshots(tmp_path / "p.npz")
+    assert recording.clock_steps == 1 and recording.span_s > 40
+    assert any("stepped back once" in note for note in recording.notes)
+    later = readings[readings["time_s"] > 37.5]
+    clear = later[later["flags"] == ""]
+    assert len(clear) > 0.5 * len(later) > 5
+    assert (np.abs(clear["force_n"] - FORCE_N) < 4 * clear["force_std_n"]).all()
+
+
+def test_states_of_the_chains_hold_no_tag_and_no_room():
+    """A state that follows a press would turn the readings by what the press did."""
+    still = capture_of(22)
+    assert find_states(still.channel, 1.0).count == 1
+    flipping = capture_of(60, flip_s=0.4)
+    assert find_states(flipping.channel, LEAST_STEP).count == 2
+    changed = capture_of(60, change_db=-15.0)
+    assert find_states(changed.channel, LEAST_STEP).count == 1
+
+
+def test_simulated_card_flips_steps_and_rounds(tmp_path):
+    scene = {
+        "packets": {"interval_s": 0.002, "subcarriers": 8},
+        "radio": {"center_frequency_hz": 2.44e9},
+        "phase_group": {"snapshots": 100},
+        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
+        "simulation": {
+            "duration_s": 4,
+            "seed": 1,
+            "snr_db": 0,
+            "static_clutter_db": 35,
+            "packets": {
+                "flips_per_s": 3,
+                "flip_phases": 3,
+                "antenna_gain_step_db": 2,
+                "clock_steps": 1,
+                "stamp_jitter_s": 1e-4,
+                "stamp_resolution_s": 1e-3,
+            },
+        },
+    }
+    wiforce.simulate(scene, tmp_path / "a")
+    found = open_snapshots(tmp_path / "a.npz")
+    assert found.clock_steps == 1
+    steps = np.diff(found.time_s) * 1e3
+    assert np.abs(steps - np.rint(steps)).max() < 1e-6
+    between = np.mean(found.channel[:, :, 1] * found.channel[:, :, 0].conj(), axis=1)
+    turns = np.angle(between / between[0]) / (2 * np.pi) * 3
+    assert np.median(np.abs(turns - np.rint(turns))) < 0.1
+    assert set(np.unique(np.rint(turns).astype(int) % 3)) == {0, 1, 2}
+    size = np.mean(np.abs(found.channel) ** 2, axis=1)
+    gain_db = 10 * np.log10(size[:, 1] / size[:, 0])
+    assert 5.0 < np.ptp(np.quantile(gain_db, [0.05, 0.95])) < 10.0

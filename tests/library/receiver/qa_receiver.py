@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The receiver: readings do not depend on how groups are divided into batches."""
+
+import numpy as np
+import pytest
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.readings import NUMBERS
+from gnuradio.wiforce.receiver import Receiver
+from long_cases import cases
+from plain import make_air
+from wiforce_app.bench.snapshots.air import TagOnAir
+
+LONG = pytest.mark.long
+CLOCKS_HZ = (1000.0, 1400.0)
+FORCE_N, LOCATIONS_MM = 4.0, (35.0, 55.0)
+
+
+def make_plan(sensors=1, snapshots=625, estimator="harmonic"):
+    scene = {
+        "sensors": [
+            {"name": f"s{i}", "model": "line-900mhz", "clock_hz": CLOCKS_HZ[i]}
+            for i in range(sensors)
+        ],
+    }
+    return wiforce.plan(scene, snapshots, estimator)
+
+
+def recorded_groups(plan, first, count, untouched=(), **faults):
+    """Groups of tones from ``first`` on, pressed in all but the reference and ``untouched``.
+
+    ``incomplete`` maps an index to the mask of its snapshots; ``saturated``, ``retuned`` and
+    ``absent`` are indices.
+    """
+    carrier_hz, tags = plan.center_frequency_hz, []
+    for i, sensor in enumerate(plan.sensors):
+        touched = sensor.model.phases_deg(FORCE_N, LOCATIONS_MM[i], carrier_hz)
+        free = sensor.model.untouched_deg(carrier_hz)
+        tags.append(
+            TagOnAir(
+                plan.clocks[i].clock_hz,
+                offset_ppm=40.0 - 90.0 * i,
+                drift_ppm_per_s=0.3,
+                start_cycles=0.3,
+                untouched_deg=tuple(free),
+                touched_deg=tuple(touched),
+            )
+        )
+    air = make_air(plan.group_length, tags, 1, 25.0, static_db=40)
+    incomplete = faults.get("incomplete", {})
+    rows = []
+    for g in range(first, first + count):
+        snapshots = air.group(g, g >= plan.reference_groups and g not in untouched)
+        if g in faults.get("absent", ()):
+            continue
+        present = incomplete.get(g, np.ones(plan.group_length, bool))
+        table = plan.table if present.all() else plan.table.for_present(present)
+        tones = table.weights @ snapshots[present]
+        rows.append(
+            Groups(
+                [g],
+                tones[None],
+                np.array([np.sum(~present)]),
+                np.array([g in faults.get("saturated", ())]),
+                np.array([g in faults.get("retuned", ())]),
+                None if present.all() else present[None],
+            )
+        )
+    return Groups.concatenate(rows)
+
+
+def readings_of(plan, groups, size, tare_at=None, tracked=False):
+    """Readings of groups in batches of ``size``, None for one, with a tare before an index."""
+    receiver = Receiver(plan, tracked, derotated=False)
+    parts = [groups]
+    if tare_at is not None:
+        parts = [groups[groups.index < tare_at], groups[groups.index >= tare_at]]
+    readings = []
+    for i, part in enumerate(parts):
+        if i:
+            receiver.tare(force=True)
+        step = size or len(part)
+        for start in range(0, len(part), step):
+            readings += receiver.process(part[start : start + step])
+    return readings + receiver.finish()
+
+
+def assert_equal(readings, others):
+    """The same readings but for rounding."""
+    assert [(r.sensor, r.touch, r.flags) for r in readings] == [
+        (r.sensor, r.touch, r.flags) for r in others
+    ]
+    for name in NUMBERS:
+        found, expected = (
+            np.array([getattr(r, name) for r in each], float) for each in (readings, others)
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9, err_msg=name)
+
+
+def faulty_groups(plan):
+    """A run with everything that may happen to a group, and the index of its tare.
+
+    The press ends four groups before the tare, whose reference is as long as the first one.
+    """
+    rng = np.random.default_rng(2)
+    masks = rng.random((3, plan.group_length)) > 0.2
+    start = plan.reference_groups + 3
+    groups = recorded_groups(
+        plan,
+        0,
+        start + start + 31,
+        untouched=range(start + 22, start + start + 25),
+        incomplete={3: masks[0], start + 2: masks[1], start + 3: masks[2]},
+        absent=(5, start + 6, start + 7),
+        saturated=(start + 10,),
+        retuned=(start + 20,),
+    )
+    return groups, start + 26
+
+
+@pytest.fixture(
+    scope="module",
+    params=[(1, 625), (2, 125), *(pytest.param(case, marks=LONG) for case in ((2, 625), (1, 125)))],
+    ids=str,
+)
+def run(request):
+    """Plan, groups with faults, the index of a tare, and the readings of groups one by one."""
+    plan = make_plan(*request.param)
+    groups, tare_at = faulty_groups(plan)
+    return plan, groups, tare_at, readings_of(plan, groups, 1, tare_at)
+
+
+@pytest.mark.parametrize("size", cases(7, None, long=(64,)), ids=["7", "all", "64"])
+def test_receiver_batches_of_any_size_give_equal_readings(run, size):
+    plan, groups, tare_at, expected = run
+    assert_equal(readings_of(plan, groups, size, tare_at), expected)
+
+
+def test_receiver_tracked_presses_do_not_depend_on_the_batches():
+    plan = make_plan()
+    groups, tare_at = faulty_groups(plan)
+    expected = readings_of(plan, groups, 1, tare_at, tracked=True)
+    assert_equal(readings_of(plan, groups, None, tare_at, tracked=True), expected)
+
+
+@pytest.mark.parametrize("estimator", ["paper", "sideband"])
+def test_receiver_batches_of_other_estimators_give_equal_readings(estimator):
+    plan = make_plan(estimator=estimator)
+    groups, tare_at = faulty_groups(plan)
+    expected = readings_of(plan, groups, 1, tare_at)
+    assert_equal(readings_of(plan, groups, None, tare_at), expected)
+
+
+@pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])
+def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
+    sensors, snapshots, share, monkeypatch
+):
+    """The clocks are tracked by the new noise from the same group on."""
+    plan = make_plan(sensors, snapshots)
+    groups = recorded_groups(plan, 0, 130)
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((*groups.tones.shape, 2)) @ (1, 1j)
+    level = np.std(groups.tones[1:] - groups.tones[:-1], axis=(0, 2))[:, None]
+    groups.tones[60:] += share * level * noise[60:]
+    groups.tones[97:] += 2 * level * noise[97:]
+    seen, follow = set(), NoiseEstimate.follow
+
+    def note(*arguments):
+        history = follow(*arguments)
+        seen.add((history.verdict, len(history) < len(arguments[1])))
+        return history
+
+    monkeypatch.setattr(NoiseEstimate, "follow", note)
+    expected = readings_of(plan, groups, 1)
+    for size in (7, None):
+        assert_equal(readings_of(plan, groups, size), expected)
+    assert {(Verdict.STEPPED, True), (Verdict.MODEL_LOST, True)} <= seen
+
+
+@pytest.mark.parametrize("tare_at", [4, 12])
+def test_receiver_tare_while_groups_are_held_back_does_not_depend_on_the_batches(tare_at):
+    """During the acquisition of the clocks, and while the reference is taken."""
+    plan = make_plan()
+    groups = recorded_groups(plan, 0, 40, untouched=range(30))
+    expected = readings_of(plan, groups, 1, tare_at)
+    assert len(expected) == 40
+    assert_equal(readings_of(plan, groups, 7, tare_at), expected)
+    assert_equal(readings_of(plan, groups, None, tare_at), expected)
+
+
+def test_receiver_every_fault_is_flagged_where_it_is(run):
+    """What the comparison of batches rests on: the run holds what it is said to hold."""
+    plan, groups, tare_at, readings = run
+    sensors, start = len(plan.sensors), plan.reference_groups + 3
+    first = readings[::sensors]
+    # smoothing only where groups are short
+    assert plan.smoothing_groups == (5 if plan.group_length == 125 else 1)
+    assert len(readings) == sensors * (start + start + 31)
+    flagged = {
+        flag: [i for i, r in enumerate(first) if flag in r.flags]
+        for flag in ("gap", "saturated", "moved", "reference")
+    }
+    assert flagged["gap"] == [3, 5, start + 2, start + 3, start + 6, start + 7]
+    assert flagged["saturated"] == [start + 10]
+    renewed = tare_at + plan.reference_groups
+    assert flagged["moved"] == list(range(start + 20, renewed))
+    assert first[start + 6].phase1_deg is None and first[start + 2].phase1_deg is not None
+    untouched = [i for i in range(plan.reference_groups) if i != 5]
+    assert flagged["reference"] == [*untouched, *range(tare_at, renewed)]
+
+
+def test_receiver_press_is_read_at_its_force_and_location(run):
+    plan, _, _, readings = run
+    sensors, start = len(plan.sensors), plan.reference_groups + 3
+    for i in range(sensors):
+        held = readings[i::sensors][start + 12]
+        assert held.sensor == f"s{i}" and held.touch == 1 and held.flags == ()
+        assert abs(held.force_n - FORCE_N) < 4 * held.force_std_n
+        assert abs(held.location_mm - LOCATIONS_MM[i]) < 4 * held.location_std_mm + 0.1
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 12, 20])
+def test_receiver_finish_gives_what_is_held_back(count):
+    """Runs that end before the clocks or the reference are known lose no group."""
+    plan = make_plan()
+    groups = recorded_groups(plan, 0, 20)[:count]
+    receiver = Receiver(plan, derotated=False)
+    ready = receiver.process(groups) if count else []
+    assert len(ready) == (19 if count == 20 else 0)
+    times = [r.time_s for r in ready + receiver.finish()]
+    assert times == pytest.approx((np.arange(count) + 0.5) * plan.group_period_s)
+    assert receiver.finish() == []
+    assert receiver.counts.groups == count
+
+
+def test_receiver_tare_before_the_first_reference_is_complete_is_refused():
+    """The scene states that nothing is touched then; groups held back lose no reference."""
+    plan = make_plan()
+    receiver = Receiver(plan, derotated=False)
+    assert receiver.process(recorded_groups(plan, 0, 12)) == [] and receiver.state == "reference"
+    assert receiver.tare().state == "refused"
+    assert "first reference" in receiver.tare().reason
+    readings = receiver.finish()
+    assert len(readings) == 12 and all(r.touch == 0 for r in readings)
+
+
+def test_receiver_batches_without_groups_change_nothing():
+    plan = make_plan()
+    groups = recorded_groups(plan, 0, 30)
+    receiver, found = Receiver(plan, derotated=False), []
+    for row in range(0, 30, 10):
+        assert receiver.process(groups[:0]) == []
+        found += receiver.process(groups[row : row + 10])
+    assert_equal(found + receiver.finish(), readings_of(plan, groups, 30))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tones": None}, r"groups.tones: must have shape .*, got \(\)"),
+        ({"tones": np.zeros((3, 5, 62))}, "groups.tones: must have shape"),
+        ({"tones": np.zeros((2, 24, 62))}, "groups.tones: must have shape"),
+        ({"snapshot_weights": np.ones((3, 7))}, "groups.snapshot_weights: must have shape"),
+        ({"index": np.array([2, 1, 0])}, "groups.index: must rise"),
+    ],
+)
+def test_receiver_batch_of_another_shape_is_refused(change, message):
+    """Arrays of another plan would broadcast, and give readings without meaning."""
+    plan = make_plan()
+    groups = recorded_groups(plan, 0, 3).having(**change)
+    with pytest.raises(InputError, match=message):
+        Receiver(plan, derotated=False).process(groups)
+
+
+def test_receiver_on_groups_sees_every_group_that_is_read():
+    plan, seen = make_plan(), []
+    receiver = Receiver(plan, derotated=False, on_groups=seen.append)
+    readings = receiver.process(recorded_groups(plan, 0, 20)) + receiver.finish()
+    groups = Groups.concatenate(seen)
+    assert groups.index.tolist() == list(range(20))
+    assert groups.phases_deg[:, 0, 0] == pytest.approx([r.phase1_deg for r in readings])
+
+
+@pytest.mark.parametrize("tones", [None, np.zeros((2, 5, 62)), np.zeros((2, 16, 52))])
+def test_receiver_tones_of_another_plan_are_refused(tones):
+    with pytest.raises(InputError, match="^groups.tones: must have shape"):
+        Receiver(make_plan()).process(Groups(np.arange(2), tones))

@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Streams in rooms that nobody described: surveyed like recordings, and again after a tare."""
+
+import numpy as np
+import pytest
+from gnuradio import gr, wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.room.findings import findings
+from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.stream import StreamReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from long_cases import cases
+from press_capture import array_source
+
+# A quarter of the usual rate costs a quarter of the time.
+GROUP_S = 320 * 320 / 3.2e6
+SCENE = {
+    "radio": {"sample_rate_hz": 3.2e6},
+    "sounding": {"frame_length": 320},
+    "phase_group": {"snapshots": 320},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 1040}],
+    "reference_s": 0.5,
+    "simulation": {
+        "duration_s": 2.0,
+        "seed": 6,
+        "snr_db": 10,
+        "static_clutter_db": 50,
+        "clock_offset_ppm": 40,
+        "presses": [
+            {
+                "sensor": "arm",
+                "start_s": 1.5,
+                "rise_s": 0.02,
+                "hold_s": 0.35,
+                "force_n": 4.0,
+                "end_force_n": 4.0,
+                "location_mm": 37.0,
+            }
+        ],
+    },
+}
+ROOM = {
+    "other_tags": [{"clock_hz": 1230, "clock_offset_ppm": -35, "level_db": -5, "delay_s": 2e-8}],
+    "lamps": {"mains_hz": 50, "level_db": 5},
+}
+TARE = 22  # the group with which the room changes, and a tare
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory):
+    """A quiet room and a busy one, with the same tag and the same press."""
+    folder = tmp_path_factory.mktemp("rooms")
+    for name, effects in (("quiet", {}), ("busy", ROOM)):
+        scene = {**SCENE, "simulation": SCENE["simulation"] | effects}
+        simulate(load_scene(scene), folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def groups(captures):
+    """Collected groups of both rooms, by name."""
+    return {name: collected(captures / name) for name in ("quiet", "busy")}
+
+
+def collected(capture):
+    """The groups of a capture."""
+    settings = wiforce.plan(SCENE)
+    length = settings.group_length
+    got = folded_reader(**frame_settings(open_capture(capture), settings.waveform, 0)).read(10**6)
+    return [
+        SnapshotGroup(
+            g,
+            got["folded"][g * length :][:length],
+            got["noise"][g * length :][:length],
+            np.ones(length, bool),
+        )
+        for g in range(len(got["folded"]) // length)
+    ]
+
+
+def stream(settings, received, tare=None, batch=1, again_s=10.0):
+    """A reader of a stream, its readings, and its plan after each group."""
+    reader, readings, plans = StreamReader(settings, survey_again_s=again_s), [], []
+    for first in range(0, len(received), batch):
+        if tare is not None and first == tare:
+            reader.tares.request()
+        readings += reader.process(received[first : first + batch])
+        plans.append(reader.plan)
+    return reader, readings + reader.finish(), plans
+
+
+def as_rows(readings):
+    return [reading.row() for reading in readings]
+
+
+def assert_right(readings):
+    """The press is read, and every unflagged reading holds."""
+    touched = [r for r in readings if r.touch == 1 and not r.flags]
+    assert len(touched) >= 5
+    for reading in touched:
+        assert abs(reading.force_n - 4.0) < 4 * reading.force_std_n
+        assert abs(reading.location_mm - 37.0) < 0.3
+    assert np.median([abs(reading.force_n - 4.0) for reading in touched]) < 0.15
+
+
+@pytest.mark.parametrize("input_type", cases("folded", long=("sc16",)))
+def test_stream_of_a_busy_room_is_read_as_its_recording(captures, input_type):
+    """Live readings must not be worse than those of a recording of the same samples."""
+    settings = wiforce.plan(SCENE)
+    recorded = RecordingReader(open_capture(captures / "busy"), settings)
+    wanted = [reading for batch in recorded for reading in batch]
+    readings = []
+    reader = wiforce.reader(SCENE, input_type=input_type, on_reading=readings.append)
+    if input_type == "folded":
+        source = wiforce.capture_source(captures / "busy", SCENE)
+    else:
+        source = array_source(np.fromfile(captures / "busy.sigmf-data", "<i2").reshape(-1, 2))
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    assert reader.failure is None
+    assert len(readings) == len(wanted) == int(2.0 / GROUP_S)
+    for got, want in zip(readings, wanted, strict=True):
+        assert (got.touch, got.flags) == (want.touch, want.flags)
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=2e-3)
+        assert got.force_n == pytest.approx(want.force_n, abs=2e-3)
+    assert_right(readings)
+    assert reader.findings == findings(recorded.survey, settings, recorded.plan)
+    assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
+    assert reader.plan.others == recorded.plan.others and len(reader.plan.others) == 1
+
+
+def test_stream_of_a_quiet_room_keeps_the_plan(groups):
+    """A survey must cost nothing where there is nothing to find, a tare included."""
+    settings = wiforce.plan(SCENE)
+    reader, readings, _ = stream(settings, groups["quiet"], tare=TARE)
+    assert reader.plan is settings and reader.findings == []
+    assert [r.time_s for r in readings] == pytest.approx(
+        [(g + 0.5) * GROUP_S for g in range(len(groups["quiet"]))]
+    )
+    assert_right(readings)
+
+
+def test_stream_batches_do_not_change_readings(groups):
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    one, two = (stream(settings, received, TARE, batch)[1] for batch in (1, 11))
+    assert as_rows(one) == as_rows(two)
+
+
+def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost(groups):
+    """Somebody switches on lamps and a second tag, and tares."""
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    reader, readings, plans = stream(settings, received, TARE)
+    quiet, busy = (stream(settings, groups[name])[1] for name in ("quiet", "busy"))
+    # The weights change when the new reference is complete, and nothing has touched the sensor.
+    switch = TARE + settings.reference_groups
+    assert plans[switch - 2] is settings and plans[switch - 1] is reader.plan is not settings
+    assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
+    assert [r.time_s for r in readings] == [r.time_s for r in quiet]
+    assert reader.counts.groups == len(received)
+    assert as_rows(readings[:TARE]) == as_rows(quiet[:TARE])
+    assert_right(readings)
+    for got, want in zip(readings[switch:], busy[switch:], strict=True):
+        assert got.touch == want.touch and "gap" not in got.flags
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=0.4)
+    # Without the survey, the same readings are much less certain.
+    unaware = stream(settings, received)[1]
+    held = slice(-9, -4)
+    assert all(
+        a.force_std_n < 0.85 * b.force_std_n
+        for a, b in zip(readings[held], unaware[held], strict=True)
+    )
+
+
+@pytest.mark.parametrize("force, ends", [(False, "failed"), (True, "complete")])
+def test_stream_touched_tare_is_no_survey(groups, force, ends):
+    """A press at group 46 begins within the tare: the room is not the untouched one."""
+    settings = wiforce.plan(SCENE)
+    reader = StreamReader(settings)
+    assert reader.tares.request().state == "refused" and reader.state == "acquiring"
+    for index, group in enumerate(groups["quiet"]):
+        if index == 40:
+            first = reader.survey
+            assert reader.tares.request(force).state == "measuring"
+        reader.process([group])
+    assert reader.tares.state.state == ends and reader.survey is first is not None
+    assert reader.plan is settings
+
+
+def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
+    """Whoever asks for the state in that moment, from another thread, sees no acquisition."""
+    use, states = StreamReader._use, []
+
+    def ask(reader, *arguments):
+        use(reader, *arguments)
+        states.append(reader.state)
+
+    monkeypatch.setattr(StreamReader, "_use", ask)
+    reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
+    assert states == ["acquiring", "reading"] and reader.state == "reading"
+
+
+def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
+    """A tare may be shorter than what the clocks are acquired in."""
+    tare = 8
+    received = [
+        SnapshotGroup(
+            index,
+            np.concatenate([group.folded for group in joined]),
+            np.concatenate([group.noise for group in joined]),
+            np.concatenate([group.present for group in joined]),
+        )
+        for index in range(24)
+        for joined in [groups["quiet" if index < tare else "busy"][index * 3 :][:3]]
+        if len(joined) == 3
+    ]
+    settings = wiforce.plan(SCENE | {"phase_group": {"snapshots": 960}, "reference_s": 0.3})
+    reader, readings, states, delays = StreamReader(settings), [], [], []
+    for group in received:
+        if group.index == tare:
+            reader.tares.request()
+        readings += reader.process([group])
+        states.append(reader.state)
+        delays.append(group.index + 1 - len(readings))
+    assert reader.plan is not settings and reader.tares.state.state == "complete"
+    assert states[tare:] == ["reference"] * 2 + ["reading"] * (len(states) - tare - 2)
+    assert max(delays[tare:]) == 1
+
+
+def test_stream_state_is_that_of_one_receiver(groups):
+    """Weights may be exchanged between any two looks of the thread that asks."""
+
+    class Interrupted(StreamReader):
+        @property
+        def _exchanged(self):
+            self._use(self.plan)
+            return ""
+
+        @_exchanged.setter
+        def _exchanged(self, state):
+            pass
+
+    reader = Interrupted(wiforce.plan(SCENE))
+    reader.process(groups["quiet"][:TARE])
+    assert reader.state == "reading"
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("tag", "is one of two", 2), np.linalg.LinAlgError("SVD did not converge")]
+)
+def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights(
+    groups, monkeypatch, error
+):
+    """A reader that nobody attends must not end because of what a survey has found."""
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("gnuradio.wiforce.receiver.stream.readapted", fail)
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    reader, readings, plans = stream(settings, received, TARE)
+    assert all(plan is settings for plan in plans)
+    assert [reading.group for reading in readings] == list(range(len(received)))
+    touched = [r for r in readings if r.touch == 1 and not r.flags]
+    assert len(touched) >= 5
+    assert all(abs(r.force_n - 4.0) < 4 * r.force_std_n for r in touched)
+
+
+def test_stream_second_survey_of_the_same_room_keeps_the_plan(groups):
+    """Weights that were as good before must not be exchanged for what noise does to a survey."""
+    reader, readings, plans = stream(wiforce.plan(SCENE), groups["busy"], TARE)
+    assert all(plan is reader.plan for plan in plans[TARE:])
+    assert_right(readings)
+
+
+def test_stream_room_that_is_quiet_again_returns_to_the_scene_s_plan(groups):
+    settings = wiforce.plan(SCENE)
+    received = groups["busy"][:TARE] + groups["quiet"][TARE:]
+    reader, readings, plans = stream(settings, received, TARE)
+    assert plans[TARE] is not settings and reader.plan is settings
+    assert reader.findings == []
+    assert_right(readings)
+
+
+def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(groups):
+    """Nobody tells the reader that lamps were switched on: it has to find out."""
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    reader, readings, plans = stream(settings, received, again_s=0.25)
+    # Surveys after the reference end with group 12, and with 12 + 8 + 18; 46 is the press.
+    changes = [g for g in range(1, len(plans)) if plans[g] is not plans[g - 1]]
+    assert changes == [38]
+    assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
+    quiet = stream(settings, groups["quiet"])[1]
+    assert [r.time_s for r in readings] == [r.time_s for r in quiet]
+    assert as_rows(readings[:TARE]) == as_rows(quiet[:TARE])
+    assert_right(readings)
+    expected = stream(settings, received, TARE)[1]
+    for got, want in zip(readings[-12:], expected[-12:], strict=True):
+        assert (got.touch, got.flags) == (want.touch, want.flags)
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=0.4)
+    for batch in (5, 11):
+        assert as_rows(stream(settings, received, None, batch, 0.25)[1]) == as_rows(readings)
+
+
+def test_stream_touched_groups_are_never_a_new_reference(groups):
+    """A press during a survey that nobody asked for would be taken for the untouched sensor."""
+    settings = wiforce.plan(SCENE)
+    press = [g for g, r in enumerate(stream(settings, groups["quiet"])[1]) if r.touch]
+    received = groups["quiet"][: press[0] - 5] + groups["busy"][press[0] - 5 :]
+    # Surveys begin with groups 16 and 37: the second one would end with 54, in the press.
+    reader, readings, plans = stream(settings, received, again_s=0.1)
+    assert all(plan is settings for plan in plans) and reader.findings == []
+    assert any(r.touch for r in readings[46:])
+    assert not any("reference" in r.flags for r in readings[20:])
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    """A press of three seconds, in both rooms, and before it a tag that is not received."""
+    folder = tmp_path_factory.mktemp("held")
+    press = {**SCENE["simulation"]["presses"][0], "start_s": 0.7, "hold_s": 2.6}
+    settings = SCENE["simulation"] | {"presses": [press], "duration_s": 4.0}
+    effects = {"quiet": {}, "busy": ROOM, "silent": {"snr_db": -60, "static_clutter_db": 120}}
+    for name, effect in effects.items():
+        simulate(load_scene({**SCENE, "simulation": settings | effect}), folder / name)
+    return {name: collected(folder / name) for name in effects}
+
+
+@pytest.mark.parametrize("how", ["tare forced", "reference lost", "tag silent"])
+def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
+    """Lamps switched on under a press must not turn 4 N into 'untouched', without a flag."""
+    begin, change, reader = 22, 40, StreamReader(wiforce.plan(SCENE), survey_again_s=0.25)
+    first = {"tare forced": held["quiet"], "reference lost": [], "tag silent": held["silent"]}
+    received = first[how][:begin] + held["quiet"][begin:change] + held["busy"][change:]
+    readings = []
+    for group in received:
+        if how == "tare forced" and group.index == begin + 5:
+            reader.tares.request(force=True)
+        readings += reader.process([group])
+    readings += reader.finish()
+    pressed = [r for r in readings if 24 <= r.group < 103]
+    assert len(pressed) == 79
+    assert [r.group for r in pressed if r.touch == 0 and not r.flags] == []
+
+
+def test_stream_room_is_not_surveyed_across_lost_groups(groups):
+    """A press that begins while nothing is received would be taken for the untouched sensor."""
+    settings = wiforce.plan(SCENE)
+    # The survey that begins with group 37 would take 19 groups; the press holds until group 58.
+    received = groups["quiet"][:37] + groups["busy"][37:41] + groups["busy"][55:]
+    _, readings, plans = stream(settings, received, again_s=0.1)
+    assert all(plan is settings for plan in plans)
+    assert not any("reference" in r.flags for r in readings[20:])
+    pressed = [r for r in readings if r.group in (55, 56, 57)]
+    assert [r.touch for r in pressed] == [1, 1, 1]
+
+
+def test_stream_quiet_room_is_surveyed_again_without_any_change(groups):
+    settings = wiforce.plan(SCENE)
+    reader, readings, _ = stream(settings, groups["quiet"], again_s=0.1)
+    assert reader.plan is settings
+    assert as_rows(readings) == as_rows(stream(settings, groups["quiet"])[1])
+
+
+def test_stream_that_ends_during_the_survey_is_read(groups):
+    """A short run, or one that is stopped at once, must not lose what was received."""
+    for count in (1, 3, 8):
+        reader, readings, _ = stream(wiforce.plan(SCENE), groups["busy"][:count])
+        assert [r.time_s for r in readings] == [(g + 0.5) * GROUP_S for g in range(count)]
+        assert (reader.findings is None) == (count < 4)  # 0.1 s
+
+
+def test_stream_with_a_gap_in_the_reference_is_surveyed_in_the_rest(groups):
+    settings = wiforce.plan(SCENE)
+    received = groups["busy"][:3] + groups["busy"][5:]
+    reader, readings, _ = stream(settings, received)
+    assert len(readings) == len(groups["busy"]) and reader.counts.dropped == 2
+    assert [("gap" in r.flags) for r in readings[:6]] == [False] * 3 + [True] * 2 + [False]
+    assert {finding.kind for finding in reader.findings} >= {"tag"}
+    assert_right(readings)
+
+
+def test_stream_of_a_clock_without_crystal_is_read(tmp_path):
+    """The clock is measured by the survey, and tracked by weights for its own frequency."""
+    sensor = SCENE["sensors"][0] | {"clock_tolerance_ppm": 20_000}
+    own = {"duration_s": 1.0, "clock_offset_ppm": 12_000}
+    own["presses"] = [SCENE["simulation"]["presses"][0] | {"start_s": 0.6}]
+    scene = {**SCENE, "sensors": [sensor], "simulation": SCENE["simulation"] | own}
+    simulate(load_scene(scene), tmp_path / "wide")
+    readings = []
+    reader = wiforce.reader(scene, input_type="folded", on_reading=readings.append)
+    flowgraph = gr.top_block()
+    flowgraph.connect(wiforce.capture_source(tmp_path / "wide", scene), reader)
+    flowgraph.run()
+    assert reader.failure is None
+    assert reader.plan.clocks_hz[0] == pytest.approx(1040 * 1.012, abs=0.1)
+    assert_right(readings)

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scene files: what they may contain, and the one-line error for anything else."""
+
+import copy
+import subprocess
+import sys
+
+import pytest
+import yaml
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.text.values import as_number
+from gnuradio.wiforce.scene import load_scene
+
+MINIMAL = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
+PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}
+
+
+def changed(dotted, value, scene=None):
+    """A copy of a scene (a minimal one with a press) with one key set."""
+    scene = copy.deepcopy(scene or MINIMAL | {"simulation": {"presses": [dict(PRESS)]}})
+    *parents, last = [int(p) if p.isdigit() else p for p in dotted.split(".")]
+    place = scene
+    for key in parents:
+        place = place[key] if isinstance(key, int) else place.setdefault(key, {})
+    place[last] = value
+    return scene
+
+
+def rejection(scene):
+    with pytest.raises(InputError) as error:
+        load_scene(scene)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_scene_where_nothing_moves_refuses_moving_clutter():
+    """A level without any Doppler would be ignored without a word."""
+    simulation = {"moving_clutter_db": 20, "presses": [dict(PRESS)]}
+    still = {"environment": {"moving_clutter_hz": 0}, "simulation": simulation}
+    assert "moving_clutter_db: must be null when nothing moves" in rejection(MINIMAL | still)
+
+
+def test_scene_with_automatic_band_is_written_back_as_such():
+    """A recording's metadata must not fix what its scene left open."""
+    scene = load_scene(MINIMAL | {"environment": {"moving_clutter_hz": "auto"}})
+    assert scene.environment.moving_clutter_hz is None
+    assert scene.as_dict()["environment"]["moving_clutter_hz"] == "auto"
+
+
+def test_scene_with_sensors_only_gets_documented_defaults():
+    scene = load_scene(MINIMAL)
+    assert (scene.radio.center_frequency_hz, scene.radio.sample_rate_hz) == (900e6, 12.5e6)
+    assert (scene.sounding.waveform, scene.sounding.frame_length) == ("repeated", 720)
+    assert scene.phase_group.snapshots == 625
+    assert scene.group_period_s == pytest.approx(0.036, rel=1e-12)
+    (sensor,) = scene.sensors
+    assert (sensor.clock_hz, sensor.clock_tolerance_ppm) == (1000, 100)
+    assert sensor.off_reflection == (0, 0)
+    assert scene.environment.moving_clutter_hz is None
+    assert scene.environment.reader_clock == "shared"
+    assert scene.reference_s == 0.5
+    simulation = scene.simulation
+    assert (simulation.duration_s, simulation.seed, simulation.snr_db) == (3.0, 1, 10)
+    assert (simulation.static_clutter_db, simulation.moving_clutter_db) == (60, None)
+    assert simulation.adc_bits == 14
+    (tag,) = simulation.tags
+    assert tag.truth_model == "wiforce-900mhz"
+    assert (tag.clock_offset_ppm, tag.clock_drift_ppm_per_s) == (40, 0.1)
+    assert simulation.presses == ()
+
+
+def test_scene_with_all_sections_is_read_key_by_key(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        """
+radio:      {center_frequency_hz: 900e6, sample_rate_hz: 12.5e+6}
+sounding:   {waveform: wifi, frame_length: 640}
+phase_group: {snapshots: 63}
+sensors:
+  - {name: arm, model: wiforce-900mhz, clock_hz: 1100, clock_tolerance_ppm: 50,
+     off_reflection: [0.1, -0.2]}
+  - {name: leg, model: wiforce-900mhz, clock_hz: 1500, off_reflection: [[0.1, 0], [0, 3e-1]]}
+environment: {moving_clutter_hz: 30, reader_clock: free}
+reference_s: 0.4
+simulation:
+  truth_model: line-900mhz
+  duration_s: 2
+  seed: 9
+  snr_db: -3
+  static_clutter_db: null
+  moving_clutter_db: 20
+  clock_offset_ppm: -7
+  clock_drift_ppm_per_s: 0.2
+  adc_bits: 12
+  presses:
+    - {sensor: leg, start_s: 0.8, rise_s: 0.2, hold_s: 0.5, force_n: 4, end_force_n: 6,
+       location_mm: 45}
+    - {sensor: arm, start_s: 0.8, hold_s: 0.5, force_n: 3, location_mm: 30}
+"""
+    )
+    scene = load_scene(path)
+    assert scene.path == path
+    assert scene.radio.center_frequency_hz == 900e6
+    assert scene.waveform().name == "wifi" and scene.waveform().frame_length == 640
+    assert scene.phase_group.snapshots == 63
+    assert scene.sensors[0].off_reflection == (0.1 - 0.2j, 0.1 - 0.2j)
+    assert scene.sensors[1].off_reflection == (0.1, 0.3j)
+    assert scene.sensors[1].load_model(scene).name == "wiforce-900mhz"
+    assert scene.environment.reader_clock == "free"
+    assert scene.simulation.static_clutter_db is None
+    assert scene.simulation.moving_clutter_hz == 30
+    assert [tag.truth_model for tag in scene.simulation.tags] == ["line-900mhz"] * 2
+    first, second = scene.simulation.presses
+    assert (first.sensor, first.rise_s, first.end_force_n) == ("leg", 0.2, 6)
+    assert first.end_s == pytest.approx(1.7)
+    assert (second.rise_s, second.end_force_n) == (0.1, 3)
+
+
+def test_scene_as_dict_reads_back_equal():
+    scene = load_scene(changed("sensors.0.off_reflection", [[0.1, 0.0], [0.0, 0.2]]))
+    assert load_scene(yaml.safe_load(yaml.safe_dump(scene.as_dict()))) == scene
+
+
+@pytest.mark.parametrize("typed", ["900e6", "9e8", "900000000", "900.0e+6", " 9.0E8 "])
+def test_number_typed_as_text_is_read_as_number(typed):
+    assert load_scene(changed("radio.center_frequency_hz", typed)).radio.center_frequency_hz == 9e8
+
+
+@pytest.mark.parametrize("typed", ["", "nan", ".inf", "1_000", "0x10", "1e999", True, None, [1]])
+def test_as_number_of_anything_else_is_none(typed):
+    assert as_number(typed) is None
+
+
+@pytest.mark.parametrize(
+    "dotted, value, expected",
+    [
+        ("radios", {}, "radios: is not a known key"),
+        ("sounding.wavform", "wifi", "sounding.wavform: is not a known key"),
+        ("sensors.0.clok_hz", 1000, "sensors[0].clok_hz: is not a known key"),
+        ("simulation.presses.0.force", 3, "simulation.presses[0].force: is not a known key"),
+        ("radio", [1], "radio: must be a mapping"),
+        ("radio.sample_rate_hz", "fast", "radio.sample_rate_hz: must be a number"),
+        ("radio.sample_rate_hz", float("nan"), "radio.sample_rate_hz: must be a number"),
+        ("radio.sample_rate_hz", -1, "got -1"),
+        ("radio.center_frequency_hz", True, "must be a number"),
+        ("sounding.waveform", "chirps", "or a path that ends in .npy, got 'chirps'"),
+        ("sounding.frame_length", 319, "sounding.frame_length: must be an integer >= 320"),
+        ("sounding.frame_length", 720.5, "must be an integer"),
+        ("phase_group.snapshots", 3, "phase_group.snapshots: must be an integer from 32"),
+        ("sensors", [], "sensors: must be a list of 1 to 16"),
+        ("sensors", None, "sensors: is missing"),
+        ("sensors", {"name": "arm"}, "sensors: must be a list"),
+        ("sensors.0.name", "", "sensors[0].name: must be printable text"),
+        ("sensors.0.name", "a\nb", "sensors[0].name: must be printable text"),
+        ("sensors.0.name", 7, "sensors[0].name: must be printable text"),
+        ("sensors.0.model", None, "sensors[0].model: is missing"),
+        ("sensors.0.clock_hz", 0, "sensors[0].clock_hz: must be a number above 0"),
+        ("sensors.0.clock_hz", 2171, "4 x clock_hz must lie below half the snapshot rate"),
+        ("sensors.0.clock_tolerance_ppm", -1, "sensors[0].clock_tolerance_ppm"),
+        ("sensors.0.off_reflection", [1.0, 0.0], "off_reflection: must be a pair [re, im]"),
+        ("sensors.0.off_reflection", 0.1, "off_reflection: must be a pair [re, im]"),
+        ("sensors.0.off_reflection", [[0, 0], [0, 0], [0, 0]], "off_reflection: must be a pair"),
+        ("environment.moving_clutter_hz", 1200, "above environment.moving_clutter_hz (1200)"),
+        ("environment.receive_antennas", 2, "must be 1 when reader_clock is 'shared', got 2"),
+        ("environment.reader_clock", "own", "must be 'shared' or 'free', got 'own'"),
+        ("environment.weather", "rain", "environment.weather: is not a known key"),
+        ("sensors.0.model", "arm", "sensors[0].model: must be a .yaml file or a shipped sensor"),
+        ("sensors.0.model", "none.yaml", "sensors[0].model: none.yaml: cannot be read"),
+        (
+            "simulation.truth_model",
+            "leg",
+            "simulation.truth_model: must be a .yaml file or",
+        ),
+        ("simulation.truth_model", "line-2400mhz", "center_frequency_hz: model line-2400mhz: car"),
+        ("radio.center_frequency_hz", 2.4e9, "center_frequency_hz: model wiforce-900mhz: carrier"),
+        ("simulation.presses.0.tremor_n", -1, "presses[0].tremor_n: must be a number"),
+        ("reference_s", -0.1, "reference_s: must be a number"),
+        ("simulation.duration_s", 0, "simulation.duration_s: must be a number above 0"),
+        ("simulation.duration_s", 0.03, "must hold at least one phase group (0.036 s)"),
+        ("simulation.seed", -1, "simulation.seed: must be an integer"),
+        ("simulation.seed", 1.5, "simulation.seed: must be an integer"),
+        ("simulation.adc_bits", 17, "simulation.adc_bits: must be an integer from 2 to 16"),
+        (
+            "simulation.carrier_offset_hz",
+            100,
+            "must be 0 when environment.reader_clock is",
+        ),
+        ("simulation.phase_noise_hz", 1, "must be 0 when environment.reader_clock is"),
+        ("simulation.truth_model", "no-such", "no-such"),
+        ("simulation.presses.0.sensor", "leg", "presses[0].sensor: must be the name of a sensor"),
+        ("simulation.presses.0.location_mm", 80.1, "must lie on the line, 0 to 80 mm, got 80.1"),
+        ("simulation.presses.0.location_mm", -1, "presses[0].location_mm: must be a number"),
+        ("simulation.presses.0.force_n", 0, "presses[0].force_n: must be a number above 0"),
+        ("simulation.presses.0.hold_s", None, "presses[0].hold_s: is missing"),
+        ("simulation.presses.0.start_s", 0.2, "must not begin before reference_s (0.5 s)"),
+        ("simulation.presses.0.start_s", 3.0, "must begin before simulation.duration_s (3)"),
+        ("simulation.presses", [PRESS, PRESS], "must not overlap another press of sensor 'arm'"),
+        ("simulation.tags", [{"sensor": "leg"}], "tags[0].sensor: must be the name of a sensor"),
+        ("simulation.tags", [{}, {}], "tags[1].sensor: must not have two entries"),
+        (
+            "simulation.tags",
+            [{"truth_model": "leg"}],
+            "simulation.tags[arm].truth_model: must be a",
+        ),
+        ("simulation.moves", [{"start_s": 1}], "moves[0].distance_mm: is missing"),
+    ],
+)
+def test_scene_with_wrong_value_names_key_and_rule(dotted, value, expected):
+    assert expected in rejection(changed(dotted, value))
+
+
+def test_duration_absent_with_long_groups_is_one_group():
+    """A scene for reading alone was refused for a duration that it never stated."""
+    scene = {
+        "phase_group": {"snapshots": 62500},
+        "sensors": [{"name": "arm", "model": "wiforce-900mhz"}],
+        "reference_s": 4.0,
+    }
+    assert load_scene(scene).simulation.duration_s == pytest.approx(3.6)
+    scene["phase_group"]["snapshots"] = 625
+    assert load_scene(scene).simulation.duration_s == 3.0
+
+
+@pytest.mark.parametrize(
+    "dotted, expected",
+    [
+        ("sensors.0.clok_hz", "clok_hz: is not a known key, did you mean 'clock_hz'? (known: name"),
+        ("radio.sample_rate", "is not a known key, did you mean 'sample_rate_hz'? (known: center"),
+        ("weather", "scene: weather: is not a known key (known: radio, sounding"),
+    ],
+)
+def test_scene_with_unknown_key_suggests_the_nearest_one(dotted, expected):
+    """A typo is reported before any key that it leaves missing."""
+    scene = changed(dotted, 1)
+    scene["sensors"][0].pop("model")
+    assert expected in rejection(scene)
+
+
+def test_tags_not_listed_get_the_defaults_of_the_simulation():
+    scene = sensors(1000, 1400)
+    scene["simulation"] = {
+        "clock_offset_ppm": 7,
+        "truth_model": "line-900mhz",
+        "tags": [{"sensor": "s1", "level_db": -3, "clock_offset_ppm": 9}],
+    }
+    first, second = load_scene(scene).simulation.tags
+    assert (first.sensor, first.level_db, first.clock_offset_ppm) == ("s0", 0, 7)
+    assert (second.sensor, second.level_db, second.clock_offset_ppm) == ("s1", -3, 9)
+    assert first.truth_model == second.truth_model == "line-900mhz"
+
+
+def test_scene_package_import_loads_neither_scipy_nor_gnuradio():
+    """Completion in a shell and `gr-wiforce schema` must answer at once."""
+    code = "import sys, gnuradio.wiforce.scene; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    heavy = {"scipy", "pandas", "pmt", "gnuradio.gr"}
+    assert "gnuradio.wiforce.scene" in done.stdout and not heavy & {*done.stdout.split()}
+
+
+def test_clock_near_nyquist_is_accepted_below_and_rejected_above():
+    nyquist_hz = 12.5e6 / 720 / 2
+    load_scene(changed("sensors.0.clock_hz", nyquist_hz / 4 * 0.9999))
+    assert "8680.56" in rejection(changed("sensors.0.clock_hz", nyquist_hz / 4 * 1.0001))
+
+
+def sensors(*clocks_hz):
+    return {
+        "sensors": [
+            {"name": f"s{i}", "model": "wiforce-900mhz", "clock_hz": clock}
+            for i, clock in enumerate(clocks_hz)
+        ]
+    }
+
+
+@pytest.mark.parametrize("second_hz", [1400, 1790, 1200, 1250])
+def test_clocks_with_distinct_lines_are_accepted(second_hz):
+    load_scene(sensors(1000, second_hz))
+
+
+@pytest.mark.parametrize("clocks_hz", [(1000, 1000), (1000, 1010), (1000, 2000), (400, 1600)])
+def test_clocks_with_coinciding_lines_are_rejected(clocks_hz):
+    assert "sensors[1].clock_hz: " in rejection(sensors(*clocks_hz))
+
+
+def test_sensors_with_equal_names_are_rejected():
+    scene = sensors(1000, 1400)
+    scene["sensors"][1]["name"] = "s0"
+    assert "sensors[1].name: must differ" in rejection(scene)
+
+
+def test_presses_of_two_sensors_may_overlap_and_must_name_sensor():
+    scene = sensors(1000, 1400)
+    scene["simulation"] = {"presses": [PRESS | {"sensor": "s0"}, PRESS | {"sensor": "s1"}]}
+    load_scene(scene)
+    del scene["simulation"]["presses"][1]["sensor"]
+    assert "presses[1].sensor: is missing" in rejection(scene)
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("", "must hold a mapping of keys to values, is empty"),
+        ("- 1\n", "must hold a mapping of keys to values, is a list"),
+        ("radio: [1, 2", "is not valid YAML at line"),
+        ("radio: !!python/object/apply:os.getcwd []", "is not valid YAML"),
+        ("radio: {}\nradio: {}\n", "key 'radio' is given twice"),
+        ("a: &x [1]\nb: *x\n", "aliases are not allowed"),
+        ("a: " + "[" * 60 + "]" * 60, "must not be nested deeper than 16 levels"),
+        ("a: " + "[" * 5000, "is not valid YAML"),
+        ("\x00", "is not valid YAML"),
+        ("a: 2024-99-99", "is not valid YAML"),
+    ],
+)
+def test_file_that_is_no_plain_mapping_is_rejected_in_one_line(tmp_path, text, expected):
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    message = rejection(path)
+    assert message.startswith(str(path)) and expected in message
+
+
+def test_file_missing_binary_or_huge_is_rejected(tmp_path):
+    assert "cannot be read (No such file" in rejection(tmp_path / "none.yaml")
+    assert "cannot be read (Is a directory)" in rejection(tmp_path)
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(bytes(range(256)))
+    assert "is not valid YAML" in rejection(binary)
+    huge = tmp_path / "huge.yaml"
+    huge.write_bytes(b"#" * 2_000_001)
+    assert "must not be larger than 2 MB" in rejection(huge)
+
+
+def test_decimal_comma_between_braces_is_explained(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text("sensors: [{name: arm, model: line-900mhz, clock_hz: 1035,5}]\n")
+    assert "so write 4.5 and not 4,5" in rejection(path)
+
+
+def test_model_beside_scene_file_is_found_by_relative_path(tmp_path):
+    from gnuradio.wiforce.sensor import load_sensor, write_sensor
+
+    write_sensor(load_sensor("line-900mhz"), tmp_path / "mine.yaml")
+    (tmp_path / "scene.yaml").write_text("sensors: [{name: arm, model: mine.yaml}]")
+    scene = load_scene(tmp_path / "scene.yaml")
+    assert scene.sensors[0].load_model(scene).length_mm == 80

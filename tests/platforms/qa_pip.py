@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What pip installs: the library and the commands that need no flowgraph, beside GNU Radio or not.
+
+The build tree stands in for an installation. The long form builds and installs the package.
+"""
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tomllib
+import yaml
+from command_runs import run_command
+from gnuradio import wiforce
+from gnuradio.wiforce.io.optional import _PACKAGES
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SCENE = {
+    "radio": {"sample_rate_hz": 1.25e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 125},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 300}],
+    "reference_s": 0.16,
+    "simulation": {
+        "duration_s": 1.2,
+        "snr_db": 20,
+        "presses": [
+            {"sensor": "arm", "start_s": 0.6, "hold_s": 0.4, "force_n": 4, "location_mm": 45}
+        ],
+    },
+}
+# Names of the modules of a package, where they are not its own.
+MODULES = {"pyyaml": "yaml", "scikit-rf": "skrf"}
+# GNU Radio, Qt with its displays, and what others bring along.
+WITH_GNURADIO = {"gnuradio", "pmt", "PyQt5", "pyqtgraph", "sip", "SoapySDR"}
+IMPORTED = re.compile(r"^ *(?:import|from) (\w+)[\w.]*(?: import .*| as \w+)?$", re.MULTILINE)
+RUN = "import sys; from wiforce_app.main import run; sys.exit(run())"
+
+
+def link_all(folder, target, without=()):
+    """Links to the entries of a folder, but to those whose names begin with one of some words."""
+    target.mkdir(parents=True, exist_ok=True)
+    for entry in folder.iterdir():
+        link = target / entry.name
+        if not entry.name.startswith(tuple(without)) and not link.exists():
+            link.symlink_to(entry)
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A folder as pip fills it: without gnuradio/__init__.py and without the blocks."""
+    site = tmp_path_factory.mktemp("site")
+    package = Path(wiforce.__file__).parent
+    compiled = ("wiforce_python", "wiforce_bench", "__pycache__")
+    link_all(package, site / "gnuradio" / "wiforce", compiled)
+    for command in ("wiforce_app", "software_n210"):
+        (site / command).symlink_to(ROOT / "gr-wiforce" / command)
+    return site
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    """All packages of this interpreter but GNU Radio."""
+    folder = tmp_path_factory.mktemp("libraries")
+    for path in map(Path, sys.path):
+        if path.name in ("site-packages", "dist-packages") and path.is_dir():
+            link_all(path, folder, ("gnuradio", "pmt", "wiforce", "__pycache__"))
+    return folder
+
+
+def run_python(code, *folders, arguments=(), **options):
+    """Run code with packages of the standard library and of some folders only."""
+    path = {"PYTHONPATH": os.pathsep.join(map(str, folders))}
+    return subprocess.run(
+        [sys.executable, "-S", "-c", code, *map(str, arguments)],
+        env=os.environ | path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """The stem of a capture with its scene."""
+    folder = tmp_path_factory.mktemp("capture")
+    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
+    wiforce.simulate(folder / "scene.yaml", folder / "press")
+    return folder / "press"
+
+
+def test_read_without_gnuradio_gives_the_readings_of_the_flowgraph(
+    installed, libraries, capture, tmp_path
+):
+    """Analysts without GNU Radio would get other forces than the reader in the laboratory."""
+    from gnuradio import gr
+
+    scene = capture.with_name("scene.yaml")
+    words = ("read", capture, "-o", tmp_path / "library.csv")
+    done = run_python(RUN, installed, libraries, arguments=words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    flowgraph = gr.top_block()
+    source = wiforce.capture_source(capture, scene)
+    with wiforce.open_writer(tmp_path / "flowgraph.csv") as writer:
+        reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
+        flowgraph.connect(source, reader)
+        flowgraph.run()
+    assert reader.failure is None
+    found = (tmp_path / "library.csv").read_text()
+    assert found == (tmp_path / "flowgraph.csv").read_text()
+    rows = list(csv.DictReader(found.splitlines()))
+    clear = [float(row["force_n"]) for row in rows if row["force_n"] and not row["flags"]]
+    assert len(clear) >= 5 and 3.5 < sorted(clear)[len(clear) // 2] < 4.5
+
+
+def test_features_of_gnuradio_without_it_are_refused_in_one_line(installed, libraries, capture):
+    """A traceback that ends in `cannot import name gr` says nothing of what to install."""
+    radio = "--scene demo --args addr=127.0.0.9"
+    commands = [
+        f"live {radio}",
+        f"check {radio}",
+        "read press --follow",
+        "bench speed",
+        "bench live",
+    ]
+    code = (
+        "import sys; from wiforce_app.main import log, main; log.set_up()\n"
+        "print(*[main(words.split()) for words in sys.argv[1:]])\n"
+        "from gnuradio import wiforce; wiforce.Receiver('demo')\n"
+        "import inspect; members = dict(inspect.getmembers(wiforce))\n"
+        "assert 'read' in members and 'reader' not in members\n"
+        "try: wiforce.reader\nexcept ImportError as error: print(error)"
+    )
+    done = run_python(code, installed, libraries, arguments=commands, cwd=capture.parent)
+    rule = r"needs GNU Radio and gr-wiforce built with it, which pip does not install \(no .+\)"
+    statuses, block = done.stdout.splitlines()
+    assert statuses == "2 2 2 2 2", done.stderr
+    assert re.fullmatch(f"reader {rule}", block)
+    for line, name in zip(
+        done.stderr.splitlines(), "live check read speed live".split(), strict=True
+    ):
+        assert re.fullmatch(f"gr-wiforce: {name}: {rule}", line)
+
+
+def test_library_of_pip_is_found_beside_gnuradio(installed, tmp_path):
+    """A namespace package is hidden by a regular one, unless that one searches for it."""
+    import gnuradio.gr
+
+    radio = Path(gnuradio.gr.__file__).parent.parent
+    # GNU Radio as its package installs it, in a folder that comes before or after ours.
+    link_all(radio, tmp_path / "gnuradio", ("wiforce",))
+    others = [path for path in sys.path if "-packages" in path]
+    code = (
+        "from gnuradio import gr, wiforce; import gnuradio, pathlib\n"
+        "wiforce.load_scene, gr.top_block()\n"
+        "print(gnuradio.__file__)\nprint(pathlib.Path(wiforce.__file__).parent)"
+    )
+    for folders in ([installed, tmp_path], [tmp_path, installed]):
+        done = run_python(code, *folders, *others)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == [
+            str(tmp_path / "gnuradio" / "__init__.py"),
+            str(installed / "gnuradio" / "wiforce"),
+        ]
+
+
+def test_command_of_pip_uses_its_own_library(installed, tmp_path):
+    """Another release of the library may be in the folder of GNU Radio, which is searched first."""
+    import gnuradio.gr
+
+    radio = Path(gnuradio.gr.__file__).parent.parent
+    link_all(radio, tmp_path / "gnuradio", ("wiforce",))
+    (tmp_path / "gnuradio" / "wiforce").mkdir()
+    (tmp_path / "gnuradio" / "wiforce" / "__init__.py").write_text("release = 'other'\n")
+    others = [path for path in sys.path if "-packages" in path]
+    code = "import wiforce_app.main; from gnuradio import wiforce; print(wiforce.__file__)"
+    done = run_python(code, tmp_path, installed, *others)
+    assert done.stdout.strip() == str(installed / "gnuradio" / "wiforce" / "__init__.py")
+
+
+def test_version_of_wheels_is_that_of_cmake():
+    setting = PROJECT["tool"]["scikit-build"]["metadata"]["version"]
+    found = re.search(setting["regex"], (ROOT / setting["input"]).read_text())
+    done = run_command("--version")
+    assert done.stdout == f"gr-wiforce {found['value']}\n"
+
+
+def test_wheel_holds_no_package_file_of_gnuradio():
+    """It would hide GNU Radio, or be hidden by it."""
+    assert not list(ROOT.glob("python/**/gnuradio/__init__.py"))
+    rules = (ROOT / "cmake" / "InstallWheel.cmake").read_text()
+    destinations = re.findall(r"DESTINATION (\S+?)[)\s]", rules)
+    own = re.compile(r"\.|\$\{package\}(/share)?|\$\{SKBUILD_DATA_DIR\}/share/.+")
+    assert destinations and all(own.fullmatch(name) for name in destinations)
+
+
+def test_every_library_that_is_imported_is_a_dependency():
+    """pip would install a command that fails at its first import."""
+    dependencies = PROJECT["project"]["dependencies"]
+    needed = {re.split(r"[><= ]", each)[0].lower() for each in dependencies}
+    known = {MODULES.get(name, name) for name in needed} | set(_PACKAGES) | set(MODULES.values())
+    known |= WITH_GNURADIO | set(sys.stdlib_module_names) | {"wiforce_app", "software_n210"}
+    missing = {}
+    for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for name in IMPORTED.findall(path.read_text(encoding="utf-8")):
+                if name not in known:
+                    missing.setdefault(name, path.relative_to(ROOT))
+    # For type checkers only.
+    missing.pop("typing_extensions", None)
+    assert missing == {}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3000)
+def test_package_built_and_installed_by_pip_reads_a_capture(capture, tmp_path):
+    """In an environment of its own; downloads the dependencies."""
+    python = tmp_path / "venv" / "bin" / "python3"
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    install = [python, "-m", "pip", "install", "--quiet", ROOT]
+    subprocess.run(install, check=True, timeout=2900)
+    expected = run_command("read", capture, "-o", tmp_path / "here.csv")
+    assert expected.returncode == 0
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    command = [tmp_path / "venv" / "bin" / "gr-wiforce", "read", capture]
+    command += ["-o", tmp_path / "pip.csv"]
+    subprocess.run(command, check=True, env=environment, timeout=100)
+    assert (tmp_path / "pip.csv").read_text() == (tmp_path / "here.csv").read_text()
+    code = "import gnuradio, json, sys; print(json.dumps([gnuradio.__file__, list(sys.path)]))"
+    done = subprocess.run([python, "-c", code], env=environment, capture_output=True, text=True)
+    file, path = json.loads(done.stdout)
+    assert file is None and not any("dist-packages" in folder for folder in path)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Packages and clean systems: what can be checked without building either."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = ROOT / "tests/platforms/run"
+STEPS = ROOT / "tests/platforms/steps"
+
+
+def run(*words):
+    command = [sys.executable, RUN, *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30)
+
+
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["woody"], "DISTRIBUTION must be one of bookworm, trixie, .*, got 'woody'"),
+        (["../etc"], "DISTRIBUTION must be one of .*, got '../etc'"),
+        (["trixie", "--steps", "create,fly"], "--steps must be some of .*, got 'fly'"),
+        (["trixie", "--packages", "."], "--packages must hold .deb files, got '.'"),
+    ],
+)
+def test_run_with_a_wrong_argument_names_it_in_one_line(words, rule):
+    """An hour later the answer would come as a traceback."""
+    done = run(*words)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert re.match(f"run: {rule}$", done.stderr.strip()), done.stderr
+
+
+def test_run_help_lists_distributions_and_steps():
+    done = run("--help")
+    assert done.returncode == 0
+    for word in ("bookworm", "trixie", "noble", "lintian", "sudo"):
+        assert word in done.stdout
+
+
+def test_every_script_of_a_step_is_valid_and_used():
+    text = RUN.read_text()
+    scripts = sorted(STEPS.glob("*.sh"))
+    assert len(scripts) >= 5
+    for script in scripts:
+        subprocess.run(["bash", "-n", script], check=True, timeout=30)
+        assert f'"{script.name}"' in text
+
+
+def debian(name):
+    return (ROOT / "debian" / name).read_text(encoding="utf-8")
+
+
+def test_packages_contain_every_library_that_cmake_installs():
+    """dh_missing would end the build after half an hour."""
+    text = (ROOT / "lib/CMakeLists.txt").read_text()
+    targets = re.search(r"install\(TARGETS ([\w -]+) EXPORT", text)[1].split()
+    assert "gnuradio-wiforce" in targets
+    listed = "".join(path.read_text() for path in (ROOT / "debian").glob("lib*.install"))
+    for target in targets:
+        named = re.search(rf"set_target_properties\({target}\b[^)]*OUTPUT_NAME (\S+?)\)", text)
+        name = named[1] if named else target
+        assert re.search(rf"^usr/lib/\*/lib{name}\.(a|so)$", listed, re.MULTILINE), name
+
+
+def imported(path):
+    """First names of the absolute imports of a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module.partition(".")[0]
+
+
+def test_packages_depend_on_what_the_code_imports():
+    """`gr-wiforce read` of an installed package would end with an ImportError."""
+    packages = {
+        "click": "python3-click",
+        "matplotlib": "python3-matplotlib",
+        "numpy": "python3-numpy",
+        "pandas": "python3-pandas",
+        "scipy": "python3-scipy",
+        "threadpoolctl": "python3-threadpoolctl",
+        "yaml": "python3-yaml",
+    }
+    own = {"gnuradio", "pmt", "wiforce_app", "software_n210"}
+    # Each is imported by one feature, which names what to install where it is missing; PyQt5 and
+    # pyqtgraph come with gnuradio.
+    optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "distributed", "pyarrow", "pylsl", "skrf"}
+    optional |= {"SoapySDR", "csiread", "bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
+    optional |= {"typing_extensions"}  # of type checkers
+    found = set()
+    for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
+        for path in (ROOT / folder).rglob("*.py"):
+            found |= set(imported(path))
+    third_party = found - set(sys.stdlib_module_names) - own - optional
+    assert third_party == set(packages)
+    depends = debian("control").split("Package: gr-wiforce\n")[1].split("Suggests:")[0]
+    for package in packages.values():
+        assert f" {package},\n" in depends

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rooms that nobody described, read with default settings: no confident wrong reading.
+
+``python3 tests/rooms/score.py`` reads all rooms, and any number of mixtures.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from rooms.judge import failures
+from rooms.rooms import room_named
+from rooms.score import read_stream, score_capture
+
+ROOMS = (
+    "clean",
+    "walker+30",
+    "tag-1300-10",
+    "near-tag-20ppm",
+    "image-30",
+    "lamps-10",
+    "bursts-20",
+    "half-frame",
+)
+# Shorter than the rooms of the score, with both presses, or one in mixtures; the long form reads
+# those.
+PRESSES = ((0.55, 0.03, 0.36, 3.0, 5.5, 33.0), (1.0, 0.03, 0.36, 6.0, 4.0, 54.0))
+MIXTURES, LONG_MIXTURES = (
+    tuple(f"mixture-{seed}" for seed in range(1, last + 1)) for last in (2, 10)
+)
+
+
+def pytest_generate_tests(metafunc):
+    if "name" in metafunc.fixturenames:
+        mixtures = LONG_MIXTURES if metafunc.config.getoption("--long") else MIXTURES
+        metafunc.parametrize("name", ROOMS + mixtures)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """Sensor models that were calibrated before."""
+    return tmp_path_factory.mktemp("models")
+
+
+def short_room(name):
+    if name in ROOMS:
+        return replace(room_named(name), presses=PRESSES, duration_s=1.5)
+    press = PRESSES[int(name[-1]) % 2]
+    return replace(room_named(name), presses=((PRESSES[0][0], *press[1:]),), duration_s=1.05)
+
+
+def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path, long_run):
+    """The one thing that the project promises never to give."""
+    room = room_named(name) if long_run else short_room(name)
+    _, tally = score_capture(name, 1, tmp_path / "room", cache, keep=False, room=room)
+    assert tally.wrong == 0
+    assert tally.steady >= 8 or room.refusable
+    if name in ROOMS:
+        assert "flags" not in failures(room, tally.summary())
+
+
+@pytest.mark.long
+def test_stream_of_compressing_receiver_is_corrected_like_a_recording(cache, tmp_path):
+    """A program would read other forces live than from the recording of the same samples."""
+    room = replace(room_named("iq-raw"), presses=PRESSES, duration_s=1.5)
+    _, recording = score_capture("iq-raw", 2, tmp_path / "recording", cache, False, room=room)
+    _, stream = score_capture("iq-raw", 2, tmp_path / "stream", cache, False, read_stream, room)
+    found, expected = stream.summary(), recording.summary()
+    for key in ("all_phases_rms_deg", "force_rms_n", "force_std_rms_n"):
+        assert found[key] == pytest.approx(expected[key], rel=1e-4)
+    assert found["all_phases_rms_deg"] < 0.2
+
+
+def test_presses_of_swapped_ends_are_flagged_after_the_second_one(cache, tmp_path):
+    """On a line that is not symmetric, whole presses show what single readings do not."""
+    _, tally = score_capture("swapped-leaning", 1, tmp_path / "room", cache, keep=False)
+    assert tally.suspected == {"swapped ends": 1}
+    assert [touch.flagged for touch in tally.touches[-20:]] == [True] * 20
+    assert sum(touch.flagged for touch in tally.touches[:20]) <= 2
+
+
+def test_hand_that_comes_with_the_press_enters_the_standard_deviation(cache, tmp_path):
+    """Its path cannot be distinguished from force once it touches."""
+    _, tally = score_capture("near-hand-30", 1, tmp_path / "room", cache, keep=False)
+    errors = [abs(touch.force_n) / touch.force_std_n for touch in tally.touches]
+    assert len(errors) > 40 and max(errors) < 3 and not tally.wrong and not tally.suspected

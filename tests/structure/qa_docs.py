@@ -1,0 +1,431 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Generated documentation is up to date with its sources."""
+
+import csv
+import doctest
+import importlib.util
+import json
+import os
+import re
+import shlex
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from command_runs import run_command
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def loaded(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def maker():
+    return loaded("make_block_pages")
+
+
+def test_block_pages_match_descriptions_and_docstrings(maker):
+    # In a process of its own, because imports of other tests must not change the pages.
+    done = subprocess.run(
+        [sys.executable, "-c", "import json, make_block_pages as m; print(json.dumps(m.pages()))"],
+        cwd=ROOT / "docs",
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    expected = json.loads(done.stdout)
+    assert {p.name for p in maker.PAGES.glob("*.md")} == set(expected)
+    for name, text in expected.items():
+        hint = "run: build/run python3 docs/make_block_pages.py"
+        assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
+
+
+def test_block_parameters_shared_with_grc_are_documented(maker):
+    """A single model in force_inversion and output files exist in GRC only."""
+    own = {"model", "more_models", "output", "mode", "gui_hint", "file"}
+    for description in maker.descriptions():
+        _, known = maker.source_text(maker.name_of(description))
+        for parameter in description.get("parameters", []):
+            if parameter["id"] not in own:
+                assert known.get(parameter["id"]), (description["id"], parameter["id"])
+
+
+def test_man_page_matches_command_help():
+    maker = loaded("make_man_page")
+    hint = "run: build/run python3 docs/make_man_page.py"
+    assert maker.PAGE.read_text(encoding="utf-8") == maker.page(), hint
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"), [("re", "plain,read"), ("sim", "plain,simulate"), ("nothing", "")]
+)
+def test_shell_completes_subcommands(typed, expected):
+    done = subprocess.run(
+        [sys.executable, "-c", "from wiforce_app.main import main; main()"],
+        env=os.environ
+        | {"_GR_WIFORCE_COMPLETE": "bash_complete", "COMP_WORDS": f"gr-wiforce {typed}"}
+        | {"COMP_CWORD": "1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout.strip() == expected
+
+
+def test_completion_scripts_query_the_command():
+    for shell in ("bash", "zsh", "fish"):
+        text = (ROOT / "gr-wiforce" / "completions" / f"gr-wiforce.{shell}").read_text()
+        assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text
+
+
+def test_reference_matches_declarations_scenes_and_help():
+    maker = loaded("make_reference")
+    hint = "run: build/run python3 docs/make_reference.py"
+    expected = maker.pages()
+    assert {p.name for p in maker.PAGES.glob("*.md")} == set(expected)
+    for name, text in expected.items():
+        assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
+
+
+def code_blocks(page, language):
+    """Code of a page in ``docs/``, block by block."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+WRITTEN = sorted((ROOT / "docs").glob("*.md"))
+LINKED = [
+    *WRITTEN,
+    *(ROOT / "docs").glob("*/*.md"),
+    *(ROOT / n for n in ("README.md", "SECURITY.md")),
+]
+LINKED += [
+    ROOT / n for n in ("CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md", "ros2/README.md")
+]
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """The folder in which README's lines have run up to its first lines of Python."""
+    folder = tmp_path_factory.mktemp("readme")
+    for line in readme_commands("simulate", "read"):
+        done = run_command(*line, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def readme_commands(*names):
+    """README's lines that run these subcommands, as words behind ``gr-wiforce``."""
+    lines = re.findall(r"^build/run gr-wiforce (.+)$", README, re.MULTILINE)
+    words = [shlex.split(line, comments=True) for line in lines]
+    found = [line for line in words if line[0] in names]
+    assert {line[0] for line in found} == set(names)
+    return found
+
+
+def readme_code(part):
+    (code,) = [code for code in code_blocks("../README.md", "python") if part in code]
+    return code
+
+
+def test_readme_is_read_in_minutes_and_its_links_lead_somewhere():
+    assert len(README.splitlines()) <= 80 and len(README.split()) <= 750
+    assert "](docs/index.md)" in README and "](docs/results.md" in README
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", text):
+        if target.startswith("https:"):
+            continue
+        found = page.parent / target if target else page
+        assert found.exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.+)$", found.read_text(encoding="utf-8"), re.MULTILINE)
+            anchors = [re.sub(r"[^\w-]", "", t.lower().replace(" ", "-")) for t in titles]
+            assert heading in anchors, f"{target}#{heading}"
+
+
+def test_documentation_is_small_enough_to_be_read():
+    """It had 30 pages and 84 000 words, in which nobody found anything."""
+    words = {page.name: len(page.read_text(encoding="utf-8").split()) for page in WRITTEN}
+    assert len(words) <= 14 and sum(words.values()) <= 30_000
+    for page in WRITTEN:
+        if words[page.name] > 1500:
+            head = page.read_text(encoding="utf-8").split("\n", 10)[2:9]
+            starts = [line[:3] for line in head]
+            assert starts == ["In ", "", "1. ", "2. ", "3. ", "4. ", "5. "], page.name
+    assert len((ROOT / "docs/architecture.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_index_lists_every_page_with_its_reading_time():
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    listed = dict(re.findall(r"^\| \[.+?\]\((.+?)\) \| (\d+) \|", index, re.MULTILINE))
+    assert set(listed) == {page.name for page in WRITTEN} - {"index.md"}
+    for page in WRITTEN:
+        if page.name in listed:
+            minutes = len(page.read_text(encoding="utf-8").split()) / 200
+            assert abs(int(listed[page.name]) - minutes) < 2, page.name
+
+
+def test_commands_of_all_pages_exist_with_their_options():
+    """A page that names an option of yesterday costs its reader the first ten minutes."""
+    from wiforce_app.main import command
+
+    lines = 0
+    for page in (ROOT / "README.md", *WRITTEN):
+        for block in code_blocks(page, "sh"):
+            for line in block.replace("\\\n", " ").splitlines():
+                for part in re.findall(r"(?<![\w/-])gr-wiforce ([^|#;)>]+)", line):
+                    words = shlex.split(part.rstrip("& "))
+                    each = command.get_command(None, words[0])
+                    if each is None:
+                        assert page.name == "install.md" and "apt" in line, line
+                        continue
+                    if hasattr(each, "commands") and words[1] in each.commands:
+                        each = each.get_command(None, words[1])
+                    known = {name for option in each.params for name in option.opts}
+                    used = {word.split("=")[0] for word in words if word.startswith("-")}
+                    assert used <= known | {"--help"}, line
+                    lines += 1
+    assert lines > 50
+
+
+def named_files(page):
+    """Files that a page names in backquotes, with at least a folder."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.findall(r"`((?:[\w.-]+/)+[\w-]+\.(?:py|h|cc|md|csv|yaml|msg|rst))`", text)
+
+
+@pytest.mark.parametrize("page", [*WRITTEN, ROOT / "README.md"], ids=lambda page: page.name)
+def test_source_files_that_a_page_names_exist(page):
+    """The theory sends its readers to the code of each formula."""
+    inside = ("python/wiforce", "lib/kernel", "gr-wiforce", "gr-wiforce/wiforce_app")
+    folders = (ROOT, *(ROOT / each for each in inside))
+    own = {"demo", "evaluation", "readings", "clients"}
+    for name in named_files(page):
+        if name.split("/")[0] not in own:
+            assert any((folder / name).is_file() for folder in folders), name
+
+
+def test_formulas_name_functions_that_exist():
+    text = (ROOT / "docs/theory.md").read_text(encoding="utf-8")
+    rows = text.split("## Formulas")[1].split("\n## ")[0].splitlines()
+    found = [re.findall(r"`([\w/.]+\.py)`, `([\w.]+)`", row) for row in rows]
+    assert sum(map(len, found)) > 9
+    for file, function in sum(found, []):
+        source = (ROOT / "python/wiforce" / file).read_text(encoding="utf-8")
+        for name in function.split("."):
+            assert re.search(rf"^\s*(def|class) {name}\b", source, re.MULTILINE), (file, function)
+
+
+def test_python_of_all_pages_is_valid():
+    for page in (ROOT / "README.md", *WRITTEN):
+        for block in code_blocks(page, "python"):
+            compile(block, page.name, "exec")
+
+
+def test_run_times_of_the_results_are_the_medians_of_their_table():
+    rows = list(csv.DictReader((ROOT / "docs/data/tradeoff.csv").open(encoding="utf-8")))
+    plans = {row["scene"]: row for row in rows if row["setting"] == "plan"}
+    page = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^\| `([^`]+)` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
+    assert len(shown) > 10
+    for setting, *ratios in shown:
+        own = [r for r in rows if r["setting"] == setting and r["phase (deg)"]]
+        pairs = [(r, plans[r["scene"]]) for r in own if plans[r["scene"]]["phase (deg)"]]
+        for column, ratio in zip(("ms per s", "phase (deg)", "readings/s"), ratios, strict=True):
+            found = statistics.median(
+                float(row[column]) / float(plan[column]) for row, plan in pairs
+            )
+            assert float(ratio) == pytest.approx(found, abs=0.006), (setting, column)
+
+
+def test_architecture_is_drawn_by_its_program(monkeypatch):
+    from qa_layers import LAYERS
+
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    maker = loaded("make_architecture_drawings")
+    hint = "run: build/run python3 docs/make_architecture_drawings.py"
+    for name, text in maker.drawings().items():
+        assert (maker.IMAGES / name).read_text(encoding="utf-8") == text, hint
+    assert [set(layer) for layer, _ in maker.CHAPTERS] == list(LAYERS[:-1])
+
+
+def test_readme_commands_write_readings_and_a_picture(press):
+    assert (press / "press.png").read_bytes().startswith(b"\x89PNG")
+    assert len((press / "press.csv").read_text().splitlines()) > 80
+
+
+def test_readme_python_draws_presses_and_nothing_between_them(press, monkeypatch, capsys):
+    """A line through the time in which nobody touches shows a force that is not there."""
+    import matplotlib.pyplot as plt
+
+    monkeypatch.chdir(press)
+    plt.close("all")
+    exec(readme_code("wiforce.read("), {})
+    (bars,) = plt.gcf().axes[0].containers
+    time_s, force_n = bars.lines[0].get_data()
+    plt.close("all")
+    assert float(capsys.readouterr().out) == pytest.approx(max(force_n))
+    truth = np.genfromtxt("press.truth.csv", delimiter=",", names=True)
+    applied_n = np.interp(time_s, truth["time_s"], np.nan_to_num(truth["force_n"]))
+    edge_s = truth["time_s"][np.flatnonzero(np.diff(truth["touch"]))]
+    steady = np.abs(time_s[:, None] - edge_s).min(axis=1) > 0.1
+    untouched = steady & (applied_n == 0)
+    assert untouched.sum() > 20 and (steady & ~untouched).sum() > 20
+    assert (force_n[untouched] == 0).all()
+    assert np.median(np.abs(force_n - applied_n)[steady & ~untouched]) < 0.15
+
+
+def test_readme_flowgraph_prints_what_the_command_reads(press, monkeypatch, capsys):
+    monkeypatch.chdir(press)
+    exec(readme_code("file_source"), {})
+    lines = capsys.readouterr().out.splitlines()
+    rows = (press / "press.csv").read_text().splitlines()[1:]
+    assert len(lines) == len(rows) and sum(" N at " in line for line in lines) > 20
+
+
+def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
+    from gnuradio.wiforce import sensor
+
+    monkeypatch.chdir(tmp_path)
+    (line,) = readme_commands("calibrate")
+    table = sensor.measure_vna(
+        sensor.load_sensor("line-900mhz"), [20, 30, 40, 50, 60], np.arange(1, 8.5, 0.5), 0.1
+    )
+    sensor.write_vna_csv(table, line[1])
+    (columns,) = re.findall(r"calibrate .*# of (\S+)", README)
+    assert (tmp_path / line[1]).read_text().startswith(columns)
+    assert run_command(*line).returncode == 0
+    assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
+
+
+def test_readme_accuracy_is_what_its_command_prints(tmp_path):
+    """A table that nobody can reproduce is an advertisement."""
+    rows = re.findall(
+        r"^\| `((?:evaluate|bench) .+?)` \|.*\| (.+) \| (.+) \|$", README, re.MULTILINE
+    )
+    assert [row[0].split()[0] for row in rows] == ["evaluate", "evaluate", "evaluate", "bench"]
+    done = run_command(*rows[0][0].split(), cwd=tmp_path)
+    (span,) = re.findall(r"range of ours \|.*?\|.*?\| (.+?) \| (.+?) \|", done.stdout)
+    for (_, here, _), unit, printed in zip(rows, ("N", "mm"), span, strict=False):
+        stated = [float(value) for value in here.removesuffix(f" {unit}").split(" to ")]
+        found = [float(value) for value in printed.split(" to ")]
+        assert stated == pytest.approx(found, rel=0.2)
+
+
+def test_drawing_of_the_set_up_is_that_of_its_program():
+    maker = loaded("make_setup_drawing")
+    hint = "run: build/run python3 docs/make_setup_drawing.py"
+    assert maker.PICTURE.read_text(encoding="utf-8") == maker.drawing(), hint
+
+
+def test_animation_takes_ten_seconds():
+    from PIL import Image
+
+    with Image.open(ROOT / "docs/images/press.gif") as animation:
+        assert animation.n_frames * animation.info["duration"] == 10_000
+
+
+def test_page_of_many_captures_prints_a_median_for_each(tmp_path, monkeypatch, capsys):
+    from gnuradio import wiforce
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "captures").mkdir()
+    for name in ("a", "b"):
+        wiforce.simulate("tabletop", f"captures/{name}")
+    (code,) = [code for code in code_blocks("outputs.md", "python") if "groupby" in code]
+    exec(code, {})
+    medians = re.findall(r"^[ab] +([\d.]+)$", capsys.readouterr().out, re.MULTILINE)
+    assert len(medians) == 2 and all(1 < float(median) < 8 for median in medians)
+
+
+def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
+    """The page showed a section of a scene only, which `plan` refused."""
+    from gnuradio import wiforce
+
+    monkeypatch.chdir(tmp_path)
+    exec(code_blocks("radios.md", "python")[0], {})
+    (tmp_path / "scene.yaml").write_text(code_blocks("radios.md", "yaml")[1])
+    settings = wiforce.plan("scene.yaml")
+    assert settings.waveform.symbol_length == 128 and settings.scene.simulation.presses
+
+
+def test_pages_of_packets_and_surfaces_hold_whole_scenes(tmp_path):
+    from gnuradio import wiforce
+
+    (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
+    assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
+    strips, presses = code_blocks("sensors.md", "yaml")[1:3]
+    for name in ("low.yaml", "high.yaml"):
+        strips = strips.replace(name, "line-900mhz-calibrated")
+    bare = "".join(line for line in strips.splitlines(True) if "spreading_file" not in line)
+    (tmp_path / "skin.yaml").write_text(bare + presses)
+    scene = wiforce.load_scene(tmp_path / "skin.yaml")
+    assert len(scene.surface.strips) == len(scene.simulation.surface_presses) == 2
+
+
+# Put into the tutorial's program: the signal waits at 1.1 s until the sensor is pressed, which
+# happens at 0.7 s, since a busy machine may run ahead of its readings.
+WAITING = """
+import threading
+import numpy as np
+
+class Waiting(gr.sync_block):
+    def __init__(self):
+        gr.sync_block.__init__(self, "waiting", [np.complex64], [np.complex64])
+        self.pressed = threading.Event()
+
+    def work(self, inputs, outputs):
+        if self.nitems_written(0) + len(outputs[0]) > 1.1 * rate:
+            assert self.pressed.wait(60)
+        outputs[0][:] = inputs[0]
+        return len(outputs[0])
+
+waiting = Waiting()
+"""
+
+
+def test_tutorial_code_reads_the_press(capsys):
+    """The blocks form one program; the last one connects a source of the user's own."""
+    first, *others = code_blocks("tutorial.md", "python")[:-1]
+    program = "\n".join([first, WAITING, *others])
+    for shown, put in (
+        ("sounder, head, tag", "sounder, head, waiting, tag"),
+        ("tag.set_force_n(4.0)", "tag.set_force_n(4.0); waiting.pressed.set()"),
+    ):
+        assert program.count(shown) == 1
+        program = program.replace(shown, put)
+    exec(program, {})
+    lines = capsys.readouterr().out.splitlines()
+    locations = [float(m[1]) for line in lines if (m := re.search(r" N at ([\d.]+) \+-", line))]
+    assert len(locations) > 20 and abs(statistics.median(locations) - 45) < 0.5
+
+
+def test_tutorial_scene_is_valid():
+    from gnuradio.wiforce.scene import load_scene
+
+    (scene,) = code_blocks("tutorial.md", "yaml")
+    assert list(load_scene(yaml.safe_load(scene)).sensor_names) == ["finger"]
+
+
+def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch, numbers_without_types):
+    """A reader who learns the stages from the page must see what the page shows."""
+    monkeypatch.chdir(tmp_path)
+    shown = "\n".join(code_blocks("tutorial.md", "pycon"))
+    page = doctest.DocTestParser().get_doctest(shown, {}, "tutorial.md", None, 0)
+    result = doctest.DocTestRunner().run(page)
+    assert result.attempted > 50
+    assert result.failed == 0, f"{result.failed} of {result.attempted} examples, shown above"

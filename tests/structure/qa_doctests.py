@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Examples in docstrings: all of them run, and every public name has one."""
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+from gnuradio import wiforce
+
+# The widgets' examples need a QApplication and run with the tests of the display.
+WITHOUT_EXAMPLES = ("gui", "bindings")
+
+
+def module_names():
+    """Names of the package's modules relative to it; none is imported."""
+    for top in pkgutil.iter_modules(wiforce.__path__):
+        if top.ispkg and top.name not in WITHOUT_EXAMPLES:
+            folders = [f"{folder}/{top.name}" for folder in wiforce.__path__]
+            yield from (f"{top.name}.{module.name}" for module in pkgutil.iter_modules(folders))
+        elif not top.ispkg and not top.name.startswith(("wiforce_", "_")):
+            yield top.name
+
+
+MODULES = tuple(module_names())
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def public_names():
+    """Stable names: those that docs/install.md lists, and those of the library's page."""
+    listed = (DOCS / "install.md").read_text(encoding="utf-8").split("```python")[1]
+    page = (DOCS / "site/api.rst").read_text(encoding="utf-8")
+    names = re.findall(r"\bwiforce\.(\w+)", listed.split("```")[0])
+    return sorted({*names, *re.findall(r"auto(?:function|class):: gnuradio\.wiforce\.(\S+)", page)})
+
+
+PUBLIC = public_names()
+
+
+def loaded(name):
+    return importlib.import_module(f"{wiforce.__name__}.{name}")
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_executed_give_output_shown(name, tmp_path, monkeypatch, numbers_without_types):
+    """Users start from an example: one that fails costs them their first hour."""
+    monkeypatch.chdir(tmp_path)
+    result = doctest.testmod(loaded(name))
+    assert result.failed == 0, f"{result.failed} of {result.attempted} examples, shown above"
+
+
+def documented(name):
+    folder, _, last = name.rpartition(".")
+    return getattr(loaded(folder) if folder else wiforce, last)
+
+
+def test_public_names_are_found():
+    assert len(PUBLIC) > 25 and "sensor.write_sensor" in PUBLIC and "ForceDisplay" in PUBLIC
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_objects_have_example(name):
+    """A signature alone does not show how to call a function."""
+    assert ">>> " in inspect.getdoc(documented(name))
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_objects_document_every_parameter(name):
+    """A parameter without unit and shape has to be looked up in the source."""
+    text = inspect.getdoc(documented(name))
+    missing = [
+        parameter
+        for parameter in inspect.signature(documented(name)).parameters
+        if not re.search(rf"^(\w+, )*{parameter}(, \w+)*( :|$)", text, re.M)
+    ]
+    assert missing == []

@@ -1,0 +1,427 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every example runs as shipped, without a screen, and its result is checked."""
+
+import contextlib
+import csv
+import importlib.util
+import io
+import json
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import chain_simulated
+import numpy as np
+import pmt
+import pytest
+from chain_runs import assert_equal_readings
+from gnuradio import gr, wiforce
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+FLOWGRAPHS = sorted(EXAMPLES.glob("*.grc"))
+HEADLESS = EXAMPLES / "headless"
+# Largest median error of readings after a slider was moved.
+FORCE_LIMIT_N, LOCATION_LIMIT_MM = 0.15, 0.5
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """The folder of the generated programs, and where Companion draws each flowgraph."""
+    folder = tmp_path_factory.mktemp("generated")
+    script = Path(__file__).parents[1] / "helpers/grc_layout.py"
+    command = [sys.executable, str(script), str(folder), *map(str, FLOWGRAPHS)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def generated(compiled, qt):
+    """Import the generated module of a flowgraph by name."""
+
+    def module(name):
+        path = compiled[0] / f"{name}.py"
+        assert path.is_file()
+        spec = importlib.util.spec_from_file_location(f"example_{name}", path)
+        loaded = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(loaded)
+        return loaded
+
+    return module
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["5555"], ["tcp://127.0.0.1:1", "key", "x"]])
+def test_zmq_client_bad_usage_is_reported(arguments):
+    command = [sys.executable, HEADLESS / "zmq_client.py", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1 and done.stderr.startswith("usage: zmq_client.py [ENDPOINT")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_flowgraph_compiles_and_is_documented(generated, path):
+    import yaml
+
+    top = generated(path.stem)
+    assert hasattr(top, path.stem)
+    content = yaml.safe_load(path.read_text())
+    assert content["options"]["parameters"]["title"].startswith("WiForce: ")
+    assert len(content["options"]["parameters"]["description"]) > 40
+    notes = [b for b in content["blocks"] if b["id"] == "note"]
+    assert notes and all(len(b["parameters"]["comment"]) > 40 for b in notes)
+    listed = (EXAMPLES / "README.md").read_text()
+    assert f"`{path.name}`" in listed
+    assert f"`headless/{path.stem}.py`" in listed
+    assert (HEADLESS / f"{path.stem}.py").is_file()
+
+
+def overlap(first, second):
+    """Whether two boxes (left, top, right, bottom) have common points."""
+    return all(first[i] < second[i + 2] and second[i] < first[i + 2] for i in (0, 1))
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_flowgraph_is_drawn_without_overlaps(compiled, path):
+    """A user could not read what lies behind another block, nor connect a port off the canvas."""
+    drawn = compiled[1][path.stem]
+    boxes = [
+        (name.split()[0], f"{kind[:-1]} {name}", box)
+        for kind in ("blocks", "comments", "ports")
+        for name, box in drawn[kind].items()
+    ]
+    assert len(drawn["blocks"]) > 5 and len(drawn["ports"]) > 1 and drawn["wires"]
+    assert [what for _, what, box in boxes if min(box) < 0] == []
+    assert [
+        (what, other)
+        for n, (owner, what, box) in enumerate(boxes)
+        for other_owner, other, other_box in boxes[:n]
+        if owner != other_owner and overlap(box, other_box)
+    ] == []
+    for wire in drawn["wires"]:
+        # The first and the last point are those at the ports.
+        behind = {
+            name
+            for name, (left, top, right, bottom) in drawn["blocks"].items()
+            for x, y in wire["points"][1:-1]
+            if left < x < right and top < y < bottom
+        }
+        assert not behind, f"{wire['from']} to {wire['to']}"
+
+
+class Collector(gr.basic_block):
+    """Collects readings and lets the test wait for them."""
+
+    def __init__(self):
+        gr.basic_block.__init__(self, "collector", None, None)
+        self.readings = []
+        self._more = threading.Condition()
+        self.message_port_register_in(pmt.intern("readings"))
+        self.set_msg_handler(pmt.intern("readings"), self._on_message)
+
+    def _on_message(self, message):
+        with self._more:
+            self.readings.append(pmt.to_python(message))
+            self._more.notify_all()
+
+    def wait_for(self, enough):
+        with self._more:
+            assert self._more.wait_for(lambda: enough(self.readings), timeout=60)
+
+
+def after(readings, time_s, sensor=None):
+    return [r for r in readings if r["time_s"] > time_s and sensor in (None, r["sensor"])]
+
+
+def settled(collector, flowgraph, tag, sensor=None, count=8):
+    """The first readings that are determined by the latest settings only."""
+    # Samples that the tag has not written yet follow the new settings.
+    since = tag.nitems_written(0) / flowgraph.samp_rate
+    margin = 2 * flowgraph.scene.group_period_s + 32768 / flowgraph.samp_rate
+    collector.wait_for(lambda readings: len(after(readings, since + margin, sensor)) >= count)
+    return after(collector.readings, since + margin, sensor)[:count]
+
+
+def assert_follows(readings, force_n, location_mm):
+    assert all(r.get("touch") == 1 for r in readings)
+    assert np.median([r["force_n"] for r in readings]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+    found = np.median([r["location_mm"] for r in readings])
+    assert found == pytest.approx(location_mm, abs=LOCATION_LIMIT_MM)
+
+
+@pytest.fixture
+def running():
+    """Start flowgraphs, and stop them at the end of the test."""
+    started = []
+
+    def start(flowgraph, reader=None):
+        collector = Collector()
+        if reader is not None:
+            flowgraph.msg_connect(reader, "readings", collector, "readings")
+        started.append((flowgraph, collector))
+        flowgraph.start()
+        return collector
+
+    yield start
+    for flowgraph, _ in started:
+        flowgraph.stop()
+        flowgraph.wait()
+
+
+def untouched(flowgraph):
+    return flowgraph.scene.reference_s + 3 * flowgraph.scene.group_period_s
+
+
+def test_press_simulation_readings_follow_sliders(generated, running):
+    flowgraph = generated("press_simulation").press_simulation()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    assert all(r.get("touch") == 0 for r in collector.readings)
+    for force_n, location_mm in ((3.0, 33.0), (5.5, 47.5), (2.0, 55.0)):
+        flowgraph.set_force_n(force_n)
+        flowgraph.set_location_mm(location_mm)
+        assert_follows(settled(collector, flowgraph, flowgraph.tag), force_n, location_mm)
+    flowgraph.set_clock_offset_ppm(20.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
+    before = collector.readings[-1]["snr_db"]
+    flowgraph.set_snr_db(10.0)
+    # The noise estimate adapts within seconds.
+    # The first groups of louder noise count as interference and have no values.
+    collector.wait_for(lambda readings: readings[-1].get("snr_db", before) < before - 2.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
+    flowgraph.set_force_n(0.0)
+    assert all(r.get("touch") == 0 for r in settled(collector, flowgraph, flowgraph.tag))
+
+
+def test_press_simulation_tare_button_reaches_reader(generated, running, qt):
+    flowgraph = generated("press_simulation").press_simulation()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    flowgraph.set_force_n(4.0)
+    settled(collector, flowgraph, flowgraph.tag)
+    display = flowgraph.display.widget
+    display._tare.click()
+    deadline = time.monotonic() + 60
+    while "tare refused: arm is touched" not in display._outcome.toolTip():
+        assert time.monotonic() < deadline
+        display.refresh()
+    flowgraph.set_force_n(0.0)
+    settled(collector, flowgraph, flowgraph.tag)
+    count = len(collector.readings)
+    display._tare.click()
+    collector.wait_for(lambda readings: any("reference" in r["flags"] for r in readings[count:]))
+    while display.sensors() != ["arm"]:
+        display.refresh()
+    qt.processEvents()
+    assert not flowgraph.grab().isNull()
+
+
+def test_two_sensors_readings_are_independent(generated, running):
+    flowgraph = generated("two_sensors").two_sensors()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    flowgraph.set_left_force_n(3.0)
+    left = settled(collector, flowgraph, flowgraph.right, "left")
+    assert_follows(left, 3.0, 33.0)
+    right = after(collector.readings, 0, "right")
+    assert all(r.get("touch") == 0 or r["flags"] for r in right)
+    flowgraph.set_right_force_n(5.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.right, "right"), 5.0, 52.0)
+    assert_follows(after(collector.readings, 0, "left")[-4:], 3.0, 33.0)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A simulated recording of 3 s: its name and its truth."""
+    from gnuradio.wiforce.simulation.score import read_truth
+    from gnuradio.wiforce.simulation.simulator import simulate
+
+    scene = wiforce.load_scene("tabletop").as_dict()
+    scene["simulation"] |= {"duration_s": 3.0, "presses": scene["simulation"]["presses"][:1]}
+    name = tmp_path_factory.mktemp("recording") / "press"
+    simulate(wiforce.load_scene(scene), name)
+    return name, read_truth(name.with_name("press.truth.csv"))
+
+
+def assert_true(path, truth):
+    """Compare every row of a readings file with the truth: touch, force, location."""
+    rows = rows_of(path)
+    assert len(rows) == len(truth)
+    errors = []
+    for row, true in zip(rows, truth, strict=True):
+        assert float(row["time_s"]) == pytest.approx(true["time_s"], abs=1e-5)
+        if "transition" in row["flags"]:
+            continue
+        if row["touch"] == "1" and true["touch"] == 1:
+            errors.append(
+                (
+                    float(row["force_n"]) - true["force_n"],
+                    float(row["location_mm"]) - true["location_mm"],
+                )
+            )
+    assert len(errors) > 30
+    force, location = np.median(np.abs(errors), axis=0)
+    assert force < FORCE_LIMIT_N
+    assert location < LOCATION_LIMIT_MM
+
+
+def test_read_recording_writes_every_reading(generated, capture, tmp_path):
+    name, truth = capture
+    output = tmp_path / "readings.csv"
+    flowgraph = generated("read_recording").read_recording(
+        recording=str(name), readings=str(output), scene="tabletop", speed=100.0
+    )
+    flowgraph.run()
+    assert_true(output, truth)
+    flowgraph.display.widget.refresh()
+    assert flowgraph.display.widget.sensors() == ["arm"]
+
+
+def test_chain_simulated_shows_lines_clock_and_phases_of_both_estimators(generated, running):
+    flowgraph = generated("chain_simulated").chain_simulated()
+    collector = running(flowgraph, flowgraph.inversion)
+    ours, paper = (block.widget for block in (flowgraph.phases, flowgraph.paper_phases))
+    count = 40
+    while min(len(plot.series(1)[1]) for plot in (ours, paper)) < count:
+        threading.Event().wait(0.05)
+    seconds = (count - 1) * flowgraph.scene.group_period_s
+    for end, harmonic in enumerate((1, 4)):
+        rotation = 360 * harmonic * flowgraph.scene.sensors[0].clock_hz * 40e-6 * seconds
+        step = 0.15 * rotation + 1.0
+        assert paper.series(end)[1][count - 1] == pytest.approx(rotation, abs=step)
+        assert ours.series(end)[1][count - 1] == pytest.approx(0.0, abs=1.0)
+    hertz, level_db = flowgraph.doppler.widget.series()
+    noise_db = np.median(level_db)
+    lines_hz = flowgraph.doppler.widget.lines_hz
+    assert lines_hz == {"end 1": 400, "end 2": 1600}
+    for line_hz in lines_hz.values():
+        assert level_db[np.argmin(np.abs(hertz - line_hz))] > noise_db + 30
+    # The tracker's standard deviation is well below 1 ppm here.
+    assert flowgraph.clock_plot.widget.series(0)[1][-1] == pytest.approx(40.0, abs=2.0)
+    flowgraph.set_force_n(4.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 4.0, 45.0)
+
+
+def rows_of(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def assert_equal_files(path, other):
+    """Compare readings files: words exactly, numbers to the last digit that is written."""
+    rows, expected = rows_of(path), rows_of(other)
+    assert len(rows) == len(expected)
+    for row, wanted in zip(rows, expected, strict=True):
+        for key in wanted:
+            if key in ("sensor", "touch", "flags", "group") or "" in (row[key], wanted[key]):
+                assert row[key] == wanted[key], (key, wanted["group"])
+            else:
+                assert float(row[key]) == pytest.approx(float(wanted[key]), abs=1.1e-4)
+
+
+@pytest.fixture(scope="module")
+def of_the_reader(capture, tmp_path_factory):
+    """The file that the reader makes of the recording."""
+    path = tmp_path_factory.mktemp("expected") / "readings.csv"
+    headless("read_recording.py", capture[0], "tabletop", path)
+    return path
+
+
+def test_chain_from_file_writes_the_readings_of_the_reader(
+    generated, capture, of_the_reader, tmp_path
+):
+    output = tmp_path / "readings.csv"
+    flowgraph = generated("chain_from_file").chain_from_file(
+        recording=f"{capture[0]}.sigmf-data", readings=str(output), speed=100.0
+    )
+    flowgraph.run()
+    assert_equal_files(output, of_the_reader)
+    assert_true(output, capture[1])
+    flowgraph.display.widget.refresh()
+    assert flowgraph.display.widget.sensors() == ["arm"]
+    assert len(flowgraph.phases.widget.series(0)[1]) == len(rows_of(output))
+
+
+def headless(script, *arguments):
+    """What a script prints; run in this process, which has loaded GNU Radio already."""
+    printed = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+        patch.setattr(sys, "argv", [script, *map(str, arguments)])
+        try:
+            runpy.run_path(str(HEADLESS / script), run_name="__main__")
+        except SystemExit as ended:
+            assert not ended.code, ended.code
+    return printed.getvalue()
+
+
+def test_headless_press_simulation_prints_applied_presses():
+    lines = headless("press_simulation.py").splitlines()
+    touched = [line.split() for line in lines if " mm" in line]
+    clean = [words for words in touched if len(words) == 7]
+    for force_n, location_mm in ((3.0, 33.0), (5.5, 47.0)):
+        near = [w for w in clean if abs(float(w[5]) - location_mm) < LOCATION_LIMIT_MM]
+        assert len(near) > 10
+        assert np.median([float(w[2]) for w in near]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+
+
+@pytest.mark.long
+def test_headless_two_sensors_prints_both_forces():
+    lines = [line.split() for line in headless("two_sensors.py").splitlines()]
+    for sensor, force_n in (("left", 3.0), ("right", 5.0)):
+        own = [float(w[3]) for w in lines if w[2] == sensor and len(w) == 8]
+        assert np.median(own) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+
+
+def test_headless_read_recording_writes_readings(capture, tmp_path):
+    name, truth = capture
+    headless("read_recording.py", name, "tabletop", tmp_path / "out.csv")
+    assert_true(tmp_path / "out.csv", truth)
+
+
+def test_headless_read_recording_refuses_to_replace_the_scene(capture, tmp_path):
+    scene = tmp_path / "scene.csv"
+    shutil.copy(wiforce.load_scene("tabletop").path, scene)
+    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], scene, scene]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode and "scene.csv: cannot be written (is an input)" in done.stderr
+    assert "sensors:" in scene.read_text()
+
+
+def test_headless_chain_from_file_writes_the_readings_of_the_reader(
+    capture, of_the_reader, tmp_path
+):
+    headless("chain_from_file.py", capture[0], tmp_path / "out.csv")
+    assert_equal_files(tmp_path / "out.csv", of_the_reader)
+
+
+def test_chain_simulated_reads_as_the_reader_and_the_paper_does_not(capsys):
+    scene, expected = wiforce.load_scene("tabletop"), []
+    flowgraph = chain_simulated.ChainSimulated(scene)
+    reader = wiforce.reader(scene, on_reading=expected.append)
+    flowgraph.connect(flowgraph.simulated.tag, reader)
+    flowgraph.run()
+    flowgraph.chain.check()
+    assert sum(reading.touch == 1 for reading in expected) > 40
+    assert_equal_readings(flowgraph.readings, expected)
+    assert len(flowgraph.readings_of_paper) == len(expected)
+    capsys.readouterr()
+    chain_simulated.print_spectrum(flowgraph, scene)
+    chain_simulated.print_comparison(flowgraph)
+    printed = capsys.readouterr().out
+    found_ppm = float(printed.split("tag clock: ")[1].split()[0])
+    assert found_ppm == pytest.approx(40.0, abs=2.0)
+    powers = [float(value) for value in re.findall(r"([-.0-9]+) dB", printed)]
+    room, end_1, _, end_2, noise = powers
+    assert room - 40 > end_1 > end_2 > noise + 30
+    forces = [float(value) for value in re.findall(r": +([.0-9]+) N at", printed)]
+    assert forces[1::2] == pytest.approx([3.0, 5.5], abs=FORCE_LIMIT_N)
+    assert abs(forces[0] - 3.0) > 1.0
+    phases = re.findall(r"end 1 +([-+.0-9]+) deg, end 2 +([-+.0-9]+) deg", printed)
+    paper, ours = ([float(value) for value in ends] for ends in phases)
+    # 40 ppm of 400 Hz and 1600 Hz, for 3 s.
+    assert paper == pytest.approx([17.3, 69.1], abs=2.0)
+    assert ours == pytest.approx([0.0, 0.0], abs=0.3)

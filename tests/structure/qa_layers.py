@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Package layout of docs/architecture.md: imports point downward, a file holds one idea."""
+
+import ast
+import re
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "python/wiforce"
+APPLICATION = ROOT / "gr-wiforce"
+
+# From the top. Units of one layer do not import each other.
+LAYERS = (
+    {"blocks"},
+    {"receiver"},
+    {"press"},
+    {"planning"},
+    {"simulation"},
+    {"scene", "gui"},
+    {"calibration"},
+    {"estimation", "sensor", "surface"},
+    {"io"},
+    {"signal"},
+    {"errors", "_config", "wiforce_kernels", "wiforce_python"},
+)
+RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
+RUNTIME = {"gnuradio", "pmt", "wiforce_python"}
+
+LEAST_LINES = 15
+SOURCES = sorted(
+    path
+    for folder in ("python", "gr-wiforce", "lib", "include")
+    for path in (ROOT / folder).rglob("*")
+    if path.suffix in (".py", ".h", ".cc")
+)
+
+
+def modules_of(package):
+    """The file of each module of a package, by the parts of its dotted name."""
+    modules = {}
+    for path in package.rglob("*.py"):
+        parts = path.relative_to(package).with_suffix("").parts
+        modules[parts[:-1] if parts[-1] == "__init__" else parts] = path
+    return modules
+
+
+def imports_of(path):
+    """Import statements that are executed, those inside functions included."""
+    pending = [ast.parse(path.read_text(encoding="utf-8"))]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield node
+        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+            pending.extend(ast.iter_child_nodes(node))
+
+
+def own_imports(modules):
+    """Modules of the package that each of its modules imports."""
+    found = {}
+    for parts, path in modules.items():
+        found[parts] = set()
+        folder = parts if path.name == "__init__.py" else parts[:-1]
+        for node in imports_of(path):
+            if isinstance(node, ast.Import) or not node.level:
+                continue
+            base = folder[: len(folder) - node.level + 1]
+            base += tuple(node.module.split(".")) if node.module else ()
+            for name in node.names:
+                inner = (*base, name.name)
+                found[parts].add(inner if inner in modules or not base else base)
+    return found
+
+
+def top_names(path):
+    """First parts of the modules that a file imports, relative ones by their own name."""
+    for node in imports_of(path):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        else:
+            yield (node.module or node.names[0].name).split(".")[0]
+
+
+@pytest.fixture(scope="module")
+def imports():
+    return own_imports(modules_of(PACKAGE))
+
+
+def test_package_units_are_in_the_layers():
+    units = {parts[0] for parts in modules_of(PACKAGE) if parts}
+    assert units - set(RANK) == set()
+
+
+def test_package_imports_point_downward(imports):
+    """An import that points upward makes a low folder unusable without the high ones."""
+    upward = [
+        f"{'.'.join(importer)} imports {'.'.join(imported)}"
+        for importer, targets in imports.items()
+        for imported in targets
+        if importer and importer[0] != imported[0] and RANK[importer[0]] >= RANK[imported[0]]
+    ]
+    assert upward == []
+
+
+def test_package_imports_have_no_cycle(imports):
+    # Raises CycleError, which lists the modules of a cycle.
+    TopologicalSorter(imports).prepare()
+
+
+def test_command_imports_have_no_cycle():
+    TopologicalSorter(own_imports(modules_of(APPLICATION / "wiforce_app"))).prepare()
+
+
+def test_package_outside_blocks_does_not_import_gnuradio():
+    """``wiforce.read`` and the planning would load GNU Radio's runtime."""
+    loaded = [
+        path.relative_to(PACKAGE).as_posix()
+        for parts, path in modules_of(PACKAGE).items()
+        if RUNTIME & set(top_names(path)) and parts[0] != "blocks"
+    ]
+    assert loaded == []
+
+
+def test_kernels_do_not_include_gnuradio():
+    for path in (ROOT / "lib/kernel").rglob("*.*"):
+        assert not re.search(r"#include <(gnuradio|pmt|volk)/", path.read_text()), path
+
+
+def test_command_and_software_n210_do_not_import_each_other():
+    """Only ``gr-wiforce emulate`` joins the two, by the device's name in the command's list."""
+    for package, other in (("wiforce_app", "software_n210"), ("software_n210", "wiforce_app")):
+        for path in (APPLICATION / package).rglob("*.py"):
+            assert other not in top_names(path), path
+    naming = [
+        path.name
+        for path in (APPLICATION / "wiforce_app").rglob("*.py")
+        if "software_n210" in path.read_text(encoding="utf-8")
+    ]
+    assert naming == ["main.py"]
+
+
+def test_process_of_a_radio_loads_no_other_part_of_the_command():
+    """A process starts for each device that is opened, and must react within milliseconds."""
+    imports = own_imports(modules_of(APPLICATION / "wiforce_app"))
+    others = {
+        module
+        for parts, modules in imports.items()
+        if parts and parts[0] == "radio"
+        for module in modules
+        if module[0] != "radio"
+    }
+    assert others == {("shell", "log")}
+
+
+def test_no_module_holds_a_few_stray_lines():
+    exempt = ("__init__.py", "__main__.py")
+    modules = [path for path in SOURCES if path.suffix == ".py" and path.name not in exempt]
+    texts = {path: path.read_text(encoding="utf-8") for path in modules}
+    counts = {path: len(re.findall(r"^.*\S", text, re.M)) for path, text in texts.items()}
+    assert {path: count for path, count in counts.items() if count < LEAST_LINES} == {}
