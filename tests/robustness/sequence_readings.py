@@ -227,6 +227,12 @@ class Score:
         """One count as a part of another."""
         return self.counts[what] / max(self.counts[of], 1)
 
+    def row(self):
+        """What docs/data/press_sequences.csv says of a family."""
+        shares = [100 * self.share(f"{what}, read", what) for what in ("pressed", "untouched")]
+        counts = self.counts["unflagged"], len(self.wrong), len(self.far)
+        return ",".join([f"{share:.1f}" for share in shares] + [str(count) for count in counts])
+
     def __str__(self):
         return (
             f"pressed {100 * self.share('pressed, read', 'pressed'):5.1f} %, "
@@ -248,7 +254,7 @@ def score(seeds, snapshots, family, read=by_receiver):
 
 
 def main():
-    """python3 sequence_readings.py SEEDS N_g[,N_g...] [FAMILY ...] [--stream] [-v]"""
+    """python3 sequence_readings.py SEEDS N_g[,N_g...] [FAMILY ...] [--stream] [-v | --csv]"""
     import sys
     import time
 
@@ -262,6 +268,9 @@ def main():
             found = score(range(int(words[0])), snapshots, family, read)
             flags = {k[5:]: v for k, v in found.counts.items() if k.startswith("flag ")}
             took = time.monotonic() - began
+            if "--csv" in sys.argv:
+                print(f"{snapshots},{family},{words[0]},{found.row()}", flush=True)
+                continue
             print(f"{snapshots:5d} {family:16s} {found}; {took:.0f} s", flags, flush=True)
             if "-v" in sys.argv:
                 print("\n".join(found.wrong))
