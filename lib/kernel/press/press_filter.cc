@@ -429,15 +429,20 @@ void press_filter::claim_untouched(double probability)
             next.quiet_amplitude = next.line.mean;
         }
         next.now = describe(next);
-        // If it is true, nothing changes any more; so it is compared with a press that
-        // rests.
+        // If it is true, nothing changes any more; so it is compared with a press, or
+        // with whatever changed the group, that rests.
         for (auto& kept : d_kept) {
             kept.log_weight += std::log1p(-probability);
-            if (kept.steady) {
-                kept.steady = false;
-                kept.age_s = 0;
+            if (kept.is == mixed) {
+                kept.is = unexplained;
+                kept.turning = false;
+                begin_press(kept);
+            } else if (kept.steady)
                 hold_level(kept);
-            }
+            else
+                continue;
+            kept.steady = false;
+            kept.age_s = 0;
         }
         next.log_weight = std::log(probability);
         d_kept.insert(d_kept.begin(), next);

@@ -13,7 +13,7 @@ import numpy as np
 from ..estimation.groups import Array, Groups
 from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
-from .explanations import COLUMNS, MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
+from .explanations import COLUMNS, MIXED, UNTOUCHED, Explanations
 from .stage_flags import has_phases
 
 # Probability that a sensor is untouched where the user says so, and where a tare was forced
@@ -118,19 +118,15 @@ class SensorState:
         """What may have happened in the newest group that could be read, as far as is known."""
         return Explanations.of(self._filter.newest())
 
-    def probabilities(self) -> tuple[float, float]:
-        """That the sensor is untouched now, and that it is touched."""
-        table = self._filter.newest()
-        untouched, touched = 0.0, 0.0
-        for _, weight, is_now, *_ in table.tolist():
-            untouched += weight * (is_now == UNTOUCHED)
-            touched += weight * (is_now in (PRESSED, UNEXPLAINED))
-        return untouched, touched
-
     @property
     def touched(self) -> bool:
-        """Whether the sensor is touched now, as far as is known."""
-        return self.received and self.probabilities()[1] > 0.5
+        """Whether the sensor is touched now, or was in a part of the newest group."""
+        return self.received and self._untouched() <= 0.5
+
+    def _untouched(self) -> float:
+        """Probability that the sensor is untouched now."""
+        newest = self.newest
+        return float(newest.weight[newest.state == UNTOUCHED].sum())
 
     @property
     def problem(self) -> str:
@@ -140,7 +136,7 @@ class SensorState:
         newest = self.newest
         steady = newest.state != MIXED
         doubtful = float(newest.weight[steady & ~newest.known].sum())
-        untouched = float(newest.weight[newest.state == UNTOUCHED].sum())
+        untouched = self._untouched()
         either = min(untouched, float(newest.weight[steady].sum()) - untouched)
         return UNCLEAR if max(doubtful, either) > DOUBT else ""
 
