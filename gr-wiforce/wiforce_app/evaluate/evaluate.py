@@ -12,6 +12,7 @@ from gnuradio.wiforce.io.text.textfile import check_output
 from ..shell.options import worker_options
 from ..shell.progress import progress
 from . import published
+from .published_series import series_lines
 
 
 class _PaperOrScenes(click.Group):
@@ -60,23 +61,21 @@ def scenes(scenes, folder, jobs, scheduler, fresh):
     type=click.Path(),
     help="Write a picture of the error distributions (PNG, PDF or SVG).",
 )
-@click.option(
-    "--all", "in_full", is_flag=True, help="Print every location and trial of every model."
-)
+@click.option("--all", "in_full", is_flag=True, help="Print the other forms of the curves as well.")
 def paper(output, plot_path, in_full):
-    """Score the models on the published wireless trials of the paper."""
+    """Score the models on the paper's wireless trials, and print its other series."""
     if output is not None:
         check_output(output)
     if plot_path is not None:
         from ..shell.plots import check_picture
 
         check_picture(plot_path)
-    folder = _data_folder()
-    presses = published.read_presses(folder / "wireless.csv")
+    vna = published.FOLDER / "vna.csv"
+    presses = published.published_presses()
     with progress("evaluating", published.models_scored()) as step:
-        scores = published.score_presses(folder / "vna.csv", presses, step)
+        scores = published.score_presses(vna, presses, step)
     forms = {
-        frequency: published.chosen_form(published.read_vna_csv(folder / "vna.csv", frequency))
+        frequency: published.chosen_form(published.read_vna_csv(vna, frequency))
         for frequency in published.FREQUENCIES_HZ
     }
     if output is not None:
@@ -84,6 +83,8 @@ def paper(output, plot_path, in_full):
     for frequency in published.FREQUENCIES_HZ:
         own = [score for score in scores if score.press.frequency_hz == frequency]
         _print_frequency(frequency, own, forms[frequency], in_full)
+    for line in series_lines():
+        click.echo(line)
     click.echo("Limits of these data")
     for limit in published.LIMITS:
         click.echo(f"- {limit}")
@@ -93,15 +94,10 @@ def paper(output, plot_path, in_full):
         plot_error_distributions(scores, forms, plot_path)
 
 
-def _data_folder():
-    from gnuradio.wiforce._config import DATA_DIR
-
-    return Path(DATA_DIR) / "data" / "paper"
-
-
 def _print_frequency(frequency, scores, form, in_full):
     force, location = published.CLAIMS[frequency]
-    click.echo(f"{frequency / 1e6:g} MHz, published wireless trials 1 and 2")
+    presses = len({id(score.press) for score in scores})
+    click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
     click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
     click.echo(f"curves chosen by cross-validation on the VNA data: {form} (marked *)")
     click.echo()
@@ -109,14 +105,20 @@ def _print_frequency(frequency, scores, form, in_full):
     click.echo(f"{'pooled':40}{'force error (N)':^28}{'location error (mm)':^28}")
     click.echo(f"{'model, method':40}{errors} {errors}{'n':>6}{'in 2 sigma':>11}")
     forms = sorted({score.form for score in scores}, key=lambda name: (name != form, name))
+    forms = forms if in_full else [form]
     for refined in (False, True):
         click.echo(_title(refined))
         for name in forms:
             for method in published.METHODS:
                 label = f" {'*' if name == form else ' '}{name}, {method}"
-                click.echo(f"{label:40}" + _row(_select(scores, name, refined, method)))
+                own = _select(scores, name, refined, method)
+                click.echo(f"{label:40}" + _row(own))
+                if method == "single reading":
+                    label = f"  {name}, {method}, not {published.UNOBSERVABLE_MM:g} mm"
+                    away = [s for s in own if s.press.location_mm != published.UNOBSERVABLE_MM]
+                    click.echo(f"{label:40}" + _row(away))
     click.echo()
-    for name in forms if in_full else [form]:
+    for name in forms:
         _print_presses(scores, name)
 
 

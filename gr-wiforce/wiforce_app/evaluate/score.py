@@ -27,7 +27,13 @@ _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 )
 @capture_scene
 @sample_type
-@click.option("--sensor", help="Name of the sensor that was pressed, where there are several.")
+@click.option(
+    "--sensor",
+    "sensors",
+    multiple=True,
+    help="Name of the sensor that was pressed, where there are several. Given more than once, the "
+    "forces of these sensors are added: one gauge bears them all.",
+)
 @click.option("--time-column", help="Name of the gauge's column of times.")
 @click.option("--force-column", help="Name of the gauge's column of forces.")
 @click.option("--unit", help="Unit of the gauge's forces: N, mN, g, kg, lb or oz.")
@@ -53,7 +59,7 @@ def score(
     against,
     scene_path,
     datatype,
-    sensor,
+    sensors,
     time_column,
     force_column,
     unit,
@@ -78,7 +84,7 @@ def score(
     gauge = read_gauge_file(against, time_column, force_column, unit)
     rows = _rows(capture, scene_path, datatype)
     try:
-        readings = timed_forces(rows, sensor)
+        readings = timed_forces(rows, sensors or None)
         found = compare_with_gauge(readings, gauge, touch_force, offset)
     except InputError as error:
         names = {"gauge": str(against), "readings": str(capture), "sensor": "--sensor"}

@@ -9,6 +9,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.calibration.gauges.comparison import TimedForces, compare_with_gauge
 from gnuradio.wiforce.calibration.gauges.file import GaugeRecord, read_gauge_file
+from gnuradio.wiforce.calibration.gauges.score import timed_forces
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
@@ -205,6 +206,53 @@ def test_files_that_are_no_gauges_are_refused(text, tmp_path):
     assert BAD[text] in str(refused.value)
 
 
+def rows_of(sensor, own, share=1.0, idle_until_s=0.0):
+    """A sensor's readings as rows, with a share of the forces, untouched until a time."""
+    for time_s, force, touched, clear in zip(
+        own.time_s, own.force_n, own.touched, own.clear, strict=True
+    ):
+        pressed = touched and time_s >= idle_until_s
+        yield {
+            "time_s": time_s,
+            "sensor": sensor,
+            "touch": int(pressed),
+            "force_n": share * force if pressed else None,
+            "force_std_n": STD_N if pressed else None,
+            "flags": "" if clear else "reference",
+        }
+
+
+def test_the_sum_of_sensors_is_compared_with_the_gauge_that_bears_them():
+    """Two sensors under one plate have one load cell; each alone would read half of it."""
+    left, right = (list(rows_of(name, readings(), 0.5)) for name in ("left", "right"))
+    summed = timed_forces([*left, *right], ("left", "right"))
+    found = compare_with_gauge(summed, gauge())
+    alone = compare_with_gauge(timed_forces([*left, *right], "left"), gauge())
+    assert found.gain == pytest.approx(1.0, abs=0.01) == 2 * alone.gain
+    # Errors of two sensors are independent: sqrt(2) of one standard deviation.
+    np.testing.assert_allclose(summed.force_std_n[summed.touched], np.sqrt(2) * STD_N)
+    # Where one of them is untouched, the other's force and standard deviation are the sum's.
+    late = timed_forces([*left, *rows_of("right", readings(), 0.5, 30.0)], ("left", "right"))
+    np.testing.assert_allclose(late.force_std_n[late.touched], STD_N)
+    np.testing.assert_allclose(late.force_n, summed.force_n / 2)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "message"),
+    [
+        (None, "sensor: must be one of left, right, or several to be added"),
+        (("left", "leg"), "sensor: must be one of left, right, got 'leg'"),
+        (("left", "left"), "sensor: must not be named twice, got 'left'"),
+        (("left", "right"), "readings: must have the sensors that are added at the same times"),
+    ],
+)
+def test_sensors_that_cannot_be_added_are_refused(sensors, message):
+    rows = [*rows_of("left", readings()), *list(rows_of("right", readings()))[1:]]
+    with pytest.raises(InputError) as refused:
+        timed_forces(rows, sensors)
+    assert str(refused.value) == message
+
+
 def test_score_compares_a_file_of_readings(tmp_path):
     """A user wants figures and a picture, from readings that were made long ago."""
     own, cell = readings(), gauge(-1, 0.2)
@@ -233,6 +281,7 @@ def test_score_compares_a_file_of_readings(tmp_path):
     assert "presses are negative, sign inverted" in text.stdout
     for more, message in {
         ("--sensor", "leg"): "--sensor: must be one of arm, got 'leg'",
+        ("--sensor", "arm", "--sensor", "arm"): "--sensor: must not be named twice, got 'arm'",
         ("--force-column", "x"): "--force-column: must be one of the columns of",
         ("--scene", "demo"): "a file of readings needs none",
         ("--unit", "mm"): "--unit: must be one of N, mN, g, kg, lb, oz, got 'mm'",

@@ -23,7 +23,7 @@ def score(
     readings: pandas.DataFrame | str | Path,
     gauge: GaugeRecord | str | Path,
     *,
-    sensor: str | None = None,
+    sensor: str | Sequence[str] | None = None,
     touch_n: float = 0.5,
     offset_s: float | None = None,
 ) -> GaugeComparison:
@@ -36,8 +36,9 @@ def score(
     gauge : str or Path, or GaugeRecord
         CSV file with columns of times and forces, which are recognised by their names
         (``read_gauge_file`` takes others). It may have any clock, zero and sign.
-    sensor : str, optional
-        Name of the one that was pressed, where there are several.
+    sensor : str or sequence of str, optional
+        Name of the one that was pressed, where there are several; or the names of those that the
+        gauge bears together, whose forces are added.
     touch_n : float
         Force in N from which the gauge shows a press that the sensor must read.
     offset_s : float, optional
@@ -73,15 +74,17 @@ def score(
     return compare_with_gauge(timed_forces(rows, sensor), record, touch_n, offset_s)
 
 
-def timed_forces(rows: Sequence[Mapping[str, Any]], sensor: str | None = None) -> TimedForces:
-    """Forces of one sensor from rows of readings.
+def timed_forces(
+    rows: Sequence[Mapping[str, Any]], sensor: str | Sequence[str] | None = None
+) -> TimedForces:
+    """Forces of one sensor, or the sum of several, from rows of readings.
 
     Parameters
     ----------
     rows : sequence of mapping
         Unknown values are None or NaN, flags one text.
-    sensor : str, optional
-        Its name, where there are several.
+    sensor : str or sequence of str, optional
+        Its name, where there are several; or the names of those whose forces are added.
 
     Raises
     ------
@@ -94,11 +97,18 @@ def timed_forces(rows: Sequence[Mapping[str, Any]], sensor: str | None = None) -
     names = sorted({row["sensor"] for row in rows})
     if not names:
         raise InputError("readings", "holds no readings")
+    wanted = names if sensor is None else [sensor] if isinstance(sensor, str) else [*sensor]
     if sensor is None and len(names) != 1:
-        raise InputError("sensor", f"must be one of {', '.join(names)}")
-    if sensor is not None and sensor not in names:
-        raise InputError("sensor", f"must be one of {', '.join(names)}", sensor)
-    own = [row for row in rows if sensor in (None, row["sensor"])]
+        raise InputError("sensor", f"must be one of {', '.join(names)}, or several to be added")
+    for name in wanted:
+        if name not in names:
+            raise InputError("sensor", f"must be one of {', '.join(names)}", name)
+        if wanted.count(name) > 1:
+            raise InputError("sensor", "must not be named twice", name)
+    return _sum([_forces_of([row for row in rows if row["sensor"] == name]) for name in wanted])
+
+
+def _forces_of(own: Sequence[Mapping[str, Any]]) -> TimedForces:
     times = _column(own, "time_s")
     if not np.all(np.diff(times) > 0):
         first = times[1:][np.diff(times) <= 0][0]
@@ -112,6 +122,23 @@ def timed_forces(rows: Sequence[Mapping[str, Any]], sensor: str | None = None) -
         _column(own, "force_std_n"),
         touched,
         known & np.isfinite(force) & np.array([not row["flags"] for row in own]),
+    )
+
+
+def _sum(sensors: Sequence[TimedForces]) -> TimedForces:
+    """Sum of the forces of sensors that are read at the same times; errors are independent."""
+    first, *others = sensors
+    if not others:
+        return first
+    if not all(np.array_equal(first.time_s, other.time_s) for other in others):
+        raise InputError("readings", "must have the sensors that are added at the same times")
+    stds = [np.where(each.touched, each.force_std_n, 0.0) for each in sensors]
+    return TimedForces(
+        first.time_s,
+        np.sum([each.force_n for each in sensors], axis=0),
+        np.sqrt(np.sum(np.square(stds), axis=0)),
+        np.any([each.touched for each in sensors], axis=0),
+        np.all([each.clear for each in sensors], axis=0),
     )
 
 

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The paper's other published series: two sensors, distances and fingertips, as it measured them.
+
+Each is one of its figures as a table; nothing here is simulated.
+"""
+
+import numpy as np
+
+from .causes import FOLDER
+
+# Twice the paper's median force error of one sensor: what it expects of the sum, not a measurement.
+EXPECTED_SUM_N = 1.12
+# Where the fingertips pressed, and the distance within which the paper counts them as located.
+FINGERTIP_MM, WITHIN_MM = 60.0, 10.0
+
+
+def read_series(name):
+    """A published series as an array with named columns."""
+    return np.genfromtxt(FOLDER / f"{name}.csv", delimiter=",", names=True)
+
+
+def sum_errors_n():
+    """Errors of the sum of two sensors against one load cell; the last load has no estimate."""
+    rows = read_series("two_sensor")
+    errors = rows["est_sum_n"] - rows["load_cell_sum_n"]
+    return errors[np.isfinite(errors)]
+
+
+def located_share():
+    """Share of the fingertip presses in the bins within `WITHIN_MM` of where they pressed."""
+    rows = read_series("finger_histogram")
+    near = np.abs(rows["bin_left_mm"] + 5 - FINGERTIP_MM) < WITHIN_MM
+    return float(rows["probability"][near].sum())
+
+
+def series_lines():
+    """All of them as lines for a terminal."""
+    errors = np.abs(sum_errors_n())
+    beyond = np.count_nonzero(errors > EXPECTED_SUM_N)
+    yield "Two sensors pressed together, the sum of their forces against one load cell"
+    yield (
+        f"paper: median {np.median(errors):.2f} N, largest {errors.max():.2f} N, n = {len(errors)};"
+        f" {beyond} lie beyond the +-{EXPECTED_SUM_N} N that it expects (twice 0.56 N)"
+    )
+    yield "ours, simulated: gr-wiforce evaluate two_sensors"
+    yield ""
+    rows = read_series("finger_histogram")
+    bins = zip(rows["bin_left_mm"], rows["bin_right_mm"], rows["probability"], strict=True)
+    shown = ", ".join(f"{100 * p:.3g} % {low:g}-{high:g}" for low, high, p in bins if p)
+    yield f"Fingertips at {FINGERTIP_MM:g} mm and 2.4 GHz, where they were located (mm)"
+    yield f"paper: {shown}; {100 * located_share():.0f} % within {WITHIN_MM:g} mm"
+    yield "ours, simulated: gr-wiforce evaluate fingertip"
+    yield ""
+    snr, phase = read_series("distance_snr"), read_series("distance_phase_std")
+    yield "Distance from the receiver, 900 MHz, transmitter and receiver 4 m apart"
+    yield f"{'m':>5}{'paper: SNR (dB)':>20}{'phase std (deg)':>20}"
+    for level, std in zip(snr, phase, strict=True):
+        db = f"{level['snr_db']:.1f} +- {level['err_plus_db']:.1f}"
+        deg = f"{std['phase_std_deg']:.2f} +- {std['err_plus_deg']:.2f}"
+        yield f"{level['distance_from_rx_cm'] / 100:5.1f}{db:>20}{deg:>20}"
+    yield ""
