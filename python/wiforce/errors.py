@@ -10,8 +10,8 @@ from typing import Any
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 _MOST_CHARACTERS = 80  # of a value in a message
 _OWN = "gnuradio.wiforce"
-# Compiled modules that only a build with GNU Radio has.
-_MODULES_WITH_GNURADIO = (f"{_OWN}.wiforce_python", f"{_OWN}.wiforce_bench")
+# The compiled module that only a build with GNU Radio has.
+_MODULE_WITH_GNURADIO = f"{_OWN}.wiforce_python"
 
 
 class InputError(ValueError):
@@ -178,7 +178,7 @@ def gnuradio_rule(error: ImportError) -> str | None:
     if absent:
         module = f"gnuradio.{absent[1]}"
     if module == _OWN or module.startswith(f"{_OWN}."):
-        if module not in _MODULES_WITH_GNURADIO:
+        if module != _MODULE_WITH_GNURADIO:
             return None
     elif module.partition(".")[0] not in ("gnuradio", "pmt"):
         return None

@@ -57,7 +57,7 @@ def installed(tmp_path_factory):
     """A folder as pip fills it: without gnuradio/__init__.py and without the blocks."""
     site = tmp_path_factory.mktemp("site")
     package = Path(wiforce.__file__).parent
-    compiled = ("wiforce_python", "wiforce_bench", "__pycache__")
+    compiled = ("wiforce_python", "__pycache__")
     link_all(package, site / "gnuradio" / "wiforce", compiled)
     for command in ("wiforce_app", "software_n210"):
         (site / command).symlink_to(ROOT / "gr-wiforce" / command)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench``: benchmarks of the receiver, one module each.
 
-`report` prints their rows. `snapshots` is the channel without samples, for errors against the bound
-and at numerical extremes; `scenes` is whole scenes, for run time against error; `throughput` is the
-chains from samples to tones that are compared with stock blocks.
+`snapshots` is the channel without samples, for errors against the bound and at numerical extremes;
+`rooms` and `tradeoff_points` read whole scenes; `throughput` is the chains from samples to tones
+that are compared with stock blocks.
 """
 
 import click

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench accuracy``: phase errors of the estimators against the Cramer-Rao bound."""
 
-import dataclasses
-
 import click
 
 from ..shell.options import IntegerRange, worker_options
 from ..shell.progress import progress
+from ..shell.tables import Column, echo, table
 from ..shell.workers import run_tasks
-from .report import Column, echo, head_and_cells, text_table
-from .scenes.rooms import RoomRow, room_cases, room_table
+from .rooms import RoomCase, room_cases, room_table
 from .snapshots.cases import cases
 
 _QUICK_RUNS, _FULL_RUNS = 10, 40
@@ -55,7 +53,11 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
 
         check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
-    echo({"rows": [dataclasses.asdict(row) for row in rows]}, as_json, lambda: tables(rows))
+    rooms = {case.name for case in wanted if isinstance(case, RoomCase)}
+    own, of_rooms = ([r for r in rows if (r["case"] in rooms) is i] for i in (False, True))
+    parts = [lambda _: table(own, COLUMNS)] if own else []
+    parts += [lambda _: room_table(of_rooms)] if of_rooms else []
+    echo({"rows": rows}, as_json, *parts)
     if plot_path is not None:
         from .picture import plot_losses
 
@@ -63,44 +65,29 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
 
 
 def measure(wanted, runs, seed=1, jobs=None, scheduler=None):
-    """Run cases on all cores, or on a cluster.
+    """Run cases so often, unless they say otherwise; a row per case and estimator, in this order.
 
-    Returns list of montecarlo.Row or rooms.RoomRow: case by case, estimator by estimator.
-
-    Parameters
-    ----------
-    runs : int
-        Per case, unless the case says otherwise.
-    jobs : int, optional
-        Processes; one per core by default.
-    scheduler : str, optional
-        Address of a Dask scheduler.
+    Runs are spread over the cores, or over the cluster of a Dask scheduler.
     """
     # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
     tasks.sort(key=lambda task: -task[0].groups)
-    found = {case.name: [] for case in wanted}
+    results = {}
     with progress("measuring", len(tasks)) as step:
         for outcome in run_tasks(_work, tasks, jobs, scheduler):
-            name, run, result = outcome.get()
-            found[name].append((run, result))
+            case, run, _ = tasks[outcome.index]
+            results[case.name, run] = outcome.get()
             step(1)
-    rows = []
-    for case in wanted:
-        results = [result for _, result in sorted(found[case.name], key=lambda item: item[0])]
-        for estimator in case.estimators:
-            rows.append(case.summarise(estimator, [result[estimator] for result in results]))
-    return rows
+    return [
+        case.summarise(
+            estimator,
+            [results[case.name, run][estimator] for run in range(case.runs or runs)],
+        )
+        for case in wanted
+        for estimator in case.estimators
+    ]
 
 
 def _work(task):
     case, run, seed = task
-    return case.name, run, case.run(run, seed)
-
-
-def tables(rows):
-    """Rows of cases and of rooms as text; values of the ends are separated by slashes."""
-    of_rooms = [row for row in rows if isinstance(row, RoomRow)]
-    others = [dataclasses.asdict(row) for row in rows if not isinstance(row, RoomRow)]
-    parts = [text_table(*head_and_cells(others, COLUMNS))] if others else []
-    return "\n\n".join(parts + ([room_table(of_rooms)] if of_rooms else []))
+    return case.run(run, seed)

@@ -15,28 +15,10 @@ EMULATE = (sys.executable, "-c", RUN, "emulate")
 
 
 class DeviceProcess:
-    """A running software N210.
+    """A running software N210, with the arguments of ``gr-wiforce emulate``.
 
-    Parameters
-    ----------
-    *arguments : str or Path
-        Of ``gr-wiforce emulate``.
-    address : str, optional
-        Loopback address; a free one when not given.
-    command : sequence of str
-        What is run with these arguments.
-
-    Attributes
-    ----------
-    address : str
-    args : str
-        UHD device arguments that name it.
-    process : subprocess.Popen
-
-    Raises
-    ------
-    RuntimeError
-        When it does not start.
+    ``address`` is a loopback address, a free one when not given; ``args`` are the UHD device
+    arguments that name it. A RuntimeError says why it does not start.
     """
 
     def __init__(self, *arguments, address=None, command=EMULATE):

@@ -9,7 +9,7 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
-from .report import Column, echo, head_and_cells, text_table
+from ..shell.tables import Column, echo, table
 
 _BATCH, _SINGLE, _CHECKED, _RUNS = 20_000, 1000, 12, 7
 _NOISES_DEG = (0.2, 1.0)
@@ -48,7 +48,7 @@ def inversion(as_json, names, seed):
             for noise_deg in _NOISES_DEG:
                 rows.append(_measure(model, carrier, noise_deg, seed))
                 step(1)
-    echo({"rows": rows}, as_json, lambda: text_table(*head_and_cells(rows, COLUMNS)))
+    echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
 def _measure(model, carrier, noise_deg, seed):

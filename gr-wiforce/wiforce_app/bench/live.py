@@ -18,11 +18,10 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
-from ..shell.markdown import markdown_table
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
+from ..shell.tables import Column, echo, table
 from .device_process import RUN, DeviceProcess
-from .report import Column, echo, head_and_cells
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.
 _SETTINGS = {
@@ -86,7 +85,7 @@ def live(as_json, presses, latency, msps):
     with progress("pressing", len(rates) * presses) as step:
         for rate in rates:
             rows.append(_measure(rate, presses, latency, step))
-    echo(rows, as_json, lambda: markdown_table(*head_and_cells(rows, COLUMNS)))
+    echo(rows, as_json, lambda _: table(rows, COLUMNS))
 
 
 def scene_of(msps):
@@ -145,18 +144,11 @@ def _measure(msps, presses, latency, step):
 
 
 def delays_s(readings, sent, after_s):
-    """Delays of messages behind the samples that the device had sent.
+    """Delays of messages behind the sample ``after_s`` after the centre of their group, in s.
 
-    Returns ndarray: without the readings whose samples are not in ``sent``.
-
-    Parameters
-    ----------
-    readings : list of tuple of (float, float)
-        When a message arrived, and the device time at the centre of its group, in s.
-    sent : list of tuple of (float, float)
-        Device times up to which samples had been sent, rising, and when that was, in s.
-    after_s : float
-        The delay is counted from the sample so long after the centre.
+    ``readings`` are pairs of when a message arrived and the device time at that centre; ``sent``
+    are pairs of the device time up to which samples had been sent, rising, and when that was.
+    Readings whose samples are not in ``sent`` are left out.
     """
     delays = []
     for arrived_s, centre_s in readings:
@@ -241,10 +233,8 @@ def _live_reader(scene, device, latency):
 class _Messages:
     """Messages of a live reader as they arrive.
 
-    Attributes
-    ----------
-    readings : list of tuple of (float, float)
-        When each arrived, by `time.monotonic`, and the device time at the centre of its group.
+    ``readings`` are pairs of when each arrived, by `time.monotonic`, and the device time at the
+    centre of its group.
     """
 
     def __init__(self, port):

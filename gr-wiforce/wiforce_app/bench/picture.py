@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of the benchmarks: loss to the bound over SNR; run time against error; scaling."""
 
+from pathlib import Path
+
 import numpy as np
 from gnuradio.wiforce.io.palette import FAINT, INK, SERIES, series_style
 
 from ..shell.plots import legend_below, save_picture
-from .scenes.front import front
 from .snapshots.cases import ESTIMATORS
+from .tradeoff_points import front
 
 
 def plot_losses(rows, wanted, path):
-    """Plot the loss of every estimator over gamma, in a static and in a moving scene.
-
-    Parameters
-    ----------
-    wanted : sequence of Case
-        The cases of these rows; the static and the moving sweep are drawn.
-    """
+    """Plot the loss of every estimator over gamma, in the static and in the moving sweep."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(10, 5), layout="constrained")
@@ -29,19 +25,13 @@ def plot_losses(rows, wanted, path):
         chosen = [case for case in wanted if case.name.startswith(start)]
         gammas = [case.gamma_db for case in chosen]
         for color, estimator in enumerate(ESTIMATORS):
-            of_case = {row.case: row for row in rows if row.estimator == estimator}
-            losses = np.array([of_case[case.name].loss_db for case in chosen], float)
+            of_case = {row["case"]: row for row in rows if row["estimator"] == estimator}
+            losses = np.array([of_case[case.name]["loss_db"] for case in chosen], float)
             for end, style in ((0, "-o"), (1, "--s")):
                 if len(losses):
                     label = f"{estimator}, end {end + 1}"
-                    axis.plot(
-                        gammas,
-                        losses[:, end],
-                        style,
-                        ms=4,
-                        color=SERIES[color % len(SERIES)],
-                        label=label,
-                    )
+                    color_of = SERIES[color % len(SERIES)]
+                    axis.plot(gammas, losses[:, end], style, ms=4, color=color_of, label=label)
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("gamma = |a G|²/σ² per subcarrier and snapshot (dB)")
         axis.set_yscale("symlog", linthresh=2, subs=(2, 5))
@@ -55,15 +45,7 @@ def plot_losses(rows, wanted, path):
 
 
 def plot_tradeoffs(results, path):
-    """Plot phase and force errors of every setting over processor time, one panel per scene.
-
-    Parameters
-    ----------
-    results : sequence of dict
-        Of tradeoff_points.measure_scene.
-    """
-    from pathlib import Path
-
+    """Plot phase and force errors of every setting over processor time, one panel per scene."""
     from matplotlib.figure import Figure
 
     columns = min(4, len(results))
@@ -114,19 +96,11 @@ def _plot_tradeoff(axis, points):
     axis.grid(alpha=0.3)
 
 
-def plot_scaling(result, path):
-    """Plot the times of the receiver along each axis, both logarithmic, one panel per axis.
-
-    Parameters
-    ----------
-    result : dict
-        Of scaling.measure.
-    """
+def plot_scaling(result, path, labels):
+    """Plot the times of the receiver along each axis, both logarithmic, one panel per axis."""
     from matplotlib.figure import Figure
 
-    from .scaling import LABELS, QUANTITIES
-
-    by_axis = {axis: [] for axis in LABELS}
+    by_axis = {axis: [] for axis in labels}
     for row in result["rows"]:
         by_axis[row["setting"]["axis"]].append(row)
     drawn = [axis for axis, rows in by_axis.items() if rows]
@@ -135,7 +109,7 @@ def plot_scaling(result, path):
     powers = {(g["axis"], g["quantity"]): g["exponent"] for g in result["growth"]}
     for panel, axis in zip(panels, drawn, strict=False):
         x = [row["value"] for row in by_axis[axis]]
-        for number, quantity in enumerate(QUANTITIES):
+        for number, quantity in enumerate(_SCALING_NAMES):
             y = np.array([row[quantity] for row in by_axis[axis]])
             # All in milliseconds.
             y = y * {"start_s": 1e3, "group_us": 1e-3}.get(quantity, 1.0)
@@ -147,7 +121,7 @@ def plot_scaling(result, path):
         panel.set_yscale("log")
         panel.set_xticks(x, [f"{value:.0f}" for value in x])
         panel.set_xticks([], minor=True)
-        panel.set_xlabel(LABELS[axis])
+        panel.set_xlabel(labels[axis])
         panel.grid(alpha=0.3)
         panel.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     panels[0].set_ylabel("processor time (ms)")

@@ -1,43 +1,87 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench read``: the complete path from a capture's file to readings, timed."""
+"""``gr-wiforce bench read``: time from a capture's file to readings, and how it grows."""
 
+import json
 import os
+import platform
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
 import numpy as np
 import yaml
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..shell.markdown import markdown_table
 from ..shell.options import FiniteRange
 from ..shell.progress import progress
-from .report import Column, echo, head_and_cells
-from .scaling import AXES
-from .scaling import measure as scaling_of
-from .scaling import table as scaling_table
+from ..shell.tables import Column, echo, table
 
-# Clocks of up to eight tags, none of whose lines lies near one of another's. In the piece of signal
-# that is repeated all make whole cycles, so that a recording of any length has no break.
+# Clocks of up to eight tags, none of whose lines lies near one of another's.
 _CLOCKS_HZ = (1000.0, 1400.0, 1790.0, 820.0, 1180.0, 1610.0, 1930.0, 1100.0)
-_PIECE_FRAMES = 62_500  # 3.6 s
+# A piece of signal of this length holds whole frames, groups and, with clocks that are multiples of
+# 1 / 3.6 s, whole periods: repeated, it has no break.
+_PIECE_SAMPLES, _SAMPLE_RATE_HZ = 45_000_000, 12.5e6
+_PIECE_S = _PIECE_SAMPLES / _SAMPLE_RATE_HZ
 _SENSORS = (1, 2, 4, 8)
 _GROUP_LENGTHS = (63, 125, 625)
 _SINGLE_GROUPS = 200  # timed one by one
+# Groups that are read together along an axis. Recordings are read in batches of 256, but a piece of
+# long groups holds fewer, and all rows are to be alike. Each time is the median of so many.
+_BATCH, _REPEATS = 64, 5
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What a row measures; ``axis`` is the other key that changes along an axis, or empty."""
+
+    axis: str = ""
+    sensors: int = 2
+    snapshots: int = 625
+    frame_length: int = 720
+    symbol_length: int = 64
+
+    @property
+    def value(self):
+        """Along the axis; of frames, the snapshots per second."""
+        value = getattr(self, self.axis)
+        return _SAMPLE_RATE_HZ / value if self.axis == "frame_length" else value
+
+
+# The longest symbol is sent twice per frame; the frame is the same for all, so that only the
+# number of subcarriers changes.
+_SYMBOLS = Setting("symbol_length", snapshots=250, frame_length=9000)
+AXES = {
+    "sensors": [Setting("sensors", sensors=n) for n in (1, 2, 4, 8, 16)],
+    "snapshots": [Setting("snapshots", snapshots=n) for n in (125, 250, 625, 1250, 2500)],
+    "frame_length": [Setting("frame_length", frame_length=n) for n in (7200, 2880, 1440, 720, 360)],
+    "symbol_length": [replace(_SYMBOLS, symbol_length=n) for n in (16, 64, 256, 1024, 4096)],
+}
+LABELS = {
+    "sensors": "sensors",
+    "snapshots": "snapshots per group",
+    "frame_length": "snapshots per second",
+    "symbol_length": "samples per symbol",
+}
+QUANTITIES = {
+    "start_s": "start (s)",
+    "samples_ms": "samples (ms/s)",
+    "group_us": "groups (us/group)",
+    "groups_ms": "groups (ms/s)",
+}
 # Times are wall time of ``gr-wiforce read``, start-up included, processor time of all its threads,
 # processor time from samples to tones per second of signal, and processor time from tones to
 # readings per group, in batches and one group at a time.
@@ -51,6 +95,26 @@ COLUMNS = (
     Column("samples (ms/s)", "samples_ms", ".1f"),
     Column("batches (us/group)", "group_us", ".0f"),
     Column("single (us/group)", "single_us", ".0f"),
+)
+SCALING = (
+    Column("axis", "axis", LABELS.get),
+    Column("sensors", "sensors"),
+    Column("N_g", "snapshots"),
+    Column("snapshots/s", "frame_length", lambda n: f"{_SAMPLE_RATE_HZ / n:.0f}"),
+    Column("subcarriers", "subcarriers"),
+    Column("tones", "tones"),
+    Column("plan (s)", "plan_s", ".2f"),
+    Column(QUANTITIES["start_s"], "start_s", ".2f"),
+    Column(QUANTITIES["samples_ms"], "samples_ms", ".1f"),
+    Column(QUANTITIES["group_us"], "group_us", ".0f"),
+    Column(QUANTITIES["groups_ms"], "groups_ms", ".2f"),
+    Column("x real time", "real_time", ".1f"),
+)
+GROWTH = (
+    Column("along", "axis", LABELS.get),
+    Column("time", "quantity", QUANTITIES.get),
+    Column("exponent", "exponent", ".2f"),
+    Column("at the end", "at_end", ".2f"),
 )
 
 
@@ -93,53 +157,60 @@ def read(as_json, seconds, sensors, folder, scaling, axes, plot_path):
     if scaling:
         if seconds is not None or sensors:
             raise click.UsageError("--seconds and --sensors do not apply with --scaling")
-        _measure_scaling(as_json, folder, axes or list(AXES), plot_path)
+        _print_scaling(as_json, folder, axes or list(AXES), plot_path)
         return
     if axes or plot_path is not None:
         raise click.UsageError("--axis and --plot apply with --scaling only")
     seconds = 60.0 if seconds is None else seconds
-    rows = []
     counts = [int(count) for count in sensors] or _SENSORS
+    settings = [Setting("", count, snapshots) for count in counts for snapshots in _GROUP_LENGTHS]
+    rows = _rows(settings, folder, lambda *of: _read_row(*of, seconds))
+    echo(rows, as_json, lambda _: table(rows, COLUMNS))
+
+
+def _rows(settings, folder, measured):
+    """The row of each setting, except of those that the plan refuses."""
     with (
         tempfile.TemporaryDirectory(prefix="wiforce-read-", dir=folder) as place,
-        progress("measuring", len(counts) * len(_GROUP_LENGTHS)) as step,
+        progress("measuring", len(settings)) as step,
     ):
-        for count in counts:
-            capture = _record(Path(place), count, seconds)
-            for snapshots in _GROUP_LENGTHS:
-                row = _measure(capture, count, snapshots)
-                rows += [] if row is None else [row]
-                step(1)
-            for path in Path(place).iterdir():
-                path.unlink()
-    echo(rows, as_json, lambda: markdown_table(*head_and_cells(rows, COLUMNS)))
+        rows = []
+        for setting in settings:
+            row = measured(setting, Path(place))
+            rows += [] if row is None else [row]
+            step(1)
+    return rows
 
 
-def _measure_scaling(as_json, folder, axes, plot_path):
-    """Rows along each axis, and how they grow."""
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path)
-    result = scaling_of(axes, folder)
-    if plot_path is not None:
-        from .picture import plot_scaling
-
-        plot_scaling(result, plot_path)
-    echo(result, as_json, lambda: scaling_table(result))
-
-
-def scene_of(sensors, snapshots, duration_s=4.0):
+def scene_of(setting):
     """The scene of a row, as a mapping."""
-    names = [f"sensor{i + 1}" for i in range(sensors)]
+    names = [f"sensor{i + 1}" for i in range(setting.sensors)]
+    # Presses of the sensors in turns: the first one, the time between two, and how long each lasts.
+    turns, noted, clocks_hz = (0.8, 0.3, 0.5), {}, _CLOCKS_HZ
+    if setting.axis:
+        sounding = {"frame_length": setting.frame_length}
+        if setting.axis == "symbol_length":
+            sounding |= {"symbol_length": setting.symbol_length, "repetitions": 2}
+        room = {"moving_clutter_hz": 0, "mains_hz": None}
+        noted = {"sounding": sounding, "environment": room, "reference_s": 0.75}
+        # Groups of all lengths have the same recording, whose clocks the shortest can separate.
+        shortest = {"snapshots": min(s.snapshots for s in AXES[setting.axis])}
+        sensor = {"name": "any", "model": "line-900mhz", "clock_hz": 100}
+        proposed = clocks_for(
+            {**noted, "phase_group": shortest, "sensors": [sensor]}, setting.sensors
+        )
+        clocks_hz = [round(hz * _PIECE_S) / _PIECE_S for hz in proposed.clocks_hz]
+        share_s = (_PIECE_S - 1.0) / setting.sensors
+        turns = 1.0, share_s, 0.5 * share_s
     return {
-        "phase_group": {"snapshots": snapshots},
+        **noted,
+        "phase_group": {"snapshots": setting.snapshots},
         "sensors": [
             {"name": name, "model": "line-900mhz", "clock_hz": clock_hz}
-            for name, clock_hz in zip(names, _CLOCKS_HZ, strict=False)
+            for name, clock_hz in zip(names, clocks_hz, strict=False)
         ],
         "simulation": {
-            "duration_s": duration_s,
+            "duration_s": (_PIECE_SAMPLES + setting.frame_length / 2) / _SAMPLE_RATE_HZ,
             "seed": 1,
             "snr_db": 15,
             "static_clutter_db": 50,
@@ -148,12 +219,12 @@ def scene_of(sensors, snapshots, duration_s=4.0):
             "presses": [
                 {
                     "sensor": name,
-                    "start_s": 0.8 + 0.3 * i,
+                    "start_s": turns[0] + turns[1] * i,
                     "rise_s": 0.02,
-                    "hold_s": 0.5,
+                    "hold_s": turns[2],
                     "force_n": 4.0,
                     "end_force_n": 5.0,
-                    "location_mm": 30.0 + 3 * i,
+                    "location_mm": 30.0 + 2 * i,
                 }
                 for i, name in enumerate(names)
             ],
@@ -161,37 +232,45 @@ def scene_of(sensors, snapshots, duration_s=4.0):
     }
 
 
-def _record(folder, sensors, seconds):
-    """A capture of some sensors: a simulated piece, repeated."""
-    period_s = 720 / 12.5e6
-    scene = load_scene(scene_of(sensors, 625, (_PIECE_FRAMES + 0.5) * period_s))
-    capture = folder / "capture"
-    simulate(scene, capture)
+def _recorded(scene, folder, seconds=_PIECE_S):
+    """The capture of a scene, which the row before may have had as well: a piece, repeated."""
+    capture, made = folder / "capture", folder / "made.json"
+    # What is sent and received does not depend on the groups.
+    sent = json.dumps([scene.get("sounding"), scene["sensors"], scene["simulation"]])
+    if made.exists() and made.read_text(encoding="utf-8") == sent:
+        return capture
+    for path in folder.iterdir():
+        path.unlink()
+    simulate(load_scene(scene), capture)
     data = capture.with_suffix(".sigmf-data")
     piece = data.read_bytes()
-    pieces = int(np.ceil(seconds / (_PIECE_FRAMES * period_s)))
-    if len(piece) * pieces > shutil.disk_usage(folder).free:
+    pieces = int(np.ceil(seconds / _PIECE_S))
+    if len(piece) * (pieces - 1) > shutil.disk_usage(folder).free:
         rule = f"must leave room for recordings of {len(piece) * pieces / 1e9:.1f} GB"
         raise click.BadParameter(f"{rule}, got {seconds:g}", param_hint="--seconds")
     with open(data, "ab") as stream:
         for _ in range(pieces - 1):
             stream.write(piece)
+    made.write_text(sent, encoding="utf-8")
     return capture
 
 
-def _measure(capture, sensors, snapshots):
-    """The row of a capture read in groups of some length; None when the plan refuses it."""
+def _read_row(setting, folder, seconds):
+    """The row of a recording of some length; None when the plan refuses its groups."""
+    scene = scene_of(setting)
     try:
-        settings = plan(scene_of(sensors, snapshots))
+        settings = plan(scene)
     except InputError:
         return None
+    capture = _recorded(scene, folder, seconds)
     recording = open_capture(capture)
     signal_s = recording.span / recording.sample_rate_hz
-    read_s, cpu_s = _time_command(capture, sensors, snapshots)
-    samples_s, group_s, single_s = _time_stages(recording, settings)
+    read_s, cpu_s = _time_command(capture, scene)
+    samples_s, batches = _time_samples(recording, settings)
+    group_s, single_s = _time_batches(settings, batches)
     return {
-        "sensors": sensors,
-        "snapshots": snapshots,
+        "sensors": setting.sensors,
+        "snapshots": setting.snapshots,
         "tones": len(settings.table.tones),
         "signal_s": signal_s,
         "read_s": read_s,
@@ -203,12 +282,12 @@ def _measure(capture, sensors, snapshots):
     }
 
 
-def _time_command(capture, sensors, snapshots):
+def _time_command(capture, scene):
     """Wall and processor time of ``gr-wiforce read``."""
-    scene = capture.with_name("scene.yaml")
-    scene.write_text(yaml.safe_dump(scene_of(sensors, snapshots)), encoding="utf-8")
+    path = capture.with_name("scene.yaml")
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
     command = [sys.executable, "-c", "from wiforce_app.main import run; raise SystemExit(run())"]
-    command += ["read", str(capture), "--scene", str(scene), "-o", str(capture) + ".csv"]
+    command += ["read", str(capture), "--scene", str(path), "-o", str(capture) + ".csv"]
     # Users have the compiled files of a start before.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -219,26 +298,135 @@ def _time_command(capture, sensors, snapshots):
     return wall, sum(after[:2]) - sum(before[:2])
 
 
-def _time_stages(recording, settings):
-    """Processor time from samples to tones, and per group from tones to readings."""
-    source, batches = RecordingReader(recording, settings, 0).source, []
+def _time_samples(recording, settings, survey=True):
+    """Processor time from samples to tones, and these in the batches in which they are read."""
+    source, batches = RecordingReader(recording, settings, 0, survey=survey).source, []
     start = time.process_time()
     while len(groups := source.read()):
         batches.append(groups)
-    samples_s = time.process_time() - start
+    return time.process_time() - start, batches
+
+
+def _time_batches(settings, batches):
+    """Processor time per group from tones to readings, in batches and one by one."""
     receiver = Receiver(settings)
     if len(batches) == 1:  # of a short recording
         (whole,) = batches
         batches = [whole[: len(whole) // 2], whole[len(whole) // 2 :]]
-    started = batches.pop(0)  # clocks and reference are found once
-    receiver.process(started)
+    receiver.process(batches.pop(0))  # clocks and reference are found once
     groups = batches.pop() if len(batches) > 1 else batches[-1]
+    group_s = _time_groups(receiver, batches) / max(sum(map(len, batches)), 1)
+    single = [groups[i : i + 1] for i in range(min(len(groups), _SINGLE_GROUPS))]
+    return group_s, _time_groups(receiver, single) / len(single)
+
+
+def _time_groups(receiver, batches):
     start = time.process_time()
     for batch in batches:
         receiver.process(batch)
-    group_s = (time.process_time() - start) / max(sum(map(len, batches)), 1)
-    single = [groups[i : i + 1] for i in range(min(len(groups), _SINGLE_GROUPS))]
+    return time.process_time() - start
+
+
+def _print_scaling(as_json, folder, axes, plot_path):
+    """Rows along each axis, and how they grow."""
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path)
+    result = scaling_of(axes, folder)
+    if plot_path is not None:
+        from .picture import plot_scaling
+
+        plot_scaling(result, plot_path, LABELS)
+    parts = (
+        lambda _: "{processor}, {cores} cores, NumPy {numpy}".format(**result["machine"]),
+        lambda _: table([{**row, **row["setting"]} for row in result["rows"]], SCALING),
+        lambda _: table(result["growth"], GROWTH),
+    )
+    echo(result, as_json, *parts)
+
+
+def scaling_of(axes, folder=None):
+    """Rows along some of the AXES, and how they grow, with the machine that they depend on.
+
+    Recordings of up to 200 MB are made in the folder, the system's temporary one by default.
+    """
+    rows = _rows([setting for axis in axes for setting in AXES[axis]], folder, _scaling_row)
+    return {"machine": _machine(), "rows": rows, "growth": growth(rows)}
+
+
+def _machine():
+    """What the times depend on."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        model = next(line.split(":", 1)[1].strip() for line in lines if "model name" in line)
+    except (OSError, StopIteration):
+        model = platform.machine()
+    return {"processor": model, "cores": len(os.sched_getaffinity(0)), "numpy": np.__version__}
+
+
+def _scaling_row(setting, folder):
+    """The row of a setting along an axis."""
+    scene = scene_of(setting)
+    recording = open_capture(_recorded(scene, folder))
     start = time.process_time()
-    for group in single:
-        receiver.process(group)
-    return samples_s, group_s, (time.process_time() - start) / len(single)
+    settings = plan(scene)
+    plan_s = time.process_time() - start
+    start = time.process_time()
+    reader = RecordingReader(recording, settings, 0)
+    survey_s = time.process_time() - start
+    runs = [_time_samples(recording, reader.plan, survey=False) for _ in range(_REPEATS)]
+    samples_s = float(np.median([took for took, _ in runs]))
+    acquisition_s, group_s = _time_piece(reader.plan, Groups.concatenate(runs[-1][1]))
+    groups_s = group_s * _PIECE_S / reader.plan.group_period_s
+    return {
+        "setting": asdict(setting),
+        "value": setting.value,
+        "subcarriers": len(reader.plan.waveform.subcarriers),
+        "tones": len(reader.plan.table.tones),
+        "plan_s": plan_s,
+        "start_s": plan_s + survey_s + acquisition_s,
+        "samples_ms": 1e3 * samples_s / _PIECE_S,
+        "group_us": 1e6 * group_s,
+        "groups_ms": 1e3 * groups_s / _PIECE_S,
+        # Samples and groups run on a core each.
+        "real_time": _PIECE_S / max(samples_s, groups_s),
+    }
+
+
+def _time_piece(settings, piece):
+    """Processor time until clocks and reference are known, and of a group in a batch after this."""
+    receiver = Receiver(settings)
+    start = time.process_time()
+    first = 0
+    while not receiver.process(piece.having(index=piece.index + first)):
+        first += len(piece)
+    acquisition_s = time.process_time() - start
+    took, copies = [], -(-_BATCH // len(piece))
+    for _ in range(_REPEATS):
+        first += len(piece)
+        batch = [piece.having(index=piece.index + first + i * len(piece)) for i in range(copies)]
+        first += (copies - 1) * len(piece)
+        groups = Groups.concatenate(batch)
+        took.append(_time_groups(receiver, [groups]) / len(groups))
+    return acquisition_s, float(np.median(took))
+
+
+def growth(rows):
+    """Exponents of the times along each axis, by a straight line through all logarithms.
+
+    ``at_end`` is that of the last two points.
+    """
+    found = []
+    for axis in AXES:
+        own = [row for row in rows if row["setting"]["axis"] == axis]
+        if len(own) < 2:
+            continue
+        x = np.log([row["value"] for row in own])
+        for quantity in QUANTITIES:
+            y = np.log([row[quantity] for row in own])
+            slopes = {"exponent": np.polyfit(x, y, 1)[0], "at_end": (np.diff(y) / np.diff(x))[-1]}
+            # Without the sign of a zero.
+            powers = {name: round(float(slope), 2) + 0.0 for name, slope in slopes.items()}
+            found.append({"axis": axis, "quantity": quantity, **powers})
+    return found

@@ -10,9 +10,9 @@ import numpy as np
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 
-from ..shell.options import FiniteRange, IntegerRange
+from ..shell.options import IntegerRange
 from ..shell.progress import progress
-from .report import Column, echo, head_and_cells, text_table
+from ..shell.tables import Column, echo, table
 from .throughput.recording import tone_weights, write_recording
 from .throughput.workers import Row, Worker
 
@@ -27,16 +27,13 @@ _CHAINS = (
     ("file-fc32", 4, 1.0),
     ("file-sc16", 16, 1.0),
     ("file-sc16", 4, 1.0),
-    ("file-sc16-two", 16, 1.0),
     ("stock-tuned", 4, 1.0),
     ("stock-default", 4, 0.5),
     ("numpy", 4, 0.4),
     ("ceiling-file-source", 0, 1.0),
     ("ceiling-read", 0, 0.4),
-    ("ceiling-copy", 0, 0.2),
 )
 _SCENES = {"plan-still-one-tag": "demo", "plan-busy-two-tags": "two_sensors"}
-_PACKETS = (364, 4096, 65536)
 COLUMNS = (
     Column("row", "name"),
     Column("tones", "tones"),
@@ -71,20 +68,14 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
 @click.option(
     "--cpu-time", is_flag=True, help="Measure pinned rows in processor time, for a busy machine."
 )
-@click.option(
-    "--latency-seconds",
-    default=4.0,
-    type=FiniteRange(0.2),
-    help="Duration of the latency test per packet size.",
-)
-def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
-    """Measure samples per second of each chain and of stock blocks, and the latency of a stream.
+def speed(as_json, runs, megabytes, folder, only, cpu_time):
+    """Measure samples per second of each chain and of stock blocks.
 
     The tones of every run are compared with double precision. Rows run in turns, first pinned to
     one core, then free. Figures are medians with their 95 % interval; ratios are medians of the
     ratios within a turn.
     """
-    from .throughput.latency import measure_latency
+    from gnuradio import gr  # noqa: F401  of the chains, before the recording is made
 
     lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
@@ -94,10 +85,7 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
         rows = []
         for pinned in (True, False):
             rows += _measure(lines, recording, runs, pinned, cpu_time and pinned)
-        lengths = _lengths(recording, runs, cpu_time)
-    latency = [measure_latency(tone_weights(16), n, latency_seconds) for n in _PACKETS]
-    result = {"rows": rows, "lengths": lengths, "latency": latency}
-    echo(result, as_json, lambda: _table(result))
+    echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
 def _check_room(folder, size, megabytes):
@@ -168,23 +156,6 @@ def _run_in_turns(lines, recording, runs, pinned, clock):
             worker.close()
 
 
-def _lengths(recording, runs, cpu_time):
-    """The same chain on a recording and on its first tenth: time per sample and memory."""
-    shares = (0.1, 1.0)
-    lines = [Row("file-fc32", "file-fc32", tone_weights(16), share) for share in shares]
-    figures, peaks = _run_in_turns(lines, recording, runs, True, "cpu" if cpu_time else "wall")
-    return [
-        {
-            "name": line.name,
-            "tones": line.tones,
-            "megabytes": round(share * recording.samples * _FC32_BYTES / 1e6),
-            "msps": _median(values, 1),
-            "peak_memory_mb": round(peak, 1),
-        }
-        for line, share, values, peak in zip(lines, shares, figures, peaks, strict=True)
-    ]
-
-
 def _median(values, digits):
     return round(float(np.median(values)), digits)
 
@@ -194,20 +165,3 @@ def _interval(values):
     ordered, n = np.sort(values), len(values)
     reach = int(max(0, np.floor(n / 2 - 0.98 * np.sqrt(n))))
     return ordered[reach], ordered[n - 1 - reach]
-
-
-def _table(result):
-    lines = [text_table(*head_and_cells(result["rows"], COLUMNS))]
-    lines.append("")
-    for row in result["lengths"]:
-        lines.append(
-            f"{row['name']}, {row['megabytes']} MB: {row['msps']:.0f} Msps, "
-            f"{row['peak_memory_mb']:.0f} MB of memory"
-        )
-    lines.append("")
-    for row in result["latency"]:
-        lines.append(
-            f"packets of {row['packet']}: {row['median_ms']:.2f} ms after a group's last sample "
-            f"(95 %: {row['p95_ms']:.2f} ms), {max(0, 100 * row['core_share']):.0f} % of a core"
-        )
-    return "\n".join(lines)

@@ -2,20 +2,17 @@
 """``gr-wiforce bench stress``: worst errors at numerical extremes, and their causes."""
 
 import dataclasses
-from pathlib import Path
 
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
 from gnuradio.wiforce.sensor import load_sensor
 
-from ..shell.markdown import filled_page, markdown_table
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
-from .report import Column, echo, head_and_cells, text_table
+from ..shell.tables import Column, echo, table
 from .snapshots.cases import Case
 from .snapshots.stress_paths import WAVEFORM, read_case
 
@@ -49,8 +46,7 @@ COLUMNS = (
 @click.option("--search", default=60, type=IntegerRange(1), help="Trials of each search.")
 @click.option("--only", default="", help="Run only stresses whose name contains this.")
 @click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
-@click.option("--page", "page_path", type=click.Path(), help="Also write a Markdown page.")
-def stress(as_json, search, only, seed, page_path):
+def stress(as_json, search, only, seed):
     """Worst errors under strong clutter, extreme levels and nearly singular equations.
 
     Every path from samples to phases, in single and in double precision. Noise is 60 dB below the
@@ -58,8 +54,6 @@ def stress(as_json, search, only, seed, page_path):
     """
     from gnuradio import gr
 
-    if page_path is not None:
-        check_output(page_path)
     gr.logging().set_default_level(gr.log_levels.off)
     tasks = [task for task in tasks_of(search, seed) if only in task[0]]
     if not tasks:
@@ -71,9 +65,7 @@ def stress(as_json, search, only, seed, page_path):
         for name, function, arguments in tasks:
             rows.append(function(name, *arguments))
             step(1)
-    if page_path is not None:
-        Path(page_path).write_text(_page(rows, page_path), encoding="utf-8")
-    echo({"rows": rows}, as_json, lambda: text_table(*head_and_cells(rows, COLUMNS)))
+    echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
 def tasks_of(search, seed):
@@ -110,27 +102,18 @@ def _case(name, **changes):
 
 
 def _row(name, path, outcome, limit, cause):
-    return _limited(
-        name, path, outcome.worst_deg, "deg", limit, outcome.undetected_deg, outcome.discarded,
-        outcome.not_finite, cause,
-    )  # fmt: skip
+    values = outcome.worst_deg, "deg", limit, outcome.undetected_deg, outcome.discarded
+    return _limited(name, path, *values, outcome.not_finite, cause)
 
 
-def _limited(stress, path, worst, unit, limit, undetected, discarded, not_finite, cause):
+_KEYS = ("worst", "unit", "limit", "undetected", "discarded", "not_finite", "cause")
+
+
+def _limited(stress, path, *values):
     """A row, and whether it is within its limit and hides nothing."""
-    row = {
-        "stress": stress,
-        "path": path,
-        "worst": worst,
-        "unit": unit,
-        "limit": limit,
-        "undetected": undetected,
-        "discarded": discarded,
-        "not_finite": not_finite,
-        "cause": cause,
-    }
-    within = limit is None or worst <= limit
-    return {**row, "good": within and undetected == 0 and not_finite == 0}
+    row = {"stress": stress, "path": path, **dict(zip(_KEYS, values, strict=True))}
+    within = row["limit"] is None or row["worst"] <= row["limit"]
+    return {**row, "good": within and row["undetected"] == 0 and row["not_finite"] == 0}
 
 
 def _clutter(name, path, clutter_db, limit):
@@ -313,12 +296,3 @@ def _inversion(name, path, sensor, seed):
 # Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
 # Errors below _LEAST_N newtons are ignored.
 _BEYOND_3_STD, _LEAST_N = 1.0, 0.02
-
-
-def _page(rows, page_path):
-    shown = [{**row, "worst": f"{row['worst']:.2g} {row['unit']}"} for row in rows]
-    columns = [column for column in COLUMNS if column.title]
-    columns[2] = Column("worst", "worst")
-    command = f"gr-wiforce bench stress --page {page_path}"
-    table = markdown_table(*head_and_cells(shown, columns))
-    return filled_page(Path(__file__).with_suffix(".md"), command=command, table=table)

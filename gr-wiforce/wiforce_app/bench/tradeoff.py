@@ -7,12 +7,10 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.text.textfile import check_output
 
-from ..shell.markdown import filled_page, markdown_table
 from ..shell.progress import progress
-from .report import Column, echo, head_and_cells
-from .scenes.front import beat_the_plan, front
+from ..shell.tables import Column, echo, table, table_of_cells
+from .tradeoff_points import beat_the_plan, front, measure_scene
 
 _RUNS, _QUICK_RUNS = 2, 1
 
@@ -30,8 +28,7 @@ _RUNS, _QUICK_RUNS = 2, 1
 )
 @click.option("--fresh", is_flag=True, help="Measure everything again.")
 @click.option("--plot", "plot_path", type=click.Path(), help="Write a picture of all scenes (PNG).")
-@click.option("--page", "page_path", type=click.Path(), help="Also write a Markdown page.")
-def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
+def tradeoff(scenes, as_json, quick, folder, fresh, plot_path):
     """Compare processor time with phase and force error for SCENES (default: all shipped).
 
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
@@ -54,8 +51,6 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
         from ..shell.plots import check_picture
 
         check_picture(plot_path, inputs)
-    if page_path is not None:
-        check_output(page_path, inputs)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results = {
@@ -72,27 +67,26 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
         from .picture import plot_tradeoffs
 
         plot_tradeoffs(results, plot_path)
-    if page_path is not None:
-        page = _page(results, scenes, quick, plot_path, page_path)
-        Path(page_path).write_text(page, encoding="utf-8")
-    parts = (table, verdicts, room_table, skip_table)
-    echo({"scenes": results}, as_json, lambda: "\n\n".join(part(results) for part in parts))
+    parts = (points_table, verdicts, room_table, skip_table)
+    echo({"scenes": results}, as_json, *(lambda _, part=part: part(results) for part in parts))
 
 
 def _measured(name, folder, runs):
     """A scene's result, from a process of its own: memory and caches are as for any other."""
-    from .scenes.tradeoff_points import measure_scene
-
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(measure_scene, name, folder, runs).result()
+
+
+def _ms(seconds):
+    return f"{1e3 * seconds:.1f}"
 
 
 COLUMNS = (
     Column("scene", "scene"),
     Column("setting", "setting"),
-    Column("ms per s", "cpu_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
-    Column("samples", "samples_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
-    Column("groups", "groups_s_per_s", lambda seconds: f"{1e3 * seconds:.1f}"),
+    Column("ms per s", "cpu_s_per_s", _ms),
+    Column("samples", "samples_s_per_s", _ms),
+    Column("groups", "groups_s_per_s", _ms),
     Column("readings/s", "readings_per_s", ".0f"),
     Column("phase (deg)", "phase_deg", ".3g"),
     Column("bound", "bound_deg", ".3g"),
@@ -102,8 +96,8 @@ COLUMNS = (
 )
 
 
-def table(results):
-    """Markdown: a row per scene and setting with median errors and processor time in ms."""
+def points_table(results):
+    """A row per scene and setting with median errors and processor time in ms."""
     rows = []
     for result in results:
         points = result["points"]
@@ -112,7 +106,7 @@ def table(results):
             name = Path(result["scene"]).stem if point["setting"] == "plan" else ""
             shown = "yes" if point["setting"] in kept else ""
             rows.append({**point, "scene": name, "front": shown})
-    return markdown_table(*head_and_cells(rows, COLUMNS))
+    return table(rows, COLUMNS)
 
 
 def verdicts(results):
@@ -135,61 +129,35 @@ _ROOM_HEAD = (
 
 
 def room_table(results):
-    """Markdown: what the survey of each room adds and skips, and its processor time."""
+    """What the survey of each room adds and skips, and its processor time."""
     rows = []
     for result in results:
         room, signal_s = result["room"], result["signal_s"]
         if room is None:
             continue
-        skipped = [
-            f"{name}: {1e3 * room['saved_s'][name] / signal_s:.1f}"
-            if name in room["saved_s"]
-            else name
-            for name in room["skipped"]
-        ]
+        saved = {name: f": {_ms(took / signal_s)}" for name, took in room["saved_s"].items()}
         before, after = room["tones"]
         rows.append(
             [
                 Path(result["scene"]).stem,
                 "; ".join(room["added"]) or "nothing",
-                "; ".join(skipped),
+                "; ".join(name + saved.get(name, "") for name in room["skipped"]),
                 f"{before}" if before == after else f"{before} -> {after}",
                 f"{1e3 * room['survey_s']:.0f}",
-                f"{1e3 * room['plain_s'] / signal_s:.1f}",
-                f"{1e3 * room['surveyed_s'] / signal_s:.1f}",
+                _ms(room["plain_s"] / signal_s),
+                _ms(room["surveyed_s"] / signal_s),
                 *("" if value is None else f"{value:.3g}" for value in room["phase_deg"]),
             ]
         )
-    return markdown_table(_ROOM_HEAD, rows)
+    return table_of_cells(_ROOM_HEAD, rows)
 
 
 def skip_table(results):
-    """Markdown: processor time in ms per second of signal that each skipped step saves."""
+    """Processor time in ms per second of signal that each skipped step saves."""
     names = list(dict.fromkeys(name for result in results for name in result["skips"]))
     rows = []
     for result in results:
         times = [result["skips"].get(name) for name in names]
         shown = ["" if t is None else f"{1e3 * t:.2g}" for t in times]
         rows.append([Path(result["scene"]).stem, *shown])
-    return markdown_table(["scene", *names], rows)
-
-
-def _page(results, scenes, quick, plot_path, page_path):
-    command = " ".join(["gr-wiforce bench tradeoff", *scenes, *(["--quick"] if quick else [])])
-    command += f" --plot {plot_path}" if plot_path else ""
-    picture = "" if plot_path is None else f"![Run time against error]({_beside(plot_path)})\n\n"
-    return filled_page(
-        Path(__file__).with_suffix(".md"),
-        command=f"{command} --page {page_path}",
-        picture=picture,
-        table=table(results),
-        verdicts=verdicts(results),
-        rooms=room_table(results),
-        skips=skip_table(results),
-    )
-
-
-def _beside(plot_path):
-    """The picture as a page in docs/ names it."""
-    path = Path(plot_path)
-    return f"{path.parent.name}/{path.name}" if path.parent.name == "images" else path.name
+    return table_of_cells(["scene", *names], rows)

@@ -3,11 +3,12 @@
 
 import platform
 from pathlib import Path
+from string import Template
 
 import numpy as np
 from gnuradio.wiforce._config import VERSION
 
-from ..shell.markdown import filled_page, markdown_table
+from ..shell.tables import table_of_cells
 from .checks import BETTER, CHECKS_HEAD, NEAR, WITHIN, checks, fitted_figure
 from .error_summary import figure_text
 from .pictures import plot_distances, plot_scene
@@ -50,7 +51,7 @@ def table(results, figures):
             rows.append(
                 [name, "sum", "ours", *[""] * 2, figure_text(result["sum"]), *[""] * 4, claim]
             )
-    return markdown_table(_HEAD, rows)
+    return table_of_cells(_HEAD, rows)
 
 
 _CAUSE_HEAD = (
@@ -84,7 +85,7 @@ def cause_table(results, figures):
             theirs = f"{figure_text(found['paper'][key])} {unit}"
             rows.append([*first, cause, theirs, *ours, f"{found['flagged']} of {found['read']}"])
         rows.append(["", "", "range of ours", "", *(_range(causes, k) for k in _OURS), ""])
-    return markdown_table(_CAUSE_HEAD, rows) if rows else ""
+    return table_of_cells(_CAUSE_HEAD, rows) if rows else ""
 
 
 def _range(causes, key):
@@ -137,8 +138,8 @@ def write_report(results, folder, figures):
         name = Path(result["scene"]).stem
         plot_scene(result, folder / f"{name}.png")
         sections.append(_section(name, result, figures.get(name, {})))
-    page = filled_page(
-        Path(__file__).with_suffix(".md"),
+    template = Template(Path(__file__).with_suffix(".md").read_text(encoding="utf-8"))
+    page = template.substitute(
         command=f"gr-wiforce evaluate {names}",
         version=VERSION,
         python=platform.python_version(),
@@ -148,7 +149,7 @@ def write_report(results, folder, figures):
         better=f"{BETTER:g}",
         near=f"{NEAR:g}",
         within=f"{100 * WITHIN:g}",
-        checks=markdown_table(CHECKS_HEAD, held),
+        checks=table_of_cells(CHECKS_HEAD, held),
         causes=_CAUSES + causes + "\n\n" if (causes := cause_table(results, figures)) else "",
         distance=_DISTANCE if plot_distances(results, folder, figures) else "",
         sections="\n".join(sections),

@@ -12,9 +12,8 @@ from command_runs import run_command
 from gnuradio.wiforce.planning.room.report import NOISE_WEIGHTS, UNLISTED_TAGS
 from wiforce_app.bench import accuracy
 from wiforce_app.bench.picture import plot_losses
-from wiforce_app.bench.scenes.rooms import RoomCase, room_cases, room_table
-from wiforce_app.bench.snapshots.cases import Case, cases
-from wiforce_app.bench.snapshots.montecarlo import RunResult, run_case, summarise
+from wiforce_app.bench.rooms import RoomCase, room_cases, room_table
+from wiforce_app.bench.snapshots.cases import Case, RunResult, cases, run_case, summarise
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 
@@ -29,18 +28,18 @@ def test_a_row_is_the_mean_over_runs_of_errors_against_their_own_bound():
     runs = [a_run(rng.standard_normal((50, 2)) * b, b, b) for b in (0.1, 1.0, 0.3)]
     row = summarise(SHORT, "harmonic", runs)
     relative = [np.mean((run.errors_deg / run.bound_deg[0]) ** 2, axis=0) for run in runs]
-    assert row.loss_db == pytest.approx(10 * np.log10(np.mean(relative, axis=0)))
-    assert row.n == 150 and row.unread == 3 and row.seconds_per_second == 0.05
+    assert row["loss_db"] == pytest.approx(10 * np.log10(np.mean(relative, axis=0)))
+    assert row["n"] == 150 and row["unread"] == 3 and row["seconds_per_second"] == 0.05
     everything = np.concatenate([run.errors_deg for run in runs])
-    assert row.bias_deg == pytest.approx(everything.mean(axis=0))
-    assert row.rms_deg == pytest.approx(np.sqrt((everything**2).mean(axis=0)))
-    for loss, (low, high) in zip(row.loss_db, row.loss_interval_db, strict=True):
+    assert row["bias_deg"] == pytest.approx(everything.mean(axis=0))
+    assert row["rms_deg"] == pytest.approx(np.sqrt((everything**2).mean(axis=0)))
+    for loss, (low, high) in zip(row["loss_db"], row["loss_interval_db"], strict=True):
         assert low < loss < high and abs(loss) < 1.0
 
 
 def test_what_was_never_read_gives_a_row_without_numbers():
     row = summarise(SHORT, "harmonic", [a_run([])])
-    assert row.n == 0 and row.unread == 1 and row.rms_deg == [None, None]
+    assert row["n"] == 0 and row["unread"] == 1 and row["rms_deg"] == [None, None]
 
 
 def test_runs_repeat_and_differ_from_one_another():
@@ -92,15 +91,15 @@ def test_room_row_compares_readings_with_and_without_survey(room):
     """The survey must show what it gains, or nobody knows whether a room needs it."""
     surveyed, plain = room
     # Thirteen readings share one reference, so that the loss scatters by some decibels.
-    assert max(surveyed.loss_db) < 5 and max(plain.loss_db) > 10, (surveyed, plain)
-    assert surveyed.n == plain.n >= 12 and surveyed.wrong == 0
-    assert surveyed.seconds_per_second > plain.seconds_per_second > 0
+    assert max(surveyed["loss_db"]) < 5 and max(plain["loss_db"]) > 10, (surveyed, plain)
+    assert surveyed["n"] == plain["n"] >= 12 and surveyed["wrong"] == 0
+    assert surveyed["seconds_per_second"] > plain["seconds_per_second"] > 0
 
 
 def test_room_row_states_what_survey_added_and_skipped(room):
     surveyed, plain = room
-    assert surveyed.added == ["adds the tag"] and UNLISTED_TAGS not in surveyed.skipped
-    assert plain.added == [] and UNLISTED_TAGS in plain.skipped
+    assert surveyed["added"] == ["adds the tag"] and UNLISTED_TAGS not in surveyed["skipped"]
+    assert plain["added"] == [] and UNLISTED_TAGS in plain["skipped"]
     text = room_table(room)
     assert "added: adds the tag" in text and f"skipped: {NOISE_WEIGHTS}" in text
 

@@ -40,9 +40,8 @@ def test_every_chain_gives_the_tones_of_the_plain_reference(recording, name):
     made = CHAINS[name](recording, weights)
     made.run()
     reference = reference_tones(recording, weights)
-    assert len(made.tones) == (2 if name.endswith("two") else 1)
-    for tones in made.tones:
-        _check(tones, reference)
+    (tones,) = made.tones
+    _check(tones, reference)
 
 
 def test_tones_that_are_off_are_refused(recording):
@@ -72,8 +71,8 @@ def test_the_interval_holds_the_median():
 
 
 @pytest.mark.long
-def test_rows_and_latency_as_json():
-    command = "gr-wiforce bench speed --json --runs 3 --megabytes 20 --latency-seconds 0.2"
+def test_rows_as_json():
+    command = "gr-wiforce bench speed --json --runs 3 --megabytes 20"
     done = subprocess.run(
         [*command.split(), "--only", "file-sc16"], capture_output=True, text=True, timeout=110
     )
@@ -90,5 +89,3 @@ def test_rows_and_latency_as_json():
     for pinned in (True, False):
         assert by_name["stock-tuned", pinned]["over_stock_tuned"] == 1
         assert by_name["ceiling-read", pinned]["of_read_bandwidth"] == 1
-    assert [row["packet"] for row in result["latency"]] == [364, 4096, 65536]
-    assert [row["name"] for row in result["lengths"]] == ["file-fc32"] * 2

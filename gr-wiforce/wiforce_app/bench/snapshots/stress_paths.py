@@ -10,8 +10,8 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
+from .cases import air_of, errors_of, plan_of
 from .chain import SnapshotChain
-from .montecarlo import air_of, errors_of, plan_of
 
 WAVEFORM = sounding_waveform()
 _NOTHING_DEG = 0.02
@@ -20,15 +20,9 @@ PATHS = ("double", "file-fc32", "stream-fc32", "stream-sc16", "block by block", 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Touched groups of one run.
+    """Touched groups of one run: errors and stated std (n, 2S), and the number without a reading.
 
-    Attributes
-    ----------
-    errors_deg, std_deg : ndarray, shape (n, 2S)
-    unread : int
-        Groups that were reported as not readable.
-    not_finite : int
-        Values that are not finite although they are reported as valid.
+    ``not_finite`` counts values that are not finite although they are reported as valid.
     """
 
     errors_deg: np.ndarray
@@ -56,20 +50,10 @@ class Outcome:
 
 
 def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0):
-    """One run of a case by one path.
+    """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
 
-    Parameters
-    ----------
-    case : cases.Case
-        Its reference groups come first, then its touched groups.
-    path : str
-        Of :data:`PATHS`.
-    indices : sequence of int, optional
-        Index of every group, increasing; 0, 1, ... by default.
-    scale : callable, optional
-        Takes the number of a group; gives a factor for its samples.
-    hurt : callable, optional
-        Takes the number of a group and its H (N, K), which it may change.
+    ``indices`` are those of the groups, increasing. ``scale`` gives a factor for the samples of
+    a numbered group, and ``hurt`` may change its H (N, K).
     """
     air, tags, _ = air_of(case, run)
     settings = plan_of(case, "harmonic")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``bench speed`` is made of: the recording, the chains, their runs, and latency."""
+"""What ``bench speed`` is made of: the recording, the chains, and their runs."""

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The chains that are compared. Each makes a function that runs it once, and its tones."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
-from gnuradio.wiforce.wiforce_kernels import tone_reader
+from gnuradio.wiforce.blocks.chain.group_block import GroupBlock
+from gnuradio.wiforce.blocks.reading.group_reader import snapshot_group
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.wiforce_kernels import tone_reader, tone_transform
 
 from .recording import GROUP_LENGTH, WAVEFORM
-from .stream import ToneSink, collected_groups
 
 # Rows of the bench by name: what makes the chain, and its settings.
 CHAINS = {}
@@ -73,6 +73,27 @@ def sample_type(recording, item_type):
     return str(recording.fc32), 8, "cf32_le"
 
 
+class ToneSink(GroupBlock):
+    """Computes the tones (M, 64) of complete groups as the Reader does, without reading them.
+
+    The Reader's own block surveys and reads the groups as well, which ``bench read`` measures.
+    """
+
+    def __init__(self, weights):
+        GroupBlock.__init__(self, "tone_sink", GROUP_LENGTH * WAVEFORM.symbol_length, outputs=0)
+        bins = range(WAVEFORM.symbol_length)
+        self._kernel = tone_transform(weights, WAVEFORM.equalizer(), np.zeros(0), bins)
+        self.tones = []
+
+    def take(self, items, tags):
+        for item, own in zip(items, tags, strict=True):
+            group = snapshot_group(item, own)
+            if not group.kept.all():
+                raise ValueError("a group of this stream is complete and without interference")
+            self.tones.append(self._kernel.transform(group.folded))
+        return len(items), Groups(np.zeros(0, np.int64))
+
+
 class StreamedTones:
     """A flowgraph of blocks in a row, of which the last one keeps the tones."""
 
@@ -97,24 +118,20 @@ def stream(recording, weights, item_type):
     """Folding and tones as the Reader computes them, behind a file source."""
     path, size, _ = sample_type(recording, item_type)
     source = blocks.file_source(size, path, False, 0, recording.samples)
-    return StreamedTones(source, collected_groups(item_type), ToneSink(weights))
+    collected = wiforce.preamble_fold.collected(
+        GROUP_LENGTH, WAVEFORM.frame_length, item_type=item_type
+    )
+    return StreamedTones(source, collected, ToneSink(weights))
 
 
 def kernel_blocks(
     order, weights, group_length, waveform=WAVEFORM, item_type="fc32", folded=False, rotation=None
 ):
-    """Blocks from samples to the channel at each tone.
+    """Blocks from samples to the channel at each tone of weights (M, group_length).
 
-    Parameters
-    ----------
-    order : str
-        ``tones first``, ``block by block`` (snapshots in between) or ``channel first`` (the channel
-        of each snapshot in between).
-    weights : ndarray, shape (M, group_length)
-    folded : bool
-        Whether the source gives snapshots, as a recording source does.
-    rotation : ndarray, shape (M, symbol), optional
-        By which tones are derotated within a symbol.
+    ``order`` is ``tones first``, ``block by block`` (snapshots in between) or ``channel first``
+    (the channel of each snapshot in between); a ``folded`` source gives snapshots, as a recording
+    source does; by ``rotation`` (M, symbol) tones are derotated within a symbol.
     """
     frame = {**waveform.folding, "item_type": item_type}
     group = {"weights": weights, "group_length": group_length}
@@ -139,37 +156,29 @@ def separate_blocks(recording, weights):
     return flowgraph
 
 
+@chain("file-fc32", item_type="fc32")
+@chain("file-sc16", item_type="sc16")
 class RecordedTones:
-    """Whole recordings read without a flowgraph, each in a thread of its own."""
+    """A whole recording read without a flowgraph."""
 
-    def __init__(self, recording, weights, item_type, captures=1):
+    def __init__(self, recording, weights, item_type):
         path, _, datatype = sample_type(recording, item_type)
         shape = WAVEFORM.frame_length, WAVEFORM.first_averaged, WAVEFORM.repetitions
-        segments = [(0, 0, recording.samples)]
         length = WAVEFORM.symbol_length
         group = weights, WAVEFORM.equalizer(), [], range(length)
+        segments = [(0, 0, recording.samples)]
         self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, length, *group)
-        self._captures = captures
         self.tones = []
 
     def run(self):
-        with ThreadPoolExecutor(self._captures) as threads:
-            reads = [threads.submit(self._read) for _ in range(self._captures)]
-        self.tones = [read.result() for read in reads]
-
-    def _read(self):
         reader, batches = self._open(), []
         while len(batch := reader.read(_GROUPS_PER_BATCH)["tones"]):
             batches.append(batch)
-        return np.concatenate(batches)
+        self.tones = [np.concatenate(batches)]
 
 
 # Larger batches are no faster.
 _GROUPS_PER_BATCH = 256
-
-chain("file-fc32", item_type="fc32")(RecordedTones)
-chain("file-sc16", item_type="sc16")(RecordedTones)
-chain("file-sc16-two", item_type="sc16", captures=2)(RecordedTones)
 
 
 @chain("stock-default", tuned=False)
@@ -251,16 +260,4 @@ class MemoryRead:
         self._words.max()
 
 
-class MemoryCopy(MemoryRead):
-    """Every byte of the samples copied to other memory."""
-
-    def __init__(self, recording, weights):
-        super().__init__(recording, weights)
-        self._copy = self._words.copy()
-
-    def run(self):
-        np.copyto(self._copy, self._words)
-
-
 CHAINS["ceiling-read"] = MemoryRead
-CHAINS["ceiling-copy"] = MemoryCopy

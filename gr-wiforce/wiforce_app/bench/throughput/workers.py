@@ -18,16 +18,9 @@ TOLERANCE = 1e-5
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the bench.
+    """A line of the bench: a chain of ``chains.CHAINS`` with its weights (M, 625).
 
-    Attributes
-    ----------
-    name : str
-    chain : str
-        Of ``chains.CHAINS``.
-    weights : ndarray, shape (M, 625)
-    share : float
-        Part of the recording that is read: slow chains need not read it all.
+    ``share`` is the part of the recording that is read: slow chains need not read it all.
     """
 
     name: str
@@ -51,10 +44,7 @@ class Worker:
     def run(self, clock):
         """Msps of one run by the ``wall`` or the ``cpu`` clock.
 
-        Raises
-        ------
-        RuntimeError
-            When the chain failed or its tones are wrong.
+        A RuntimeError names the row when the chain failed or its tones are wrong.
         """
         try:
             return self._pool.submit(_run, clock).result()

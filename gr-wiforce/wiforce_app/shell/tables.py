@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of a benchmark as a table for people or as JSON for programs."""
+"""Rows of results as aligned tables in Markdown, which a terminal shows as well, or as JSON."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,21 +31,21 @@ class Column:
         return format(value, self.form) if isinstance(self.form, str) else self.form(value)
 
 
-def head_and_cells(
-    rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]
-) -> tuple[list[str], list[list[str]]]:
-    """Titles, and the cells of each row, as both kinds of tables take them."""
-    titles = [column.title for column in columns]
-    return titles, [[column.text(row) for column in columns] for row in rows]
+def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
+    """Rows as a table."""
+    return table_of_cells(
+        [column.title for column in columns],
+        [[column.text(row) for column in columns] for row in rows],
+    )
 
 
-def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Rows as text, one line each, with aligned columns."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = ("  ".join(map(str.ljust, cells, widths)).rstrip() for cells in (head, *rows))
-    return "\n".join(lines)
+def table_of_cells(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Titles and the texts of each row as a table."""
+    widths = [max(3, *map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = [head, ["-" * width for width in widths], *rows]
+    return "\n".join(f"| {' | '.join(map(str.ljust, cells, widths))} |" for cells in lines)
 
 
-def echo(result: Any, as_json: bool, table: Callable[[], str]) -> None:
-    """Print a result as JSON, or as the table that is made of it."""
-    click.echo(json.dumps(result, indent=1) if as_json else table())
+def echo(result: Any, as_json: bool, *tables: Callable[[Any], str]) -> None:
+    """Print a result as JSON, or as the tables that functions make of it."""
+    click.echo(json.dumps(result, indent=1) if as_json else "\n\n".join(t(result) for t in tables))
