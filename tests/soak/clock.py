@@ -49,7 +49,7 @@ class PlayedTime:
             Called with the RunHealth of each run.
         """
         from gnuradio.wiforce.blocks.samples import resumed_time, sample_receiver
-        from gnuradio.wiforce.io.files import rotation
+        from gnuradio.wiforce.io.files import writers
         from wiforce_app.live import health, live, monitor, radio_keeper, service_report, session
 
         for module in (resumed_time, sample_receiver, session, health):
@@ -65,6 +65,6 @@ class PlayedTime:
         radio_keeper.RadioKeeper = partial(radio_keeper.RadioKeeper, link=link, now=self.monotonic)
         monitor.SessionMonitor = partial(monitor.SessionMonitor, now=self.monotonic)
         service_report.ServiceReport = partial(service_report.ServiceReport, now=self.monotonic)
-        rotation.RotatingWriter = partial(rotation.RotatingWriter, now=self.time)
+        writers.RotatingWriter = partial(writers.RotatingWriter, now=self.time)
         # These pauses are in the time of the machine.
         live._LOOK_S = health._LOOK_S = 0.03

@@ -8,8 +8,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
-from gnuradio.wiforce.io.text.csv_cells import cell_number
-from gnuradio.wiforce.io.text.textfile import read_csv
+from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.touch_test import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg

@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from datetime import datetime, timezone
 
-from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.utc import written_utc
+from gnuradio.wiforce.io.readings import Reading, written_utc
 from gnuradio.wiforce.press.sensor_state import RETUNED
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import recording_stem
-from gnuradio.wiforce.io.files.rotation import Rotation, open_rotating
+from gnuradio.wiforce.io.files.writers import Rotation, open_rotating
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of, is_loopback

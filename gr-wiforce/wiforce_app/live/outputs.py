@@ -6,8 +6,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.io.files.rotation import RotatingWriter
-from gnuradio.wiforce.io.files.writers import ReadingsWriter
+from gnuradio.wiforce.io.files.writers import ReadingsWriter, RotatingWriter
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.readings import Reading

@@ -6,7 +6,7 @@ import json
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
-from gnuradio.wiforce.io.network.zmq_request import request
+from gnuradio.wiforce.io.network.zmq_sockets import request
 
 from ..shell.options import FiniteRange, client_keys
 

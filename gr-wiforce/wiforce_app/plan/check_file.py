@@ -6,7 +6,7 @@ from pathlib import Path
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.capture.samples import likely_datatype
-from gnuradio.wiforce.io.csi_tools.formats import tool_of
+from gnuradio.wiforce.io.csi_tools import tool_of
 
 from ..read.recordings import SAMPLES_ONLY, open_recording
 from ..shell.options import refuse

@@ -15,7 +15,7 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
     phase_std_deg,
     snapshot_snr_db,
 )
-from gnuradio.wiforce.io.capture.packet_times import CLOCK_STEP_S
+from gnuradio.wiforce.io.capture.channel_snapshots import CLOCK_STEP_S
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 
 # Length of a reading that errors are stated for, in s, and the error at which readings are flagged

@@ -2,7 +2,7 @@
 """``gr-wiforce read``: force and location from a capture."""
 
 import click
-from gnuradio.wiforce.io.capture.search import is_one
+from gnuradio.wiforce.io.capture.names import is_one
 
 from ..shell.grouped_help import GroupedHelp
 from ..shell.options import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.capture.search import find_captures
+from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.readings import GroupCounts
 
 from ..shell.exit_status import BAD_INPUT, FAILED

@@ -4,7 +4,7 @@
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
-from gnuradio.wiforce.io.csi_tools.formats import tool_of
+from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings

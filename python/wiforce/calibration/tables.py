@@ -14,8 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.optional import optional_module
-from ..io.text.csv_cells import cell_number, require_columns
-from ..io.text.textfile import read_bytes, read_csv
+from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns
 from ..signal.carrier import same_carrier
 
 # A two-port file with 100 000 frequencies.

@@ -21,8 +21,7 @@ from PyQt5.QtWidgets import (
 
 from ..errors import InputError
 from ..io.palette import SERIES
-from ..io.reading_messages import as_reading
-from ..io.readings import Reading, SurfaceReading
+from ..io.readings import Reading, SurfaceReading, as_reading
 from .display import Display
 from .history import History
 from .sensor_view import SensorView

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings: what is known of one sensor in one phase group, and the flags that qualify it."""
 
+import dataclasses
 import enum
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from functools import cache
 from typing import Any
 
@@ -293,3 +296,80 @@ class GroupCounts:
             share = self.interfered / self.groups
             text += f"; interference in {self.interfered} groups ({share:.0%})"
         return text
+
+
+_FLAGS = frozenset(flag.word for flag in Flag)
+
+
+def as_reading(reading: Any) -> Reading | None:
+    """A Reading from a message of the port ``readings``, or from part of one.
+
+    Returns Reading or None: None when sensor or time are not given.
+
+    Parameters
+    ----------
+    reading : Reading or dict
+        Keys as the columns of a readings file; flags as one text or a sequence. A value that is
+        absent, not finite, or not a number is unknown.
+    """
+    if isinstance(reading, Reading):
+        reading = dataclasses.asdict(reading)
+    if not isinstance(reading, dict):
+        return None
+    numbers = {name: _number(reading.get(name)) for name in NUMBERS}
+    time_s, sensor = numbers.pop("time_s"), reading.get("sensor")
+    if time_s is None or not isinstance(sensor, str) or not sensor:
+        return None
+    touch = _number(reading.get("touch"))
+    group = _number(reading.get("group"))
+    flags = reading.get("flags") or ()
+    flags = flags.split() if isinstance(flags, str) else flags
+    also = {name: _number(reading.get(name)) for name in SURFACE_COLUMNS}
+    kind, known = (Reading, numbers) if also["y_mm"] is None else (SurfaceReading, numbers | also)
+    return kind(
+        time_s=time_s,
+        sensor=sensor,
+        touch=None if touch is None else int(touch == 1),
+        flags=tuple(flag for flag in flags if flag in _FLAGS),
+        group=None if group is None else int(group),
+        **known,
+    )
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def written_utc(utc_s: float | None) -> str:
+    """Write a time.
+
+    Returns str: empty for an unknown time.
+
+    Parameters
+    ----------
+    utc_s : float or None
+        Seconds since 1970.
+    """
+    if utc_s is None:
+        return ""
+    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def parsed_utc(text: str) -> datetime:
+    """Parse a time that :func:`written_utc`, or another program, has written.
+
+    Parameters
+    ----------
+    text : str
+        With any number of decimals of the second.
+
+    Raises
+    ------
+    ValueError
+        When it is no time.
+    """
+    # Python 3.10 accepts neither Z nor other decimals than three or six.
+    decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)
+    return datetime.fromisoformat(decimals.replace("Z", "+00:00"))

@@ -13,8 +13,7 @@ from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import InputError
-from .readings import flag_bits
-from .utc import parsed_utc
+from .readings import flag_bits, parsed_utc
 
 READING = "wiforce_msgs/msg/PressReading"
 WRENCH = "geometry_msgs/msg/WrenchStamped"

@@ -16,9 +16,8 @@ from ..errors import InputError
 from ..estimation.groups import Groups
 from ..estimation.room.survey import Survey
 from ..io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
-from ..io.capture.names import is_snapshots
+from ..io.capture.names import find_captures, is_one, is_snapshots
 from ..io.capture.recordings import Capture, open_capture
-from ..io.capture.search import find_captures, is_one
 from ..io.readings import COLUMNS, NUMBERS, Flag
 from ..planning.advice import accepted_suspicions
 from ..planning.plan import Plan

@@ -11,8 +11,8 @@ from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.capture.names import SUFFIXES
 from ..io.capture.recordings import Capture
 from ..io.text.schema import read
+from ..io.text.textfile import read_yaml
 from ..io.text.values import KeyPath
-from ..io.text.yamlfile import read_yaml
 from ..signal.symbols import decode_symbol, encode_symbol, read_symbol
 from .consistency import check_scene
 from .schema import Scene, Sounding

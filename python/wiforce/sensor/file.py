@@ -9,8 +9,8 @@ from typing import Any
 
 from ..errors import InputError, name_rule
 from ..io.text.schema import keys, plain, read
+from ..io.text.textfile import read_yaml, write_yaml
 from ..io.text.values import Choice, KeyPath, Scope
-from ..io.text.yamlfile import read_yaml, write_yaml
 from .curves import Carrier, CurveModel
 from .earlier_files import with_present_keys
 from .file_schema import FILES, CarrierCurves, Provenance, SensorFile

@@ -9,9 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from ..io.text.arrays import LARGEST, Array, Size
 from ..io.text.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key
-from ..io.text.values import AnyMapping, Choice, Date, Number, Scope, Text, Texts
+from ..io.text.values import (
+    LARGEST,
+    AnyMapping,
+    Array,
+    Choice,
+    Date,
+    Number,
+    Scope,
+    Size,
+    Text,
+    Texts,
+)
 from .curves import FORMS, force_basis
 from .location import SHAPES
 from .model import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..io.text.schema import declared, key, plain, read
+from ..io.text.textfile import read_yaml, write_yaml
 from ..io.text.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
-from ..io.text.yamlfile import read_yaml, write_yaml
 from .spreading import Spreading, StripSpreading, gaussian_spreading
 
 _MOST_POINTS = 200

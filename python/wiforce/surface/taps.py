@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..io.text.csv_cells import cell_number, require_columns
-from ..io.text.textfile import read_csv
+from ..io.text.textfile import cell_number, read_csv, require_columns
 from .calibration import REACH_SPACINGS, SurfaceTaps
 from .skin import Skin
 

@@ -18,7 +18,7 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.capture.search import find_captures, is_one
+from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.read.journal import Journal

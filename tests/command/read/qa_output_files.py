@@ -16,8 +16,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files import output_file
-from gnuradio.wiforce.io.files.mcap_file import McapWriter
-from gnuradio.wiforce.io.files.mcap_rows import mcap_rows
+from gnuradio.wiforce.io.files.mcap_file import McapWriter, mcap_rows
 from gnuradio.wiforce.io.files.output_file import OutputFile
 from gnuradio.wiforce.io.files.parquet import ParquetWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
-from gnuradio.wiforce.io.csi_tools.formats import sent_subcarriers, tool_of
+from gnuradio.wiforce.io.csi_tools import check_tool, open_csi, sent_subcarriers, tool_of
 
 pytest.importorskip("csiread")
 PACKETS = 80

@@ -6,8 +6,7 @@ import json
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.files.rotation import RotatingWriter, Rotation, open_rotating
-from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_rotating, open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, Reading
 
 GROUP_S = 0.036

@@ -12,8 +12,7 @@ import pytest
 import zmq
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
-from gnuradio.wiforce.io.network.zmq_request import request
-from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, is_loopback
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, is_loopback, request
 from gnuradio.wiforce.io.readings import Reading
 
 WAIT_S = 20.0

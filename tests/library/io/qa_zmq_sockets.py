@@ -12,13 +12,13 @@ import pytest
 import zmq
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_request import request
 from gnuradio.wiforce.io.network.zmq_sockets import (
     Later,
     ReadingsPublisher,
     Replies,
     answer_words,
     endpoint_of,
+    request,
 )
 from gnuradio.wiforce.io.readings import Reading
 

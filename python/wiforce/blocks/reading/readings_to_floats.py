@@ -11,8 +11,7 @@ from gnuradio import gr
 
 from ...errors import InputError
 from ...estimation.groups import Array
-from ...io.reading_messages import as_reading
-from ...io.readings import Reading
+from ...io.readings import Reading, as_reading
 from .. import names
 from ..argument_types import typed
 from ..kept import Kept

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files that make up a capture, by name."""
+"""Names of the two files of a capture, and the captures that a folder or a pattern names."""
 
+import glob
 import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
@@ -112,3 +115,174 @@ def is_snapshots(path: str | Path) -> bool:
     (True, False)
     """
     return Path(path).suffix.lower() == SNAPSHOTS_SUFFIX
+
+
+_META = ".sigmf-meta"
+
+
+@dataclass(frozen=True)
+class NamedCapture:
+    """A capture, and what its readings are called.
+
+    Attributes
+    ----------
+    name : str
+        Path from the folder in which it was found, or its file's name; without suffix.
+    path : str
+        As it is opened.
+
+    Examples
+    --------
+    >>> NamedCapture("day1/press", "captures/day1/press").name
+    'day1/press'
+    """
+
+    name: str
+    path: str
+
+
+def find_captures(given: Iterable[str], datatype: str | None = None) -> list[NamedCapture]:
+    """The captures that are meant by names, patterns and folders.
+
+    Parameters
+    ----------
+    given : iterable of str
+        Captures, patterns such as ``day*/press*``, and folders, which are searched with their
+        subfolders for SigMF metadata.
+    datatype : str, optional
+        The captures are files of raw samples of this type, so that folders are not searched.
+
+    Returns
+    -------
+    list of NamedCapture
+        Each once, in the order given, those of a pattern or folder by name.
+
+    Raises
+    ------
+    InputError
+        When a pattern or folder contains none, or two captures would have the same name.
+
+    Examples
+    --------
+    >>> for name in ("press1", "press2"):
+    ...     _ = Path(f"{name}.sigmf-meta").write_text("{}")
+    >>> [capture.name for capture in find_captures(["press*"])]
+    ['press1', 'press2']
+    """
+    found: dict[str, NamedCapture] = {}
+    for argument in given:
+        if not argument:
+            raise InputError(argument, "is not the name of a capture")
+        for capture in _meant_by(argument, datatype):
+            other = found.setdefault(capture.name, capture)
+            if os.path.realpath(other.path) != os.path.realpath(capture.path):
+                rule = f"has the same name as {other.path}; give the folder that contains both"
+                raise InputError(capture.path, rule)
+    return list(found.values())
+
+
+def is_one(given: Sequence[str]) -> bool:
+    """Whether one capture is named, and not a folder or a pattern.
+
+    Parameters
+    ----------
+    given : sequence of str
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_one(["press"]), is_one(["press*"]), is_one(["press1", "press2"])
+    (True, False, False)
+    """
+    return len(given) == 1 and not _is_folder(given[0]) and not _is_pattern(given[0])
+
+
+def _meant_by(argument: str, datatype: str | None) -> list[NamedCapture]:
+    if _is_pattern(argument):
+        matches = _matches(argument)
+        found = list(
+            dict.fromkeys(
+                capture
+                for match in matches
+                for capture in ([] if _is_folder(match) else [_named(match, datatype)])
+                if datatype is not None
+                or is_snapshots(capture.path)
+                or Path(capture.path + _META).exists()
+            )
+        )
+        captures = _without_second_antennas(found)
+    elif _is_folder(argument):
+        if datatype is not None:
+            rule = "is a folder; name the files of raw samples, for example with a pattern"
+            raise InputError(argument, rule)
+        folder = Path(argument)
+        named = []
+        for file in sorted(_files_in(folder)):
+            stem = file.with_name(file.name.removesuffix(_META).removesuffix(SNAPSHOTS_SUFFIX))
+            path = file if is_snapshots(file) else stem
+            named.append(NamedCapture(stem.relative_to(folder).as_posix(), str(path)))
+        captures = _without_second_antennas(named)
+    else:
+        return [_named(argument, datatype)]
+    if not captures:
+        raise InputError(argument, "contains no captures: no .sigmf-meta or .npz files")
+    return captures
+
+
+def _matches(pattern: str) -> list[str]:
+    """Paths that match, as :func:`glob.glob` finds them, but `**` does not follow links.
+
+    Two links that lead to a folder above them would otherwise be followed forever.
+    """
+    own = Path(pattern).parts
+    if "**" not in own:
+        return sorted(glob.glob(pattern))
+    root = Path(pattern).anchor
+    below = [*own[bool(root) :], *(["*"] if own[-1] == "**" else [])]
+    return sorted(
+        str(path)
+        for path in Path(root).glob("/".join(below))
+        if not any(part.startswith(".") and part not in own for part in path.parts)
+    )
+
+
+def _files_in(folder: Path) -> Iterator[Path]:
+    """Metadata and channel snapshots below a folder, all of which must be readable."""
+
+    def refuse(error: OSError) -> None:
+        raise InputError(error.filename, f"cannot be searched ({error.strerror})") from error
+
+    for place, _, names in os.walk(folder, onerror=refuse):
+        yield from (
+            Path(place) / name for name in names if name.endswith((_META, SNAPSHOTS_SUFFIX))
+        )
+
+
+def _named(path: str, datatype: str | None) -> NamedCapture:
+    stem = path
+    if datatype is None:
+        for suffix in SUFFIXES:
+            stem = stem.removesuffix(suffix)
+        if is_snapshots(path):
+            return NamedCapture(Path(path).stem, path)
+    return NamedCapture(Path(stem).name, stem)
+
+
+def _without_second_antennas(captures: list[NamedCapture]) -> list[NamedCapture]:
+    """Leave out the recordings that are read together with those of a first antenna."""
+    beside = {second_antenna(capture.path) for capture in captures}
+    return [capture for capture in captures if capture.path not in beside]
+
+
+def _is_folder(argument: str) -> bool:
+    # A capture may have the name of a folder beside it.
+    return Path(argument).is_dir() and not Path(f"{argument.rstrip('/')}{_META}").exists()
+
+
+def _is_pattern(argument: str) -> bool:
+    return glob.has_magic(argument) and not any(
+        Path(argument + suffix).exists() for suffix in ("", *SUFFIXES)
+    )

@@ -9,8 +9,7 @@ from ...errors import InputError, OutputError
 from ..optional import optional_module
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 from ..text.textfile import check_output
-from .output_file import OutputFile
-from .readings_output import ReadingsOutput
+from .output_file import OutputFile, ReadingsOutput
 
 # So many rows wait in memory, some 2 MB, and are written at once: 2.4 min of one sensor.
 _GROUP_ROWS = 4096

@@ -14,7 +14,7 @@ from typing import IO, Any
 from ...errors import InputError
 from ..optional import optional_module
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
-from .mcap_rows import mcap_rows
+from .mcap_file import mcap_rows
 
 _INTEGERS = ("touch", "group")
 _NEEDED = ("time_s", "sensor")

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..optional import optional_module
-from ..readings import Reading, flag_bits
-from ..utc import parsed_utc
+from ..readings import Reading, flag_bits, parsed_utc
 
 # Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
 CHANNELS = (

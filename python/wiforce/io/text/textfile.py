@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text files: read up to a limit, as they come from outside, and written whole or not at all."""
+"""Text, CSV and YAML files: reading, cells, and writing in one step."""
 
 import csv
 import io
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from ...errors import InputError
+import yaml
+
+from ...errors import InputError, unwritable
 
 MAX_CSV_BYTES = 32_000_000
 
@@ -152,3 +155,164 @@ def replacing(path: str | Path) -> Iterator[Path]:
             part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+_LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees, s
+
+
+def require_columns(
+    path: str | Path, header: Sequence[str], needed: Sequence[str], hint: str = ""
+) -> None:
+    """Refuse a table that lacks columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        The table, for the message.
+    header : sequence of str
+        Names of its columns.
+    hint : str
+        What to do about it; the missing columns are listed where it is empty.
+
+    Raises
+    ------
+    InputError
+    """
+    missing = [name for name in needed if name not in header]
+    if missing:
+        reason = hint or f"missing: {', '.join(missing)}"
+        rule = f"must have the columns {', '.join(needed)} ({reason})"
+        raise InputError(path, rule, ",".join(header))
+
+
+def cell_number(
+    row: Mapping[str, Any],
+    column: str,
+    where: str,
+    empty: float | None = None,
+    largest: float = _LARGEST,
+) -> float:
+    """The number in a cell.
+
+    Parameters
+    ----------
+    row : mapping
+        Cells by column (``textfile.read_csv``).
+    where : str
+        File and row, for the message.
+    empty : float, optional
+        Value of an empty cell, which is refused unless this is given.
+    largest : float
+        Largest magnitude; a million by default.
+
+    Raises
+    ------
+    InputError
+    """
+    text = (row.get(column) or "").strip()
+    if not text and empty is not None:
+        return empty
+    try:
+        value = float(text)
+    except ValueError:
+        rule = "must be a number" + (" with a decimal point" if "," in text else "")
+        raise InputError(f"{where}: {column}", rule, text) from None
+    if not abs(value) <= largest:
+        raise InputError(f"{where}: {column}", f"must be finite and at most {largest:g}", text)
+    return value
+
+
+MAX_BYTES = 2_000_000
+MAX_DEPTH = 16
+
+
+# libyaml's parser is ten times as fast as Python's.
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
+    """Safe loader that rejects repeated keys."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                continue
+            if key_node.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {key_node.value[:60]!r} is given twice",
+                    problem_mark=key_node.start_mark,
+                )
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+def _check_structure(data: bytes) -> None:
+    """Reject aliases and deep nesting, both of which a loader would follow by recursion."""
+    depth = 0
+    for event in yaml.parse(data, _Loader):
+        if isinstance(event, yaml.AliasEvent):
+            problem = "aliases are not allowed"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        if isinstance(event, yaml.NodeEvent) and depth == MAX_DEPTH:
+            problem = f"must not be nested deeper than {MAX_DEPTH} levels"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+
+
+def read_yaml(path: str | Path) -> dict[Any, Any]:
+    """Read the mapping at the top of a YAML file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is larger than 2 MB, is nested deeper than 16 levels, is not
+        YAML, contains aliases or repeated keys, or has no mapping at the top. The message is one
+        line with the file and, where known, line and column.
+    """
+    data = read_bytes(path, MAX_BYTES)
+    try:
+        _check_structure(data)
+        content = yaml.load(data, _Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = _line(error.problem)
+        if mark and "cannot start any token" in problem and b"\t" in data.splitlines()[mark.line]:
+            problem = "a tab, but YAML is indented with spaces only"
+        raise InputError(path, f"is not valid YAML{place}: {problem}") from error
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        raise InputError(path, f"is not valid YAML: {_line(error)}") from error
+    if not isinstance(content, dict):
+        kind = {type(None): "empty", list: "a list"}.get(type(content), "text")
+        raise InputError(path, f"must hold a mapping of keys to values, is {kind}")
+    return content
+
+
+def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> None:
+    """Write a YAML file, whole or not at all; keys stay in their order.
+
+    Parameters
+    ----------
+    content : dict
+        Plain values.
+    heading : str
+        Text before them, such as a comment.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    OutputError
+        When the disk is full.
+    """
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    try:
+        write_whole(path, heading + text)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def _line(text: object) -> str:
+    return " ".join(str(text).split())[:200]

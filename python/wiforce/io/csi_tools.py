@@ -1,0 +1,618 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of common CSI tools, converted to channel snapshots."""
+
+from __future__ import annotations
+
+import csv
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .capture.channel_snapshots import ChannelSnapshots, checked_snapshots
+from .optional import check_installed
+
+_PCAP = {b"\xd4\xc3\xb2\xa1": "<", b"\xa1\xb2\xc3\xd4": ">", b"\x4d\x3c\xb2\xa1": "<"}
+_NEXMON_PORT = 5500
+# Of a pcap record, and of Ethernet, IP and UDP in it; then of nexmon_csi before the values.
+_RECORD, _PACKET, _NEXMON = 16, 42, 18
+# Chips by the number that nexmon_csi reports; those with four bytes per subcarrier as two integers.
+_CHIPS = {0x65: "43455c0", 0x4339: "4339", 0x4358: "4358", 0x4366: "4366c0"}
+# Subcarriers that are sent, the smallest and the largest one, by the size of the FFT (IEEE
+# 802.11-2020, sections 19.3.7 and 21.3.7: 20 and 40 MHz of HT, 80 MHz of VHT). What a card reports
+# of the others is noise.
+_SENT = {64: (1, 28), 128: (2, 58), 256: (2, 122)}
+# Codes of a record that Intel's tool writes, and the most that Atheros' tool writes in one.
+_INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
+
+
+def tool_of(path: str | Path) -> str | None:
+    """The CSI tool that has written a file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    str or None
+        As for :func:`.csi_tools.open_csi`; None for files of other kinds.
+
+    Examples
+    --------
+    >>> _ = Path("a.csv").write_text("type,role,mac\\nCSI_DATA,AP,00:00:00:00:00:00\\n")
+    >>> tool_of("a.csv")
+    'esp32'
+    """
+    if not Path(path).is_file():
+        return None
+    with Path(path).open("rb") as file:
+        start = file.read(4096)
+    if start.startswith((b"type,", b"CSI_DATA,")) or b"\nCSI_DATA," in start:
+        return "esp32"
+    if start[:4] in _PCAP:
+        return _nexmon_tool(start)
+    if len(start) > 2 and start[2] in _INTEL_CODES and 1 < struct.unpack(">H", start[:2])[0]:
+        length = struct.unpack(">H", start[:2])[0]
+        if len(start) < length + 5 or start[length + 4] in _INTEL_CODES:
+            return "intel"
+    if len(start) > 27:
+        length = struct.unpack("<H", start[:2])[0]
+        tones = start[18]
+        if 25 <= length < _LONGEST and tones in (56, 114):
+            return "atheros"
+    return None
+
+
+def sent_subcarriers(size: int) -> np.ndarray:
+    """Subcarriers that packets are sent on.
+
+    Parameters
+    ----------
+    size : int
+        Of the FFT: 64, 128 or 256.
+
+    Returns
+    -------
+    ndarray of int, shape (K,)
+        Multiples of 312.5 kHz; an array in the order of an FFT is indexed by them.
+
+    Examples
+    --------
+    >>> len(sent_subcarriers(64)), sent_subcarriers(256)[-1]
+    (56, 122)
+    """
+    lowest, highest = _SENT[size]
+    return np.r_[-highest : 1 - lowest, lowest : highest + 1]
+
+
+def _nexmon_tool(start: bytes) -> str | None:
+    """Chip and bandwidth of the first packet of a pcap file, where it is one of nexmon_csi."""
+    order = _PCAP[start[:4]]
+    if len(start) < 24 + _RECORD + _PACKET + _NEXMON:
+        return None
+    (length,) = struct.unpack(order + "I", start[24 + 8 : 24 + 12])
+    payload = start[24 + _RECORD + _PACKET :]
+    values = (length - _PACKET - _NEXMON) // 4
+    chip = _CHIPS.get(struct.unpack("<H", payload[16:18])[0])
+    if chip is None or values not in (64, 128, 256):
+        return None
+    return f"nexmon/{chip}/{values * 20 // 64}"
+
+
+_START = "CSI_DATA"
+# Columns of files without a header row, by their number: ESP32-CSI-Tool, esp-csi (get-started) and
+# esp-crab, as the programs on the devices print them.
+_SETTINGS = (
+    "rssi,rate,sig_mode,mcs,bandwidth,smoothing,not_sounding,aggregation,stbc,fec_coding,sgi,"
+    "noise_floor,ampdu_cnt,channel,secondary_channel,local_timestamp,ant,sig_len,rx_state"
+)
+_COLUMNS = {
+    26: f"type,role,mac,{_SETTINGS},real_time_set,real_timestamp,len,CSI_DATA".split(","),
+    25: f"type,id,mac,{_SETTINGS},len,first_word,data".split(","),
+    15: "type,id,mac,rssi,rate,noise_floor,fft_gain,agc_gain,channel,local_timestamp,sig_len,"
+    "rx_state,len,first_word,data".split(","),
+}
+_NEEDED = ("mac", "local_timestamp")
+# The device's clock of 32 bits, in microseconds.
+_WRAP = 1 << 32
+
+
+@dataclass(frozen=True, eq=False)
+class Esp32Packets:
+    """Packets of one sender that an ESP32 has printed.
+
+    Attributes
+    ----------
+    time_us : ndarray of int, shape (n,)
+        By the device's clock, unwrapped.
+    identifier : ndarray of int, shape (n,), or None
+        Number that the sender has given each packet; None where lines have none.
+    channel : ndarray of complex, shape (n, K)
+    subcarriers : ndarray of int, shape (K,)
+        In multiples of 312.5 kHz.
+    sender : str
+        Its MAC address.
+    left_out : tuple of (str, int)
+        Lines that were left out: the reason, and their number.
+
+    Examples
+    --------
+    >>> time_us, channel = np.arange(3), np.ones((3, 64), complex)
+    >>> Esp32Packets(time_us, None, channel, np.arange(64), "00:00:00:00:00:00", ()).left_out
+    ()
+    """
+
+    time_us: np.ndarray
+    identifier: np.ndarray | None
+    channel: np.ndarray
+    subcarriers: np.ndarray
+    sender: str
+    left_out: tuple[tuple[str, int], ...]
+
+
+def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
+    """Read the lines of an ESP32.
+
+    Parameters
+    ----------
+    path : str or Path
+    mac : str, optional
+        Address of the sender whose packets are wanted; the most frequent one by default.
+
+    Returns
+    -------
+    Esp32Packets
+        With the number of subcarriers that most packets have.
+
+    Raises
+    ------
+    InputError
+        For a file without such lines, or without packets of the sender.
+
+    Examples
+    --------
+    >>> read_esp32("press.csv").sender  # doctest: +SKIP
+    '11:22:33:44:55:66'
+    """
+    path = Path(path)
+    rows, odd = _rows(path)
+    if not rows:
+        raise InputError(path, f"holds no lines that begin with {_START} and hold CSI")
+    senders = Counter(row["mac"].lower() for row in rows)
+    sender = mac.lower() if mac else senders.most_common(1)[0][0]
+    own = [row for row in rows if row["mac"].lower() == sender]
+    if not own:
+        found = ", ".join(address for address, _ in senders.most_common(3))
+        raise InputError("--mac", f"must be that of a sender in {path} ({found})", mac)
+    lengths = Counter(len(row["values"]) for row in own)
+    length = lengths.most_common(1)[0][0]
+    kept = [row for row in own if len(row["values"]) == length]
+    left_out = (
+        ("line that is incomplete or of another kind", odd),
+        ("packet of another sender", len(rows) - len(own)),
+        ("packet with another number of subcarriers", len(own) - len(kept)),
+    )
+    pairs = np.array([row["values"] for row in kept], float)
+    used, subcarriers = _layout(length // 2)
+    # Pairs of imaginary and real part.
+    channel = (pairs[:, 1::2] + 1j * pairs[:, ::2])[:, used]
+    identifier = None
+    if all("id" in row and re.fullmatch(r"\d+", row["id"]) for row in kept):
+        identifier = np.array([int(row["id"]) for row in kept])
+    stamps = np.array([int(row["local_timestamp"]) for row in kept])
+    return Esp32Packets(
+        unwrapped(stamps), identifier, channel, subcarriers, sender,
+        tuple(each for each in left_out if each[1]),
+    )  # fmt: skip
+
+
+def unwrapped(microseconds: np.ndarray) -> np.ndarray:
+    """Times of a clock of 32 bits that wraps, since the first one.
+
+    Parameters
+    ----------
+    microseconds : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+
+    Examples
+    --------
+    >>> unwrapped(np.array([4294967290, 4, 10])).tolist()
+    [0, 10, 16]
+    """
+    steps = np.diff(microseconds.astype(np.int64))
+    later = (steps + _WRAP // 2) % _WRAP - _WRAP // 2
+    return np.concatenate([[0], np.cumsum(later)])
+
+
+def together(first: Esp32Packets, second: Esp32Packets, path: Path) -> Esp32Packets:
+    """Two ESP32 on one crystal as two antennas: packets that both have received.
+
+    Parameters
+    ----------
+    first, second : Esp32Packets
+    path : Path
+        Of the second one, for messages.
+
+    Returns
+    -------
+    Esp32Packets
+        With channels of shape (n, K, 2).
+
+    Raises
+    ------
+    InputError
+        Where lines do not number the packets, or subcarriers differ.
+
+    Examples
+    --------
+    >>> together(master, slave, Path("slave.csv")).channel.shape  # doctest: +SKIP
+    (1000, 64, 2)
+    """
+    if first.identifier is None or second.identifier is None:
+        rule = "must number the packets (column id), so that those of two devices can be matched"
+        raise InputError(path, rule)
+    if not np.array_equal(first.subcarriers, second.subcarriers):
+        raise InputError(
+            path, "must have the subcarriers of the other file", len(second.subcarriers)
+        )
+    _, one, other = np.intersect1d(first.identifier, second.identifier, return_indices=True)
+    order = np.argsort(one)
+    one, other = one[order], other[order]
+    single = len(first.identifier) + len(second.identifier) - 2 * len(one)
+    channel = np.stack([first.channel[one], second.channel[other]], axis=2)
+    left_out = (*first.left_out, *second.left_out, ("packet that one device received", single))
+    return Esp32Packets(
+        first.time_us[one], first.identifier[one], channel, first.subcarriers, first.sender,
+        tuple(each for each in left_out if each[1]),
+    )  # fmt: skip
+
+
+def _rows(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Values of each line that is whole, by the names of its columns; and how many are not."""
+    rows: list[dict[str, Any]] = []
+    columns: list[str] | None = None
+    odd = 0
+    with open(path, encoding="utf-8", errors="replace", newline="") as file:
+        # Damaged files hold zeros, at which csv stops.
+        for fields in csv.reader(line.replace("\0", "") for line in file):
+            if fields and fields[0] == "type":
+                # ESP32-C5 and C6 call the number of a packet seq, others id.
+                columns = [{"seq": "id"}.get(name.strip(), name.strip()) for name in fields]
+            elif fields and fields[0] == _START:
+                row = _row(fields, columns or _COLUMNS.get(len(fields), []))
+                odd += row is None
+                rows += [row] if row else []
+    return rows, odd
+
+
+def _row(fields: list[str], columns: list[str]) -> dict[str, Any] | None:
+    """A line by columns, with the numbers of its last one; None where it is not whole."""
+    if len(fields) != len(columns):
+        return None
+    row: dict[str, Any] = dict(zip(columns, fields, strict=True))
+    numbers = fields[-1].strip().strip("[]").replace(",", " ").split()
+    if any(name not in row for name in _NEEDED) or not row["local_timestamp"].strip().isdigit():
+        return None
+    try:
+        row["values"] = [int(number) for number in numbers]
+    except ValueError:
+        return None
+    stated = row.get("len", "")
+    # 128 bytes are 64 pairs; a line that was cut has fewer, or an odd number.
+    whole = stated.isdigit() and len(row["values"]) == int(stated) and len(row["values"]) % 2 == 0
+    return row if whole and len(row["values"]) >= 8 else None
+
+
+def _layout(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which values are read, and their subcarriers; both of shape (K,).
+
+    The training fields follow each other: 64 subcarriers of the legacy one, then 64 or 128 of the
+    HT one (ESP-IDF programming guide, Wi-Fi channel state information), each in the order of an
+    FFT. Only the last field is read. Odd numbers are assumed to be in ascending order, as printed
+    by an ESP32-C5.
+    """
+    if count % 2:
+        return np.arange(count), np.arange(count) - count // 2
+    last = {64: 64, 128: 64, 192: 128}.get(count)
+    if last is None:
+        return np.arange(count), np.fft.fftfreq(count, 1 / count).round().astype(int)
+    sent = sent_subcarriers(last)
+    return count - last + sent % last, sent
+
+
+TOOLS = ("intel", "atheros", "esp32", "nexmon/CHIP/MHZ")
+_SPACING_HZ = 312.5e3
+# Reported subcarriers of the Intel 5300, in 20 and 40 MHz (D. Halperin et al., "Tool release:
+# gathering 802.11n traces with channel state information", 2011; IEEE 802.11n-2009, table 7-25f).
+_INTEL_20 = np.r_[-28:-1:2, -1, 1:28:2, 28]
+_INTEL_40 = np.r_[-58:-1:4, 2:59:4]
+# Bit of rate_n_flags of a packet of 40 MHz.
+_INTEL_WIDE = 0x800
+_NEXMON_CHIPS = ("4339", "43455c0", "4358", "4366c0")
+# Shortest record: 27 bytes, and 56 subcarriers of one antenna and stream at 20 bits each. csiread
+# assumes longer ones, and has no room for the rest.
+_ATHEROS_BYTES = 27 + 140
+# Longest time that a conversion may take, in s: a file of 1 GB takes about one minute.
+_LONGEST_S = 600
+_CHILD = "import sys; from gnuradio.wiforce.io.csi_tools import convert; convert(*sys.argv[1:])"
+
+
+def open_csi(
+    path: str | Path,
+    tool: str | None = None,
+    mac: str | None = None,
+    second: str | Path | None = None,
+) -> ChannelSnapshots:
+    """Read a file of a CSI tool.
+
+    Parameters
+    ----------
+    path : str or Path
+    tool : str, optional
+        ``intel`` (Linux 802.11n CSI Tool, Intel 5300), ``atheros`` (Atheros CSI Tool), ``esp32``
+        (ESP32-CSI-Tool, esp-csi or esp-crab) or ``nexmon/CHIP/MHZ`` (nexmon_csi, such as
+        ``nexmon/43455c0/80``); found by the first bytes of the file by default.
+    mac : str, optional
+        Address of the sender whose packets are wanted, for ``esp32`` and ``nexmon``; the most
+        frequent one by default.
+    second : str or Path, optional
+        File of a second ESP32 on the same crystal, as on an esp-crab: the second antenna.
+
+    Returns
+    -------
+    ChannelSnapshots
+        Of the first spatial stream; antennas that a file does not use are left out.
+
+    Raises
+    ------
+    InputError
+        For another tool, a file that is missing or broken, and when ``csiread`` is not installed.
+
+    Examples
+    --------
+    >>> open_csi("press.dat", "intel2")
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: --csi-tool: must be one of intel, atheros, esp32, \
+nexmon/CHIP/MHZ, got 'intel2'
+    """
+    path = Path(path)
+    if tool is not None:
+        check_tool(tool, mac, second)
+    for each in (path, *([Path(second)] if second else [])):
+        if not each.is_file():
+            raise InputError(each, "is not a file, or does not exist")
+    if tool is None:
+        tool = tool_of(path)
+        if tool is None:
+            raise InputError(path, "is no file of a CSI tool that is known; name it by --csi-tool")
+        check_tool(tool, mac, second)
+    if tool == "esp32":
+        return _open_esp32(path, mac, None if second is None else Path(second))
+    check_installed(path, ["csiread"])
+    with tempfile.TemporaryDirectory(prefix=".csi-") as folder:
+        output = Path(folder) / "csi.npz"
+        command = [sys.executable, "-c", _CHILD, str(path.resolve()), tool, str(output), mac or ""]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
+        except subprocess.TimeoutExpired as error:
+            raise InputError(path, f"takes csiread longer than {_LONGEST_S} s") from error
+        if done.returncode or not output.exists():
+            said = done.stderr.strip().splitlines()
+            reason = said[-1] if said and done.returncode > 0 else "its parser crashed"
+            raise InputError(path, f"cannot be read by csiread as a file of {tool} ({reason})")
+        with np.load(output, allow_pickle=False) as arrays:
+            counts = zip(arrays["reasons"].tolist(), arrays["counts"].tolist(), strict=True)
+            return checked_snapshots(
+                path,
+                arrays["time_s"],
+                arrays["channel"],
+                arrays["subcarrier_hz"],
+                left_out=tuple((reason, count) for reason, count in counts if count),
+            )
+
+
+def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnapshots:
+    packets = read_esp32(path, mac)
+    if second is not None:
+        packets = together(packets, read_esp32(second, mac), second)
+    return checked_snapshots(
+        path,
+        packets.time_us * 1e-6,
+        packets.channel,
+        packets.subcarriers * _SPACING_HZ,
+        left_out=packets.left_out,
+    )
+
+
+def check_tool(tool: str, mac: str | None = None, second: str | Path | None = None) -> None:
+    """Refuse the name of a tool that is not known, and what does not go with it.
+
+    Parameters
+    ----------
+    tool : str
+    mac, second : optional
+        As for :func:`open_csi`.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> check_tool("nexmon/4358/80")
+    """
+    chips = "|".join(_NEXMON_CHIPS)
+    if not re.fullmatch(rf"intel|atheros|esp32|nexmon/({chips})/(20|40|80)", tool):
+        raise InputError("--csi-tool", f"must be one of {', '.join(TOOLS)}", tool)
+    if mac is not None:
+        if tool in ("intel", "atheros"):
+            raise InputError(
+                "--mac", f"must not be given for {tool}, which records no senders", mac
+            )
+        if not re.fullmatch(r"[0-9a-fA-F]{2}(:[0-9a-fA-F]{2}){5}", mac):
+            raise InputError("--mac", "must be like 11:22:33:44:55:66", mac)
+    if second is not None and tool != "esp32":
+        raise InputError("--second-antenna", "must not be given for other tools than esp32", tool)
+
+
+def convert(path: str, tool: str, output: str, mac: str = "") -> None:
+    """Convert a file to arrays, in a process of its own.
+
+    Parameters
+    ----------
+    path : str
+        File of the tool.
+    tool : str
+        As for :func:`open_csi`.
+    output : str
+        The .npz file to write.
+    mac : str
+        Of the sender that is wanted, for nexmon; the most frequent one where it is empty.
+
+    Raises
+    ------
+    Exception
+        Whatever csiread raises.
+
+    Examples
+    --------
+    >>> convert("press.dat", "intel", "press.npz")  # doctest: +SKIP
+    """
+    name, *settings = tool.split("/")
+    readers: dict[str, Callable[..., _Packets]] = {
+        "intel": _intel,
+        "atheros": _atheros,
+        "nexmon": partial(_nexmon_packets, mac),
+    }
+    found = readers[name](path, *settings)
+    np.savez(
+        output,
+        time_s=found.time_s,
+        channel=found.channel,
+        subcarrier_hz=found.subcarriers * _SPACING_HZ,
+        reasons=np.array([reason for reason, _ in found.left_out], str),
+        counts=np.array([count for _, count in found.left_out], int),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Packets:
+    """Times in s, channels (n, K, A), subcarriers (K,), and what was left out."""
+
+    time_s: np.ndarray
+    channel: np.ndarray
+    subcarriers: np.ndarray
+    left_out: tuple[tuple[str, int], ...]
+
+
+_OTHER = "packet with another number of antennas, streams or subcarriers"
+
+
+def _intel(path: str) -> _Packets:
+    from csiread import Intel
+
+    # Four antennas instead of three: a broken permutation then stays inside the array.
+    found = Intel(path, nrxnum=4, ntxnum=4, if_report=False)
+    found.read()
+    wide = (found.rate & _INTEL_WIDE > 0).astype(int)
+    usual = _most_frequent(np.stack([found.Nrx, found.Ntx, wide], axis=1))
+    subcarriers = _INTEL_40 if wide[usual].any() else _INTEL_20
+    time_s = unwrapped(found.timestamp_low) * 1e-6
+    lost = ((_OTHER, int(np.count_nonzero(~usual))),)
+    return _Packets(time_s[usual], _used(found.csi[usual][..., 0]), subcarriers, lost)
+
+
+def _atheros(path: str) -> _Packets:
+    from csiread import Atheros
+
+    most = Path(path).stat().st_size // _ATHEROS_BYTES + 1
+    found = Atheros(path, nrxnum=3, ntxnum=3, tones=114, if_report=False, bufsize=most)
+    found.read()
+    filled = found.csi_len > 0
+    usual = filled.copy()
+    settings = np.stack([found.num_tones, found.nr, found.nc], axis=1)
+    usual[filled] = _most_frequent(settings[filled])
+    tones = int(np.max(found.num_tones[usual], initial=56))
+    subcarriers = sent_subcarriers(64 if tones == 56 else 128)
+    channel = _used(found.csi[usual][:, : len(subcarriers), :, 0])
+    time_s = (found.timestamp[usual] - found.timestamp[:1]).astype(float) * 1e-6
+    lost = (
+        ("packet without CSI", int(np.count_nonzero(~filled))),
+        (_OTHER, int(np.count_nonzero(filled & ~usual))),
+    )
+    return _Packets(time_s, channel, subcarriers, lost)
+
+
+def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> _Packets:
+    from csiread import Nexmon
+
+    found = Nexmon(path, chip=chip, bw=int(mhz), if_report=False)
+    found.read()
+    time_s = (found.sec - found.sec[:1]) + found.usec * (1e-9 if found.nano else 1e-6)
+    senders = np.array([":".join(f"{part:02x}" for part in each) for each in found.src_addr])
+    wanted = senders == mac.lower() if mac else _most_frequent(found.src_addr)
+    # A packet is reported once per core, which is an antenna, and spatial stream.
+    own = np.flatnonzero(wanted & (found.spatial == 0))
+    core, stamps = found.core[own], time_s[own]
+    cores = np.unique(core)
+    rows, place = _grouped(core, found.seq[own], stamps), np.searchsorted(cores, core)
+    shape = int(rows.max(initial=-1)) + 1, found.csi.shape[1], len(cores)
+    channel, seen = np.zeros(shape, complex), np.zeros((shape[0], len(cores)), bool)
+    channel[rows, :, place] = found.csi[own]
+    seen[rows, place] = True
+    whole = seen.all(axis=1)
+    first = np.flatnonzero(np.diff(rows, prepend=-1))
+    subcarriers = sent_subcarriers(found.csi.shape[1])
+    lost = (
+        ("frame of another sender", int(np.count_nonzero(~wanted))),
+        ("packet that not all cores report", int(np.count_nonzero(~whole))),
+    )
+    return _Packets(stamps[first][whole], channel[whole][:, subcarriers], subcarriers, lost)
+
+
+def _grouped(core: np.ndarray, sequence: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Number of the packet of each core's frame, shape (n,).
+
+    Some versions of the firmware report the sequence number 0 throughout. A packet is therefore new
+    as well where a core reports again, or after half of the usual time between two of its reports.
+    """
+    latest = np.diff(time_s[core == core[0]]) if len(core) else np.zeros(0)
+    apart_s = 0.5 * float(np.median(latest)) if latest.size else np.inf
+    rows, row, start_s = np.zeros(len(core), int), -1, -np.inf
+    held: set[int] = set()
+    for i, (own, at_s) in enumerate(zip(core.tolist(), time_s.tolist(), strict=True)):
+        other = i > 0 and sequence[i] != sequence[i - 1]
+        if row < 0 or other or own in held or at_s - start_s > apart_s:
+            row, held, start_s = row + 1, set(), at_s
+        held.add(own)
+        rows[i] = row
+    return rows
+
+
+def _most_frequent(settings: np.ndarray) -> np.ndarray:
+    """Rows with the values that most rows have; ndarray of bool, shape (n,)."""
+    values, of, count = np.unique(settings, axis=0, return_inverse=True, return_counts=True)
+    return np.ravel(of) == np.argmax(count) if len(values) else np.zeros(len(settings), bool)
+
+
+def _used(channel: np.ndarray) -> np.ndarray:
+    """Antennas that most packets hold."""
+    power = np.mean(np.abs(channel).sum(axis=1) > 0, axis=0)
+    return channel[:, :, power > 0.5]
+
+
+__all__ = ["check_tool", "convert", "open_csi"]
