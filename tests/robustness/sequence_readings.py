@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
+from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader

@@ -2,7 +2,7 @@
 """The channel of every snapshot of a capture, with nothing left out."""
 
 import numpy as np
-from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from scipy.fft import fft
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.estimation.room.average_spectrum import average_spectrum
+from gnuradio.wiforce.estimation.room.survey import average_spectrum
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.levels import why_not_readable

@@ -8,8 +8,7 @@ import json
 from dataclasses import asdict, dataclass, field
 
 import click
-from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames
-from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames, measure_levels
 from gnuradio.wiforce.estimation.room.survey import survey_samples
 from gnuradio.wiforce.io.capture.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.capture.frame import measure_levels
 from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture

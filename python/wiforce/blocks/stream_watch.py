@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from gnuradio import gr
 
-from ..estimation.capture.frame_period import samples_needed
-from ..estimation.capture.snapshot_group import SnapshotGroup
-from ..estimation.capture.stream_problems import (
+from ..estimation.capture.folded_groups import SnapshotGroup
+from ..estimation.capture.frame import samples_needed
+from ..estimation.capture.recorded_frames import (
     frame_problem,
     level_problem,
     search_problem,

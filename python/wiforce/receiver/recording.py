@@ -12,8 +12,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.folded_groups import RecordedGroups, RecordedRatio, first_frames
 from ..estimation.capture.recorded_frames import find_frames, first_frame, require_frames
-from ..estimation.capture.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from ..estimation.groups import Groups
 from ..estimation.room.survey import Survey
 from ..io.capture.names import second_antenna

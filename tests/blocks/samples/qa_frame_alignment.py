@@ -10,8 +10,7 @@ from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.frame import MARGIN
-from gnuradio.wiforce.estimation.capture.levels import measure_levels
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 

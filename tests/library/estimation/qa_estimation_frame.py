@@ -3,9 +3,11 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.capture.frame import MARGIN, find_frame_offset, keeps_alignment
-from gnuradio.wiforce.estimation.capture.frame_period import (
+from gnuradio.wiforce.estimation.capture.frame import (
+    MARGIN,
+    find_frame_offset,
     find_frame_period,
+    keeps_alignment,
     repeats_every_frame,
     samples_needed,
 )

@@ -9,7 +9,7 @@ import pytest
 from gnuradio import gr
 from gnuradio.wiforce.blocks.chain.free_fold import free_fold
 from gnuradio.wiforce.blocks.stream_time import time_value
-from gnuradio.wiforce.estimation.capture.frame_follower import FrameFollower
+from gnuradio.wiforce.estimation.capture.frame import FrameFollower
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 LENGTH, FRAMES = 400, 1500

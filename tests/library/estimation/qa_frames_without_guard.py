@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.frame_period import find_frame_period
+from gnuradio.wiforce.estimation.capture.frame import find_frame_period
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 RATE_HZ = 1.25e6

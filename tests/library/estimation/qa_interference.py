@@ -9,8 +9,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups
-from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
+from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups, frame_settings
 from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture

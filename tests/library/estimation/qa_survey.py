@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.frame_slip import without_slip
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
 from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
@@ -19,7 +18,7 @@ from gnuradio.wiforce.planning.room.adaptation import (
     room_noise_of_tones,
 )
 from gnuradio.wiforce.planning.room.findings import findings, level_reference
-from gnuradio.wiforce.planning.room.reference_survey import survey_reference
+from gnuradio.wiforce.planning.room.reference_survey import survey_reference, without_slip
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights

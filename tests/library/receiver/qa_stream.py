@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.recorded_groups import frame_settings
-from gnuradio.wiforce.estimation.capture.snapshot_group import SnapshotGroup
+from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.receiver.recording import RecordingReader

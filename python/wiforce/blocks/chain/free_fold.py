@@ -5,7 +5,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.capture.frame_follower import FrameFollower
+from ...estimation.capture.frame import FrameFollower
 from ...estimation.groups import Array
 from ...signal.waveform import Waveform
 from .. import names

@@ -8,7 +8,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.capture.snapshot_group import SnapshotGroup
+from ...estimation.capture.folded_groups import SnapshotGroup
 from ...estimation.groups import Array, Groups
 from ...io.readings import Reading
 from ...planning.plan import Plan

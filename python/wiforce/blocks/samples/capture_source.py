@@ -7,8 +7,8 @@ from typing import Any
 from gnuradio import gr
 
 from ...errors import InputError
-from ...estimation.capture.recorded_groups import frame_settings
-from ...estimation.capture.stream_problems import capture_problem
+from ...estimation.capture.folded_groups import frame_settings
+from ...estimation.capture.recorded_frames import capture_problem
 from ...io.capture.recordings import Capture, open_capture
 from ...scene import Scene, load_scene
 from ...wiforce_python import recording_source

@@ -7,8 +7,7 @@ import numpy as np
 
 from ...signal.timed_weights import TimedTable
 from ..groups import Array, Groups
-from .antenna_combination import rotation_std_deg
-from .packet_channels import DividedPackets
+from .packet_channels import DividedPackets, rotation_std_deg
 
 # A packet is left out whose channel deviates from the median by this many times the power that one
 # packet in ten exceeds. Switches are closed in half of the packets, so that one in ten shows a tag

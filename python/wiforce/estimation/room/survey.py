@@ -21,9 +21,64 @@ from ..capture.frame import whole_frames
 from ..clocks.tracked_tag import TagClock
 from ..ends.noise import chi_squared_limit
 from ..groups import Array
-from .clock_lines import ClockLine, find_clocks
-from .sources import MAINS_HZ, Source, identify
-from .windowed_lines import ENBW, LOBE_BINS, blackman_harris, take_lines
+from .clock_lines import ClockLine, find_clocks, vertex
+from .sources import MAINS_HZ, RoomLine, Source, identify
+
+# Terms of the window, and its equivalent noise bandwidth in bins, n sum w^2 / (sum w)^2.
+_TERMS = (0.35875, -0.48829, 0.14128, -0.01168)
+ENBW = (_TERMS[0] ** 2 + sum(a**2 for a in _TERMS[1:]) / 2) / _TERMS[0] ** 2
+# Half width of the window's main lobe, in bins; its side lobes are at -92 dB.
+LOBE_BINS = 4.5
+# A line whose surroundings hold this many times its power is not a line.
+_BROAD = 1.6
+
+
+def blackman_harris(count: int) -> Array:
+    """The window.
+
+    Returns ndarray of float, shape (n,).
+
+    Parameters
+    ----------
+    count : int
+        Number of samples, n.
+    """
+    phase = 2 * np.pi * (np.arange(count) + 0.5) / count
+    window: Array = sum(a * np.cos(i * phase) for i, a in enumerate(_TERMS))
+    return window
+
+
+def take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
+    """Take narrow lines out of a spectrum; what is broader than the window stays.
+
+    Returns list of RoomLine: the strongest first.
+
+    Parameters
+    ----------
+    frequency_hz, spectrum : ndarray, shape (F,)
+        As those of a :class:`.survey.Survey`.
+    excess : ndarray, shape (F,)
+        Likewise; what belongs to lines is set to 0.
+    count : int
+        Number of samples of the spectrum.
+    """
+    lines = []
+    reach = int(LOBE_BINS)
+    for best in np.argsort(excess)[::-1]:
+        if excess[best] <= 0 or not 0 < best < len(excess) - 1:
+            continue
+        if spectrum[best] < max(spectrum[best - 1], spectrum[best + 1]):
+            continue  # the slope of a broader one
+        lobe = slice(max(best - reach, 0), best + reach + 1)
+        offset, top = vertex(spectrum, best)
+        power = (top - 1) * ENBW / count
+        if excess[lobe].sum() > _BROAD * power:
+            continue
+        frequency = (best + offset) * float(frequency_hz[1])
+        lines.append(RoomLine(float(frequency), float(power)))
+        excess[lobe] = 0
+    return lines
+
 
 # Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
 LONGEST_S = 0.6
@@ -348,3 +403,31 @@ def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Wavef
             apart = np.maximum(np.abs(bins - center) - reach, 0)
             own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
     return own
+
+
+_LENGTH = 5000  # snapshots per section
+_KAISER_BETA = 14  # side lobes below -100 dB, so that a strong static path hides no line
+
+
+def average_spectrum(channel: Array, snapshot_period_s: float) -> tuple[Array, Array]:
+    """Power over Doppler frequency, averaged over subcarriers and sections (Welch's method).
+
+    Returns frequency_hz, level_db (ndarray, shape (5000,)): from minus to plus half the snapshot
+    rate; a line of amplitude 1 has 0 dB. Both are empty for fewer than 5000 snapshots.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (N, K)
+        H of consecutive snapshots.
+    """
+    sections = len(channel) // _LENGTH
+    if not sections:
+        return np.zeros(0), np.zeros(0)
+    window = np.kaiser(_LENGTH, _KAISER_BETA)[:, None]
+    power = np.zeros(_LENGTH)
+    # Section by section, since the transform of all of them would need several times the memory.
+    for section in channel[: sections * _LENGTH].reshape(sections, _LENGTH, -1):
+        lines = np.fft.fft(section * window, axis=0) / window.sum()
+        power += np.mean(np.abs(lines) ** 2, axis=1) / sections
+    frequency_hz = np.fft.fftshift(np.fft.fftfreq(_LENGTH, snapshot_period_s))
+    return frequency_hz, np.fft.fftshift(10 * np.log10(np.maximum(power, 1e-30)))
