@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce.estimation.room.survey import average_spectrum
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.expected import expect
-from gnuradio.wiforce.planning.levels import why_not_readable
+from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene

@@ -11,7 +11,7 @@ import click
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames, measure_levels
 from gnuradio.wiforce.estimation.room.survey import survey_samples
 from gnuradio.wiforce.io.capture.samples import samples_of
-from gnuradio.wiforce.planning.bands import licence_note, outside_band
+from gnuradio.wiforce.planning.advice import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.planning.room.findings import findings as findings_of

@@ -7,16 +7,15 @@ import json
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve as proposals_for
+from gnuradio.wiforce.planning.advice import licence_note, recommendation
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
-from gnuradio.wiforce.planning.bands import licence_note
 from gnuradio.wiforce.planning.clocks.proposals import clocks_for
 from gnuradio.wiforce.planning.expected import expect
-from gnuradio.wiforce.planning.packets.advice import recommendation
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.room.report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
+from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
-from gnuradio.wiforce.planning.waveform_limits import waveform_limits, waveform_warnings
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 

@@ -18,12 +18,101 @@ from ..sensor import SensorModel
 from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
+from ..signal.switching import harmonics
 from ..signal.timed_weights import clutter_at
+from ..simulation.channel import PEAK
+from ..simulation.levels import NOISE_PEAK
 from ..simulation.presses.skin import pressed_sensor
-from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 
 if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
+
+
+# Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
+# like noise, and amplitude of the tag's line, in steps, below which that matters.
+_DITHER_STEPS, _FEW_STEPS = 0.3, 10
+
+
+@dataclass(frozen=True)
+class ReceivedLevels:
+    """What reaches the receiver.
+
+    Attributes
+    ----------
+    noise, quantisation : float
+        Variance in H, in units of a tag's rho^2, of the noise that the scene's ``snr_db`` states
+        and of the ADC's rounding; per subcarrier and snapshot.
+    tag_steps : float
+        Amplitude of the first tag's line +1, in ADC steps.
+    noise_steps : float
+        Standard deviation of a component of a sample's noise, in ADC steps.
+    """
+
+    noise: float
+    quantisation: float
+    tag_steps: float
+    noise_steps: float
+
+    @property
+    def out_of_range(self) -> bool:
+        """Whether the tag is lost in the ADC's rounding, whose error is then systematic."""
+        return self.noise_steps < _DITHER_STEPS and self.tag_steps < _FEW_STEPS
+
+
+def line_amplitude(scene: Scene) -> float:
+    """Amplitude c1[1] of the first tag's line +1, in units of rho."""
+    return float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
+
+
+def receive_levels(scene: Scene) -> ReceivedLevels:
+    """Levels at the receiver when the signal's peak is as far below full scale as simulated."""
+    simulation, waveform = scene.simulation, scene.waveform()
+    line = line_amplitude(scene)
+    noise = line**2 / 10 ** (simulation.snr_db / 10)
+    if scene.packets is not None:
+        # Channels are given; how their device rounds is part of what snr_db states.
+        return ReceivedLevels(noise, 0.0, np.inf, np.inf)
+    sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
+    clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
+    amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
+    amplitudes += [10 ** (tag.level_db / 20) for tag in simulation.tags]
+    peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
+    step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
+    quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
+    return ReceivedLevels(noise, float(quantisation), float(line / step), float(sample_std / step))
+
+
+def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
+    """Why a sensor of a simulated scene cannot be read.
+
+    Returns str or None: None when it can be read.
+
+    Parameters
+    ----------
+    index : int
+        Of the sensor.
+    levels : ReceivedLevels, optional
+        Those of the scene, when they are known already.
+    """
+    tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
+    if levels.out_of_range:
+        return (
+            f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
+            f"and noise {levels.noise_steps:.2g}; rounding errors are systematic, the tag is out "
+            "of the ADC's range"
+        )
+    if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
+        return (
+            "reader_clock free: with one receive antenna, the common phase of transmitter and "
+            "receiver is indistinguishable from the tag in quadrature with the direct path"
+        )
+    if tag.clock2_duty != "pulses":
+        return (
+            f"both switches of '{tag.sensor}' are on at the same time "
+            f"(clock2_duty: {tag.clock2_duty}): its ends cannot be separated"
+        )
+    return None
+
 
 # Median of |x| for a Gaussian x of unit standard deviation.
 MEDIAN = 0.6745

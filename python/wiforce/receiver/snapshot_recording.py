@@ -18,7 +18,7 @@ from ..estimation.packets.packet_groups import PacketGroups, whole_groups
 from ..estimation.packets.tag_parts import SolvedTags
 from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.readings import GroupCounts, Reading
-from ..planning.packets.plan import fitted_plan, solved_tags
+from ..planning.packet_plan import fitted_plan, solved_tags
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..press.evidence import Suspicion
 from ..signal.timed_weights import TimedTable

@@ -12,8 +12,7 @@ from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
-from gnuradio.wiforce.planning.clutter_band import automatic_band_hz
-from gnuradio.wiforce.planning.loss import end_variances
+from gnuradio.wiforce.planning.loss import automatic_band_hz, end_variances
 from gnuradio.wiforce.press.explanations import filter_of
 from gnuradio.wiforce.press.sensor_readout import SensorReadout
 from gnuradio.wiforce.press.sensor_state import SensorState

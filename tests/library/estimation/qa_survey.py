@@ -9,7 +9,6 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
 from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
-from gnuradio.wiforce.planning.clocks.other_clock import other_clock_hz
 from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.planning.room.adaptation import (
     adapted,
@@ -17,7 +16,7 @@ from gnuradio.wiforce.planning.room.adaptation import (
     expecting_snr,
     room_noise_of_tones,
 )
-from gnuradio.wiforce.planning.room.findings import findings, level_reference
+from gnuradio.wiforce.planning.room.findings import findings, level_reference, other_clock_hz
 from gnuradio.wiforce.planning.room.reference_survey import survey_reference, without_slip
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform

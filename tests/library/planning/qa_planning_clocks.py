@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
-from gnuradio.wiforce.planning.clocks.pulses import (
+from gnuradio.wiforce.planning.clocks.spacing import (
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.planning.advice import improve, warnings
-from gnuradio.wiforce.planning.bands import licence_note, outside_band
+from gnuradio.wiforce.planning.advice import (
+    improve,
+    licence_note,
+    outside_band,
+    recommendation,
+    warnings,
+)
 from gnuradio.wiforce.planning.clocks.proposals import clocks_for, propose_clocks
-from gnuradio.wiforce.planning.packets.advice import recommendation
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema

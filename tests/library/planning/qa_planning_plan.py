@@ -12,12 +12,10 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
-from gnuradio.wiforce.planning.expected import expect
-from gnuradio.wiforce.planning.levels import receive_levels
+from gnuradio.wiforce.planning.expected import expect, receive_levels
 from gnuradio.wiforce.planning.loss import line_loss_db
 from gnuradio.wiforce.planning.plan import HARMONICS, plan
-from gnuradio.wiforce.planning.steps import MORE_LINES, steps, with_more_lines
-from gnuradio.wiforce.planning.waveform_limits import waveform_warnings
+from gnuradio.wiforce.planning.steps import MORE_LINES, steps, waveform_warnings, with_more_lines
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.score import read_truth, score

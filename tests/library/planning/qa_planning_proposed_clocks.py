@@ -130,7 +130,7 @@ def test_most_that_fit_equals_exhaustive_search(seed):
 def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
     """The claim behind the search: lower octaves make room for no further tag."""
     from gnuradio.wiforce.planning.clocks.proposals import _candidates, _Search
-    from gnuradio.wiforce.planning.clocks.pulses import double_rate_pulses
+    from gnuradio.wiforce.planning.clocks.spacing import double_rate_pulses
 
     grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
     search = _Search(grid, [], (WAVEFORM, 250, double_rate_pulses(), 100.0, 0.0), ())

@@ -30,11 +30,10 @@ from ...signal.lines import (
 from ...signal.switching import harmonics
 from ...signal.waveform import Waveform
 from ...signal.weights import WORST_GAIN, design_weights
-from ..clutter_band import BANDS_HZ
-from ..packets.clocks import packet_clocks
+from ..loss import BANDS_HZ
+from ..packet_clocks import packet_clocks
 from .assessment import assess_clocks
-from .pulses import Pulses, double_rate_pulses
-from .spacing import LineTable, line_distances_hz, most_that_fit
+from .spacing import LineTable, Pulses, double_rate_pulses, line_distances_hz, most_that_fit
 
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
 # two are only a reserve, so that they are given up for a place away from lamps.

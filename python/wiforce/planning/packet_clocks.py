@@ -1,18 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Switching clocks that suit the times of packets."""
+"""Times of packets in a typical phase group of a scene, before anything is received."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.clocks.tracked_tag import TagClock
-from ...scene import Scene
-from ...signal.lines import STRONG_LINES, lamp_distances_hz
-from ...signal.timed_weights import clutter_at, timed_lines
-from ..clocks.spacing import line_distances_hz
-from ..loss import end_variances
-from .times import typical_times_s
+from ..estimation.clocks.tracked_tag import TagClock
+from ..scene import Scene
+from ..signal.lines import STRONG_LINES, lamp_distances_hz
+from ..signal.timed_weights import clutter_at, timed_lines
+from .clocks.spacing import line_distances_hz
+from .loss import end_variances
+
+# Of the typical group's times; any other seed gives the same expected errors within 0.1 dB.
+_SEED = 1
+
+
+def typical_times_s(scene: Scene) -> np.ndarray:
+    """Times of the packets of a typical phase group, from its centre.
+
+    Returns ndarray of float, shape (N,): in s, rising.
+
+    Parameters
+    ----------
+    scene : Scene
+        With packets.
+    """
+    count, period_s = scene.phase_group.snapshots, scene.group_period_s
+    if scene.packets is not None and scene.packets.gaps == "regular":
+        return (np.arange(count) + 0.5) * (period_s / count) - period_s / 2
+    # Given their number, the times of a Poisson process are uniform.
+    return np.sort(np.random.default_rng(_SEED).uniform(-period_s / 2, period_s / 2, count))
+
 
 # Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
 # gain nothing where packets are irregular, and meet their own aliases where they are regular.

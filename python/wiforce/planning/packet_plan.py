@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import InputError
-from ...estimation.ends.separation import EndSeparator
-from ...estimation.groups import Groups
-from ...estimation.packets.packet_channels import DividedPackets
-from ...estimation.packets.packet_groups import PacketGroups
-from ...estimation.packets.tag_parts import SolvedTags, solve_tags
-from ...signal.packets import packet_waveform
-from ...signal.timed_weights import TimedTable
-from ..plan import Plan
+from ..errors import InputError
+from ..estimation.ends.separation import EndSeparator
+from ..estimation.groups import Groups
+from ..estimation.packets.packet_channels import DividedPackets
+from ..estimation.packets.packet_groups import PacketGroups
+from ..estimation.packets.tag_parts import SolvedTags, solve_tags
+from ..signal.packets import packet_waveform
+from ..signal.timed_weights import TimedTable
+from .plan import Plan
 
 # Clutter bands that are tried, how far they may come to a clock, and by which factor a band must
 # reduce the noise: 0.1 dB.
