@@ -237,8 +237,8 @@ def test_two_sensors_readings_are_independent(generated, running):
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     """A simulated recording of 3 s: its name and its truth."""
-    from gnuradio.wiforce.simulation.score import read_truth
     from gnuradio.wiforce.simulation.simulator import simulate
+    from gnuradio.wiforce.simulation.truth import read_truth
 
     scene = wiforce.load_scene("tabletop").as_dict()
     scene["simulation"] |= {"duration_s": 3.0, "presses": scene["simulation"]["presses"][:1]}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.radio.adc import Adc
+from gnuradio.wiforce.simulation.radio import Adc
 
 from ..streams.dsp import FULL_SCALE
 from ..wire import TICK_RATE

@@ -20,9 +20,8 @@ from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth_file import write_truth
+from gnuradio.wiforce.simulation.truth import read_truth, score, write_truth
 
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases

@@ -14,8 +14,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth import read_truth, score
 
 from ..read.recordings import read_capture
 from .causes import OWN, other_causes, with_cause

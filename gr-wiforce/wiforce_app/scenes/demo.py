@@ -17,9 +17,8 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
-from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth_file import frame_count
+from gnuradio.wiforce.simulation.truth import frame_count, read_truth, score
 
 from ..shell.plots import plot_readings
 from ..shell.progress import progress

@@ -32,7 +32,7 @@ def simulate(scene, name, datatype, seed, force):
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import load_scene
     from gnuradio.wiforce.simulation import simulator
-    from gnuradio.wiforce.simulation.truth_file import frame_count
+    from gnuradio.wiforce.simulation.truth import frame_count
 
     scene = load_scene(scene)
     if seed is not None:

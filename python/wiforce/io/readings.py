@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings: what is known of one sensor in one phase group, and the flags that qualify it."""
+"""Readings: what is known of one sensor in one phase group, its flags, times and messages."""
 
 import dataclasses
 import enum

@@ -21,8 +21,8 @@ from ..signal.carrier import same_carrier
 from ..signal.switching import harmonics
 from ..signal.timed_weights import clutter_at
 from ..simulation.channel import PEAK
-from ..simulation.levels import NOISE_PEAK
-from ..simulation.presses.skin import pressed_sensor
+from ..simulation.paths import NOISE_PEAK
+from ..simulation.skin import pressed_sensor
 
 if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times of packets in a typical phase group of a scene, before anything is received."""
+"""Times of packets in a typical group of a scene, and the clocks that they keep apart."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -13,15 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .levels import Levels
-from .presses.presses import TouchState
-from .radio.front_end import AnalogueFrontEnd, GainRipple
-from .radio.oscillators import FreeOscillators
-from .random_sources import RandomSources
-from .room.interference import power_over_noise, transmitters
-from .room.moving_paths import modulated_paths, tag_paths
-from .room.paths import static_taps
-from .streams import Fir, Ramp
+from .interference import power_over_noise, transmitters
+from .moving import modulated_paths, tag_paths
+from .paths import Levels, static_taps
+from .presses import TouchState
+from .radio import AnalogueFrontEnd, FreeOscillators, GainRipple
+from .random_sources import Fir, Ramp, RandomSources
 
 if TYPE_CHECKING:
     from ..scene import Scene

@@ -18,18 +18,17 @@ import numpy as np
 from ..errors import InputError, unwritable
 from ..io.text.textfile import check_output
 from ..scene import Scene, load_scene
-from .presses.presses import TouchState
-from .random_sources import RandomSources
-from .streams import Ramp
-from .tags.tag import SwitchedTag
-from .truth_file import all_or_nothing, write_truth
+from .presses import TouchState
+from .random_sources import Ramp, RandomSources
+from .tag import SwitchedTag
+from .truth import all_or_nothing, write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
 # number, and the power of all of them relative to the direct path.
 _SPREAD_S = 30e-9
 _ECHOES = 12
 _ECHO_POWER = 1.0
-# Paths by way of moving objects, as in simulation/room/paths.py.
+# Paths by way of moving objects, as in simulation/paths.py.
 _MOVERS = 4
 # c1[1] = d1 sinc(d1) of the pulses of clock 1: the line that a scene's levels refer to.
 _LINE = 0.25 * float(np.sinc(0.25))

@@ -90,3 +90,183 @@ class RandomSources:
     def effect(self, name: str) -> Seeds:
         """The generators of an effect, which all antennas share."""
         return Seeds(self._seed, name)
+
+
+# Knots of slow values. Between knots this far apart, a gain with a Doppler shift of 250 Hz
+# deviates from linear by 3e-5 of itself.
+_KNOT_SPACING_S = 10e-6
+
+
+class Fir:
+    """Direct-form FIR filter for a stream of complex64 that carries its own history.
+
+    Parameters
+    ----------
+    taps : ndarray of float or complex, shape (n,)
+        Real taps take half the operations.
+
+    Attributes
+    ----------
+    memory : int
+        Samples of history that the filter needs, n - 1.
+    """
+
+    def __init__(self, taps: np.ndarray) -> None:
+        self._complex = np.iscomplexobj(taps)
+        kind = np.complex64 if self._complex else np.float32
+        self._taps = [(delay, kind(tap)) for delay, tap in enumerate(taps) if tap != 0]
+        self.memory = len(taps) - 1
+
+    def apply(self, extended: np.ndarray, count: int, out: np.ndarray, scratch: np.ndarray) -> None:
+        """Filter the newest samples.
+
+        Parameters
+        ----------
+        extended : ndarray of complex64, shape (memory + count,) or more
+            History, then the new samples.
+        count : int
+            Number of new samples.
+        out : ndarray of complex64, shape (count,)
+            Result.
+        scratch : ndarray of complex64, shape (count,)
+            Overwritten.
+        """
+        start, size = len(extended) - count, 1
+        if not self._complex:  # both components alike, at half the work
+            extended, out, scratch = (x.view(np.float32) for x in (extended, out, scratch))
+            size = 2
+        if not self._taps:
+            out[:] = 0
+        for i, (delay, tap) in enumerate(self._taps):
+            first = size * (start - delay)
+            part = extended[first : first + size * count]
+            np.multiply(part, tap, out=scratch if i else out)
+            if i:
+                np.add(out, scratch, out=out)
+
+
+class Ramp:
+    """Linear interpolation of slow values between knots on the sample grid."""
+
+    def __init__(self, sample_rate_hz: float) -> None:
+        self._step = max(16, 2 ** round(np.log2(_KNOT_SPACING_S * sample_rate_hz)))
+        self._weights = (np.arange(self._step) / self._step).astype(np.float32)
+        self._rate = sample_rate_hz
+
+    def knots(self, first_sample: int, count: int) -> np.ndarray:
+        """Times of the knots around some samples.
+
+        Returns ndarray of float, shape (n,): in s since sample 0, from the last knot at or before
+        the first sample to the first knot at or after the last.
+        """
+        first = first_sample // self._step
+        last = -(-(first_sample + count) // self._step)
+        return np.arange(first, last + 1) * (self._step / self._rate)
+
+    def interpolate(self, values: np.ndarray, first_sample: int, count: int) -> np.ndarray:
+        """Interpolate to the samples.
+
+        Returns ndarray of complex64, shape (count,).
+
+        Parameters
+        ----------
+        values : ndarray of complex, shape (n,)
+            At the :meth:`knots` of the same samples.
+        """
+        values = np.asarray(values, np.complex64)
+        steps = np.diff(values)
+        lines = steps[:, None] * self._weights
+        lines += values[:-1, None]
+        skip = first_sample % self._step
+        return lines.reshape(-1)[skip : skip + count]
+
+
+# Knots that are drawn at once.
+_DRAWN = 4096
+
+
+class RandomWalk:
+    """A random walk from 0 at time 0, and its integral.
+
+    Parameters
+    ----------
+    std_per_sqrt_s : float
+        Standard deviation after 1 s.
+    rng : numpy.random.Generator
+        Of this walk alone.
+    limit : float
+        The walk is reflected at +-``limit``.
+    spacing_s : float
+        Time between knots; between them the walk is linear.
+
+    Notes
+    -----
+    The walk is kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
+    """
+
+    def __init__(
+        self,
+        std_per_sqrt_s: float,
+        rng: np.random.Generator,
+        limit: float = np.inf,
+        spacing_s: float = 10e-3,
+    ) -> None:
+        self._step, self._rng, self._limit = std_per_sqrt_s * np.sqrt(spacing_s), rng, limit
+        self._spacing_s = spacing_s
+        self._last = 0.0  # before reflection
+        self._values, self._integrals = np.zeros(1), np.zeros(1)
+
+    def at(self, time_s: np.ndarray | float) -> np.ndarray:
+        """The walk at given times.
+
+        Returns ndarray of float, shape of ``time_s``.
+
+        Parameters
+        ----------
+        time_s : array_like of float, any shape
+            Not negative; negative times count as 0.
+        """
+        knot, inside = self._knots(time_s)
+        return self._values[knot] + inside * (self._values[knot + 1] - self._values[knot])
+
+    def integral(self, time_s: np.ndarray | float) -> np.ndarray:
+        """Its integral over time, from time 0.
+
+        Returns ndarray of float, shape of ``time_s``.
+
+        Parameters
+        ----------
+        time_s : array_like of float, any shape
+        """
+        knot, inside = self._knots(time_s)
+        start = self._values[knot]
+        rise = self._values[knot + 1] - start
+        return self._integrals[knot] + self._spacing_s * (start * inside + rise * inside**2 / 2)
+
+    def _knots(self, time_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """The knot before each time, and the part of the interval after it."""
+        position = np.maximum(np.asarray(time_s, float) / self._spacing_s, 0.0)
+        knot = position.astype(np.int64)
+        if knot.size:
+            self._extend(int(knot.max()) + 2)
+        return knot, position - knot
+
+    def _extend(self, count: int) -> None:
+        """Draw whole lots of knots until there are at least ``count``."""
+        missing = count - len(self._values)
+        if missing <= 0:
+            return
+        steps = self._rng.standard_normal(-(-missing // _DRAWN) * _DRAWN) * self._step
+        walk = self._last + np.cumsum(steps)
+        self._last = float(walk[-1])
+        new = np.r_[self._values[-1], _reflected(walk, self._limit)]
+        areas = np.cumsum((new[1:] + new[:-1]) / 2) * self._spacing_s
+        self._integrals = np.r_[self._integrals, self._integrals[-1] + areas]
+        self._values = np.r_[self._values, new[1:]]
+
+
+def _reflected(walk: np.ndarray, limit: float) -> np.ndarray:
+    if not np.isfinite(limit):
+        return walk
+    folded = (walk + limit) % (4 * limit)
+    return np.where(folded < 2 * limit, folded - limit, 3 * limit - folded)

@@ -15,8 +15,8 @@ from ..io.text.textfile import check_output
 from ..scene import Scene, load_scene
 from .channel import AirChannel
 from .packets import simulate_packets
-from .radio.adc import Adc
-from .truth_file import all_or_nothing, frame_count, write_truth
+from .radio import Adc
+from .truth import all_or_nothing, frame_count, write_truth
 
 _SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
 _FRAMES_AT_ONCE = 500

@@ -13,7 +13,7 @@ from gnuradio.wiforce.calibration.tables import CalibrationTable, write_vna_csv
 from gnuradio.wiforce.scene.effects import Beam
 from gnuradio.wiforce.scene.simulated import Press
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.simulation.presses.press_force import press_force, shown_force
+from gnuradio.wiforce.simulation.presses import press_force, shown_force
 
 TRUE = load_sensor("line-900mhz")
 PLACES_MM = (20.0, 30.0, 40.0, 50.0, 60.0)

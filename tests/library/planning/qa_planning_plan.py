@@ -18,8 +18,8 @@ from gnuradio.wiforce.planning.plan import HARMONICS, plan
 from gnuradio.wiforce.planning.steps import MORE_LINES, steps, waveform_warnings, with_more_lines
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
-from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth import read_truth, score
 from long_cases import cases
 
 ROOT = Path(__file__).parents[3]

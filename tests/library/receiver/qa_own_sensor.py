@@ -7,7 +7,7 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.truth import read_truth, score
 from second_simulator import Tag, write_vna
 from wiforce_app.read.recordings import read_capture
 

@@ -6,7 +6,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.channel import PEAK, AirChannel
-from gnuradio.wiforce.simulation.tags.switching import SWITCHES, switch_states
+from gnuradio.wiforce.simulation.switching import SWITCHES, switch_states
 
 TA = 256 / 12.5e6
 T = 720 / 12.5e6

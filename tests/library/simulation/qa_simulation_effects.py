@@ -8,9 +8,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.effects import Lamps, Walker
 from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.moving import MainsLamps, Person
 from gnuradio.wiforce.simulation.random_sources import Seeds
-from gnuradio.wiforce.simulation.room.mains import MainsLamps
-from gnuradio.wiforce.simulation.room.person import Person
 
 RATE = 12.5e6
 FRAME = 720

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.simulation.radio.adc import Adc
-from gnuradio.wiforce.simulation.room.paths import MovingPath, delay_taps, response, tag_taps
-from gnuradio.wiforce.simulation.streams import Fir
+from gnuradio.wiforce.simulation.paths import MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.simulation.radio import Adc
+from gnuradio.wiforce.simulation.random_sources import Fir
 
 
 @pytest.mark.parametrize("delay", [2.0, 2.25, 3.7])

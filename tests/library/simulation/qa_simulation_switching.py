@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.simulation.tags.switching import SWITCHES, SwitchingClock, switch_states
+from gnuradio.wiforce.simulation.switching import SWITCHES, SwitchingClock, switch_states
 
 
 def test_clock_within_tolerance_follows_signal_model():

@@ -8,13 +8,13 @@ from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.random_sources import Seeds
-from gnuradio.wiforce.simulation.tags.irregular_clock import IrregularClock
-from gnuradio.wiforce.simulation.tags.switching import (
+from gnuradio.wiforce.simulation.switching import (
     SWITCHES,
     SwitchingClock,
     switch_states,
     with_duty_errors,
 )
+from gnuradio.wiforce.simulation.tag import IrregularClock
 
 CLOCK = (1000.0, 3000.0, 1.0, 3100.0, 0.123)
 PRESS = {"start_s": 1.0, "hold_s": 1.0, "rise_s": 0.5, "force_n": 4.0, "location_mm": 33.0}

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...scene.simulated import Press
-from ...scene.surface import bare_skin
-from .press_force import press_force
-from .presses import PressedSensor, TouchState
+from ..scene.simulated import Press
+from ..scene.surface import bare_skin
+from .presses import PressedSensor, TouchState, press_force
 
 if TYPE_CHECKING:
-    from ...scene import Scene
-    from ...scene.surface_presses import SurfacePress
-    from ...surface.skin import Skin
+    from ..scene import Scene
+    from ..scene.surface_presses import SurfacePress
+    from ..surface.skin import Skin
+
 
 # A share below this is no contact: at 1000 N it is 0.1 N, far below the onset of any strip.
 _LEAST_SHARE = 1e-4

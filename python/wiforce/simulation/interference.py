@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..random_sources import RandomSources, Seeds
+from .random_sources import RandomSources, Seeds
 
 if TYPE_CHECKING:
-    from ...scene.simulated import Simulation
+    from ..scene.simulated import Simulation
+
 
 # Transmissions are drawn for a cell of time on its own, so that a stream can start anywhere.
 # A cell holds at least this many of the longest transmission: what its end cuts off is little.
