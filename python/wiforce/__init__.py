@@ -17,39 +17,24 @@ _BLOCKS_IN_CPP = (
     "recording_source",
 )
 _BLOCKS_IN_PYTHON = {
-    "samples": (
-        "backscatter_tag",
-        "capture_source",
-        "frame_alignment",
-        "sigmf_recorder",
-        "sounding_source",
-    ),
+    "captures": ("capture_source", "sigmf_recorder"),
     "chain": (
-        "antenna_ratio",
         "clock_offset",
         "conjugate_difference",
         "end_separation",
         "force_inversion",
         "subcarrier_average",
     ),
-    "reading": (
-        "reader",
-        "readings_to_floats",
-    ),
-    "displays": (
-        "doppler_display",
-        "force_display",
-        "phase_display",
-        "trend_display",
-    ),
+    "displays": ("doppler_display", "force_display", "phase_display", "trend_display"),
+    "frame_alignment": ("frame_alignment",),
+    "reader": ("reader",),
+    "readings": ("readings_to_floats",),
+    "snapshots": ("antenna_ratio",),
+    "sounding": ("backscatter_tag", "sounding_source"),
 }
 _MODULES = {
     **dict.fromkeys(_BLOCKS_IN_CPP, "wiforce_python"),
-    **{
-        name: f"blocks.{chapter}.{name}"
-        for chapter, names in _BLOCKS_IN_PYTHON.items()
-        for name in names
-    },
+    **{name: f"blocks.{module}" for module, names in _BLOCKS_IN_PYTHON.items() for name in names},
     "ForceDisplay": "gui",
     "Groups": "estimation.groups",
     "Receiver": "receiver.receiver",

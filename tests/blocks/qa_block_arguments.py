@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce import blocks
-from gnuradio.wiforce.blocks.samples.capture_source import capture_source
+from gnuradio.wiforce.blocks.captures import capture_source
 from gnuradio.wiforce.errors import InputError
 
 KINDS = gr.basic_block, gr.sync_block, gr.hier_block2

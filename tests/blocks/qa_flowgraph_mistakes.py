@@ -146,7 +146,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     samples.tofile(tmp_path / "press.bin")
     datatype = "ci16_le" if samples.ndim == 2 else "cf32_le"
     logged = []
-    module = importlib.import_module("gnuradio.wiforce.blocks.samples.capture_source")
+    module = importlib.import_module("gnuradio.wiforce.blocks.captures")
     monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
     wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype=datatype)
     (sentence,) = logged

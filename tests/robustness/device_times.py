@@ -3,7 +3,7 @@
 
 import pmt
 from gnuradio import gr
-from gnuradio.wiforce.blocks.stream_time import time_value
+from gnuradio.wiforce.blocks.stream_watch import time_value
 
 KEY = pmt.intern("rx_time")
 

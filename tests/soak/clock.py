@@ -48,11 +48,11 @@ class PlayedTime:
         on_health : callable
             Called with the RunHealth of each run.
         """
-        from gnuradio.wiforce.blocks.samples import resumed_time, sample_receiver
+        from gnuradio.wiforce.blocks import sample_streams
         from gnuradio.wiforce.io.files import writers
         from wiforce_app.live import health, live, monitor, radio_keeper, service_report, session
 
-        for module in (resumed_time, sample_receiver, session, health):
+        for module in (sample_streams, session, health):
             module.time = self
         made_health = health.RunHealth
 

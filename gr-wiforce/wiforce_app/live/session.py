@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.chain.free_fold import free_fold
-from gnuradio.wiforce.blocks.samples.frame_search import FrameSearch
-from gnuradio.wiforce.blocks.samples.sample_receiver import sample_receiver
+from gnuradio.wiforce.blocks.frame_alignment import FrameSearch
+from gnuradio.wiforce.blocks.sample_streams import sample_receiver
+from gnuradio.wiforce.blocks.snapshots import free_fold
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.io.capture.samples import FULL_SCALE

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.samples.sample_sender import sample_sender
+from gnuradio.wiforce.blocks.sample_streams import sample_sender
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
 from .clock_comparison import ClockComparison

@@ -7,7 +7,7 @@ import threading
 import time
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.samples.capture_stream import capture_stream
+from gnuradio.wiforce.blocks.captures import capture_stream
 from gnuradio.wiforce.estimation.capture.frame import searched_samples
 from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arguments of blocks, checked against their annotations before a block uses them."""
+"""Arguments, lifetime and buffers of Python blocks, where GNU Radio leaves them to chance."""
 
 import inspect
 import types
@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 import numpy as np
 
 from ..errors import InputError
+from ..wiforce_python import kept_with
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -130,3 +131,57 @@ def _words(kind: Any) -> tuple[str, str]:
     if origin is tuple:
         return f"{len(get_args(kind))} {_words(get_args(kind)[0])[1]}", "lists"
     return _WORDS.get(origin, (f"a {origin.__name__}", f"{origin.__name__}s"))
+
+
+class Kept:
+    """Mix-in of Python blocks, before GNU Radio's class, that a flowgraph keeps.
+
+    GNU Radio's flowgraphs hold only the C++ part of a Python block. Without this, a block that no
+    variable refers to is destroyed while it runs, which ends the process.
+
+    Examples
+    --------
+    >>> import weakref
+    >>> from gnuradio import blocks, gr
+    >>> class Sink(Kept, gr.sync_block):
+    ...     def __init__(self):
+    ...         gr.sync_block.__init__(self, "sink", in_sig=["c8"], out_sig=None)
+    >>> flowgraph, sink = gr.top_block(), Sink()
+    >>> there = weakref.ref(sink)
+    >>> flowgraph.connect(blocks.null_source(8), sink)
+    >>> del sink
+    >>> there() is None
+    False
+    >>> del flowgraph
+    >>> there() is None
+    True
+    """
+
+    def to_basic_block(self) -> Any:
+        """The block as a flowgraph connects it."""
+        # The C++ part of a hierarchical block, and that of another one.
+        own = self.__dict__
+        return kept_with(own["_impl"] if "_impl" in own else own["gateway"], self)
+
+
+def enlarge_output_buffer(block: Any, items: int) -> None:
+    """Call ``set_min_output_buffer`` without the line that it prints.
+
+    Parameters
+    ----------
+    block : gr.block
+    items : int
+        Least length of the buffer.
+
+    Examples
+    --------
+    >>> from gnuradio import blocks
+    >>> head = blocks.head(8, 1000)
+    >>> enlarge_output_buffer(head, 4096)
+    >>> head.min_output_buffer(0)
+    4096
+    """
+    level = block.log_level()
+    block.set_log_level("warn")
+    block.set_min_output_buffer(items)
+    block.set_log_level(level)

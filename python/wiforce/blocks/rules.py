@@ -180,7 +180,7 @@ def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> 
     (True, False)
     """
     from .frame_settings import LONGEST_PREAMBLE, frames_of
-    from .samples.sounding_source import largest_amplitude
+    from .sounding import largest_amplitude
 
     def largest() -> float:
         return largest_amplitude(frames_of(waveform, LONGEST_PREAMBLE, 1.0, symbol_length).preamble)

@@ -6,7 +6,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
-from gnuradio.wiforce.blocks.chain import state_tag
+from gnuradio.wiforce.blocks.group_block import state_to_pmt
 from gnuradio.wiforce.estimation.groups import Groups
 
 
@@ -21,7 +21,7 @@ def separated(index, locked, offsets_ppm):
 
 def state_tag_at(offset, group):
     tag = gr.tag_t()
-    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_tag.to_pmt(group)
+    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_to_pmt(group)
     return tag
 
 

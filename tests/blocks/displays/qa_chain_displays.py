@@ -8,7 +8,7 @@ import pmt
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
-from gnuradio.wiforce.blocks.chain import state_tag
+from gnuradio.wiforce.blocks.group_block import state_to_pmt
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.gui import Spectrum
@@ -89,7 +89,7 @@ def test_phase_display_shows_changes_since_the_untouched_sensor(qt, estimator, e
     ]
     key = pmt.intern(names.STATE)
     tags = [
-        gr.tag_utils.python_to_tag((n, key, state_tag.to_pmt(state), pmt.PMT_F))
+        gr.tag_utils.python_to_tag((n, key, state_to_pmt(state), pmt.PMT_F))
         for n, state in enumerate(states)
     ]
     display = wiforce.phase_display(plan)

@@ -8,7 +8,7 @@ import pmt
 import pytest
 from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
+from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture

@@ -12,12 +12,9 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr
-from gnuradio.wiforce.blocks.samples.frame_alignment import frame_alignment
-from gnuradio.wiforce.blocks.samples.frame_search import FrameSearch
-from gnuradio.wiforce.blocks.samples.resumed_time import ResumedTime
-from gnuradio.wiforce.blocks.samples.sample_receiver import sample_receiver
-from gnuradio.wiforce.blocks.samples.sample_sender import sample_sender
-from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
+from gnuradio.wiforce.blocks.frame_alignment import FrameSearch, frame_alignment
+from gnuradio.wiforce.blocks.sample_streams import ResumedTime, sample_receiver, sample_sender
+from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.io.network.sample_packets import (
     HEAD_BYTES,

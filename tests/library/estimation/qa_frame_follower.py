@@ -7,8 +7,8 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import gr
-from gnuradio.wiforce.blocks.chain.free_fold import free_fold
-from gnuradio.wiforce.blocks.stream_time import time_value
+from gnuradio.wiforce.blocks.snapshots import free_fold
+from gnuradio.wiforce.blocks.stream_watch import time_value
 from gnuradio.wiforce.estimation.capture.frame import FrameFollower
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 

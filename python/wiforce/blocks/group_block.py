@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base of the Python blocks of the chain: an item per phase group, its state as a tag."""
+"""What blocks of the chain share: groups in tags, their state and noise, and subcarriers."""
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -10,11 +11,197 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.groups import Array, Groups
-from ...wiforce_python import input_has_ended
-from .. import names
-from ..kept import Kept
-from . import state_tag
+from ..estimation.groups import Array, Groups
+from ..wiforce_python import input_has_ended
+from . import names
+from .argument_types import Kept
+
+# Arrays that are the stream's items, or are not sent.
+_ITEMS = {"tones", "snapshot_weights", "ends", "changes", "ratios"}
+_NAMES = [item.name for item in dataclasses.fields(Groups) if item.name not in _ITEMS]
+
+
+def state_to_pmt(group: Groups) -> Any:
+    """Convert a batch of one group to a pmt dict.
+
+    Parameters
+    ----------
+    group : Groups
+        Of length 1.
+
+    Returns
+    -------
+    pmt
+        Dict with a row of each array that is not None, by the names in Groups.
+
+    Examples
+    --------
+    >>> state_from_pmt(state_to_pmt(Groups([7], missing=np.array([3])))).missing.tolist()
+    [3]
+    """
+    result = pmt.make_dict()
+    for name in _NAMES:
+        values = getattr(group, name)
+        if values is not None:
+            result = pmt.dict_add(result, pmt.intern(name), _to_pmt(values[0]))
+    return result
+
+
+def state_from_pmt(value: Any) -> Groups:
+    """Convert a pmt dict to a batch of one group.
+
+    Parameters
+    ----------
+    value : pmt
+        See :func:`state_to_pmt`.
+
+    Returns
+    -------
+    Groups
+
+    Examples
+    --------
+    >>> len(state_from_pmt(state_to_pmt(Groups([7]))))
+    1
+    """
+    arrays = {}
+    for name in _NAMES:
+        item = pmt.dict_ref(value, pmt.intern(name), pmt.PMT_NIL)
+        if not pmt.is_null(item):
+            arrays[name] = _from_pmt(item)[None]
+    return Groups(**arrays)
+
+
+def _to_pmt(row: Array) -> Any:
+    if np.ndim(row) == 0:
+        if row.dtype == bool:
+            return pmt.from_bool(bool(row))
+        return pmt.from_double(float(row)) if row.dtype == float else pmt.from_uint64(int(row))
+    if row.dtype == bool:
+        return pmt.init_u8vector(row.size, row.astype(np.uint8).tolist())
+    if np.iscomplexobj(row):
+        return pmt.init_c64vector(row.size, row.astype(complex).tolist())
+    return pmt.init_f64vector(row.size, row.astype(float).tolist())
+
+
+def _from_pmt(item: Any) -> Array:
+    if pmt.is_bool(item):
+        return np.array(pmt.to_bool(item))
+    if pmt.is_u8vector(item):
+        return np.array(pmt.u8vector_elements(item), bool)
+    if pmt.is_c64vector(item):
+        return np.array(pmt.c64vector_elements(item))
+    if pmt.is_f64vector(item):
+        return np.array(pmt.f64vector_elements(item))
+    if pmt.is_real(item):
+        return np.array(pmt.to_double(item))
+    return np.array(pmt.to_uint64(item))
+
+
+def noise_value(noise: Array) -> Any:
+    """Value of the tag ``noise`` for some folded vectors that follow each other.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (n, 2)
+        Smallest and largest difference of the repetitions of each, as a power per sample.
+
+    Returns
+    -------
+    pmt
+        f32vector of 2 n values.
+
+    Examples
+    --------
+    >>> pmt.f32vector_elements(noise_value(np.array([[0.5, 1.0]])))
+    [0.5, 1.0]
+    """
+    return pmt.init_f32vector(noise.size, np.asarray(noise, np.float32).ravel())
+
+
+class NoiseTags:
+    """Reads the tags ``noise`` of one input.
+
+    Examples
+    --------
+    >>> tags = NoiseTags()
+    >>> tags.add(7, noise_value(np.array([[1.0, 2.0], [3.0, 4.0]])))
+    >>> tags.noise(6, 3).tolist()
+    [[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]]
+    """
+
+    def __init__(self) -> None:
+        self._runs: deque[tuple[int, Array]] = deque()
+
+    def add(self, item: int, value: Any) -> None:
+        """Take the tag of an item; tags must come in the order of their items."""
+        self._runs.append((item, np.array(pmt.f32vector_elements(value)).reshape(-1, 2)))
+
+    def noise(self, first: int, count: int) -> Array:
+        """Noise of some items, shape (count, 2); zeros where it is unknown.
+
+        Tags of earlier items are forgotten.
+        """
+        noise = np.zeros((count, 2))
+        while self._runs and self._runs[0][0] + len(self._runs[0][1]) <= first:
+            self._runs.popleft()
+        for item, values in self._runs:
+            begin, end = max(item, first), min(item + len(values), first + count)
+            if begin < end:
+                noise[begin - first : end - first] = values[begin - item : end - item]
+        return noise
+
+
+def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
+    """The occupied subcarriers of vectors.
+
+    Parameters
+    ----------
+    items : ndarray of complex, shape (G, N rows)
+        A spectrum of N subcarriers per row.
+    rows : int
+        Tones or ends.
+    bins : ndarray of int, shape (K,)
+        FFT bins of the occupied subcarriers.
+
+    Returns
+    -------
+    ndarray of complex, shape (G, rows, K)
+        In double precision.
+
+    Examples
+    --------
+    >>> occupied_subcarriers(np.arange(128.0)[None], 2, np.array([1, 63])).real.tolist()
+    [[[1.0, 63.0], [65.0, 127.0]]]
+    """
+    return items.reshape(len(items), rows, -1)[:, :, bins].astype(complex)
+
+
+def whole_spectra(values: Array, bins: Array, symbol_length: int) -> Array:
+    """Vectors of occupied subcarriers, zeros in the others.
+
+    Parameters
+    ----------
+    values : ndarray of complex, shape (G, rows, K)
+    bins : ndarray of int, shape (K,)
+        FFT bins of the occupied subcarriers.
+    symbol_length : int
+        All subcarriers, N.
+
+    Returns
+    -------
+    ndarray of complex, shape (G, N rows)
+
+    Examples
+    --------
+    >>> vectors = whole_spectra(np.ones((5, 2, 1)), np.array([3]), 64)
+    >>> vectors.shape, np.flatnonzero(vectors[0]).tolist()
+    ((5, 128), [3, 67])
+    """
+    items = np.zeros((*values.shape[:2], symbol_length), complex)
+    items[:, :, bins] = values
+    return items.reshape(len(values), -1)
+
 
 # Tags of each item, by name.
 Tags = Sequence[dict[str, Any]]
@@ -135,7 +322,7 @@ class GroupBlock(Kept, gr.basic_block):
             group, vector = self._ready.popleft()
             output_items[0][produced] = vector
             offset = self.nitems_written(0) + produced
-            self.add_item_tag(0, offset, _STATE, state_tag.to_pmt(group))
+            self.add_item_tag(0, offset, _STATE, state_to_pmt(group))
             produced += 1
         return produced
 
@@ -169,13 +356,13 @@ def groups_of(tags: Tags) -> Groups:
 
     Examples
     --------
-    >>> state = state_tag.to_pmt(Groups([7]))
+    >>> state = state_to_pmt(Groups([7]))
     >>> groups_of([{names.STATE: state}]).index.tolist()
     [7]
     """
     if any(names.STATE not in own for own in tags):
         raise RuntimeError(f"group without a {names.STATE!r} tag: connect after end_separation")
-    return Groups.concatenate(state_tag.from_pmt(own[names.STATE]) for own in tags)
+    return Groups.concatenate(state_from_pmt(own[names.STATE]) for own in tags)
 
 
 def count_of(tags: dict[str, Any], name: str) -> int:

@@ -1,30 +1,175 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: samples that other processes send one after the other, as one continuous stream."""
+"""Samples between processes, with times that go on after a device was lost."""
 
+import math
 import socket
 import struct
 import time
 from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pmt
 from gnuradio import gr
 
-from ...estimation.groups import Array
-from ...io.network.sample_packets import (
+from ..estimation.groups import Array
+from ..io.network.sample_packets import (
     HEAD_BYTES,
     SAMPLE_BYTES,
     TAG_BYTES,
+    TAG_KEYS,
     SampleTag,
+    pack_head,
     unpack_counts,
     unpack_tags,
 )
-from .. import names
-from ..argument_types import typed
-from ..kept import Kept
-from ..stream_time import time_value
-from .frame_search import FrameSearch, Tag
-from .resumed_time import ResumedTime
+from ..wiforce_python import rx_time_value
+from . import names
+from .argument_types import Kept, typed
+from .frame_alignment import FrameSearch, Tag
+from .stream_watch import Timeline, time_value
+
+# Blocks take a jump of more than an hour for a wrong time (lib/kernel/timing/timeline.h); a longer
+# break is reported in several steps.
+_LONGEST_STEP_S = 3000.0
+
+Time = tuple[int, float]
+
+
+def _boot_time_s() -> float:
+    """Seconds since the machine was started, those in standby included."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class ResumedTime:
+    """Continues the time of a stream when a device is lost and found.
+
+    The time between two streams is measured by the host's clock, since the device may have been
+    started again. A stream resumes a whole number of frames after the beginning of the first one,
+    because transmission and reception start together and the device's delay is constant.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Samples per second.
+    frame_length : int
+        Samples per frame.
+    now : callable
+        Host time in seconds.
+
+    Examples
+    --------
+    >>> host = iter([0.0, 2.0])
+    >>> times = ResumedTime(1e6, 1000, now=lambda: next(host))
+    >>> times.begin((10, 0.5))
+    [(10, 0.5)]
+    >>> times.received(500_000)  # the device is lost at 11.0 s, by its own clock
+    >>> times.begin((0, 0.25))  # it was started again, and found after 2 s
+    [(13, 0.0)]
+    >>> times.of(750_000, (0, 0.5))
+    (13, 0.25)
+    >>> times.stream_clock
+    (2, 12.75)
+    """
+
+    def __init__(
+        self, sample_rate: float, frame_length: int, now: Callable[[], float] = _boot_time_s
+    ) -> None:
+        self._rate, self._frame, self._now = sample_rate, frame_length, now
+        self._timeline = Timeline(sample_rate)
+        self._items = 0  # received in all streams
+        self._last_s = 0.0  # host time of the last of them
+        self._origin: Time | None = None
+        self._offset: Time = (0, 0.0)  # from the present stream's clock to the first one's
+        self._streams = 0
+        self._stream_clock = 0, 0.0
+
+    @property
+    def started(self) -> bool:
+        """Whether a stream has begun."""
+        return self._origin is not None
+
+    @property
+    def stream_clock(self) -> tuple[int, float]:
+        """Number of streams that have begun, and what is added to the clock of the last, in s."""
+        return self._stream_clock
+
+    def begin(self, device_time: Time | None, frame_offset: int = 0) -> list[Time]:
+        """A stream begins.
+
+        Parameters
+        ----------
+        device_time : tuple of (int, float), optional
+            Whole seconds and fraction of its first sample; without it, its clock is the number of
+            its samples.
+        frame_offset : int
+            Where the stream resumes in a frame, by the beginning of the first stream.
+
+        Returns
+        -------
+        list of tuple of (int, float)
+            Times of its first samples, one for each, after which time continues: more than one
+            after a long break.
+        """
+        device_time = device_time or (0, 0.0)
+        self._streams += 1
+        if self._origin is None:
+            self._stream_clock = self._streams, 0.0
+            self._origin = device_time
+            self._timeline.note(0, time_value(*self._origin))
+            return [self._origin]
+        position = self._items + self._timeline.lost
+        gone = position + max(self._now() - self._last_s, 0.0) * self._rate
+        resumed = math.ceil((gone - frame_offset) / self._frame) * self._frame + frame_offset
+        steps = math.ceil((resumed - position) / (_LONGEST_STEP_S * self._rate)) or 1
+        times = []
+        for step in range(1, steps + 1):
+            reached = position + (resumed - position) * step // steps
+            # The samples of the steps before have times as well.
+            item = step - 1
+            value = self._after_origin(resumed + item if step == steps else reached)
+            self._timeline.note(self._items + item, time_value(*value))
+            times.append(value)
+        first = _added(times[-1], (0, -(steps - 1) / self._rate))
+        self._offset = _added(first, (-device_time[0], -device_time[1]))
+        self._stream_clock = self._streams, sum(self._offset)
+        return times
+
+    def of(self, item: int, device_time: Time) -> Time:
+        """Time of a sample whose device time is known.
+
+        Parameters
+        ----------
+        item : int
+            Index among the samples of all streams.
+        device_time : tuple of (int, float)
+            By the clock of the present stream.
+
+        Returns
+        -------
+        tuple of (int, float)
+        """
+        seconds, fraction = _added(device_time, self._offset)
+        value = max(seconds, 0), fraction  # a device may report a time that cannot be
+        self._timeline.note(item, time_value(*value))
+        return value
+
+    def received(self, count: int) -> None:
+        """Samples have been received."""
+        self._items += count
+        self._last_s = self._now()
+
+    def _after_origin(self, samples: int) -> Time:
+        whole, rest = divmod(samples, self._rate)
+        return _added(self._origin or (0, 0.0), (int(whole), rest / self._rate))
+
+
+def _added(time: Time, other: Time) -> Time:
+    fraction = time[1] + other[1]
+    carried = math.floor(fraction)
+    return time[0] + other[0] + carried, fraction - carried
+
 
 _WAIT_S = 0.1
 _WAIT = struct.pack("@ll", 0, round(1e6 * _WAIT_S))  # a timeval
@@ -276,3 +421,116 @@ class sample_receiver(Kept, gr.sync_block):
         if resumes:
             tags.append((first, pmt.intern(names.RETUNED), pmt.from_uint64(1)))
         return tags
+
+
+# As far as the system allows: with a larger buffer, the processes wait for each other less often.
+_BUFFER_BYTES = 1 << 20
+
+
+class sample_sender(Kept, gr.sync_block):
+    """Writes complex 16-bit samples and their device tags to a stream socket.
+
+    Parameters
+    ----------
+    stream : socket.socket
+        Connected; a ``sample_receiver`` reads the other end.
+    interval_s : float
+        Time from one packet to the next, at least. What arrives meanwhile is sent together: the
+        processor time of both processes depends on the number of packets.
+    accepts_time : callable, optional
+        Whether a time in seconds is sent as ``rx_time``; all are by default.
+    antennas : int
+        Number of inputs; their samples are sent side by side.
+
+    Attributes
+    ----------
+    sent : int
+        Number of samples sent.
+    waiting : bool
+        The other process is slower than the samples come.
+    ended : bool
+        Nothing is sent any more.
+
+    Examples
+    --------
+    >>> ours, theirs = socket.socketpair()
+    >>> sample_sender(ours).sent
+    0
+    """
+
+    @typed
+    def __init__(
+        self,
+        stream: socket.socket,
+        interval_s: float = 0.0,
+        accepts_time: Callable[[float], bool] = lambda seconds: True,
+        antennas: int = 1,
+    ) -> None:
+        signature = [(np.int16, 2)] * antennas
+        gr.sync_block.__init__(self, "sample_sender", in_sig=signature, out_sig=None)
+        # With a timeout of Python's, a call would send whatever part finds room at once.
+        stream.settimeout(None)
+        stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
+        stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+        self._stream, self._interval_s = stream, interval_s
+        self._accepts_time = accepts_time
+        self._next_s = 0.0
+        self.sent = 0
+        self.waiting = self.ended = False
+
+    def end(self) -> None:
+        """Send nothing any more, not even the rest of a packet."""
+        self.ended = True
+
+    def work(self, input_items: list[Array], _: list[Array]) -> int:
+        items = input_items[0]
+        if len(input_items) > 1:
+            items = np.concatenate(input_items, axis=1)
+        head = pack_head(len(items), self._tags(len(items)))
+        data = np.ascontiguousarray(items).view(np.uint8).data.cast("B")
+        if not self._send([memoryview(head), memoryview(data)]):
+            self.ended = True
+            return _DONE
+        self.sent += len(items)
+        early_s = self._next_s - time.monotonic()
+        if early_s > 0:
+            time.sleep(early_s)
+        self._next_s = time.monotonic() + self._interval_s
+        return len(items)
+
+    def stop(self) -> bool:
+        self.ended = True
+        return True
+
+    def _tags(self, count: int) -> Iterator[SampleTag]:
+        first = self.nitems_read(0)
+        for tag in self.get_tags_in_window(0, 0, count):
+            key = pmt.symbol_to_string(tag.key)
+            if key not in TAG_KEYS or (value := _plain(tag.value)) is None:
+                continue
+            if key != names.RX_TIME or self._accepts_time(sum(value)):
+                yield SampleTag(key, tag.offset - first, *value)
+
+    def _send(self, parts: list[memoryview]) -> bool:
+        """Whether all of it was sent."""
+        while parts and not self.ended:
+            try:
+                count = self._stream.sendmsg(parts)
+                self.waiting = False
+            except BlockingIOError:
+                self.waiting = True
+                continue
+            except OSError:  # the other process has gone
+                return False
+            while parts and count >= len(parts[0]):
+                count -= len(parts.pop(0))
+            if parts:
+                parts[0] = parts[0][count:]
+        return not parts
+
+
+def _plain(value: Any) -> tuple[int, float] | None:
+    """Whole seconds and fraction of an ``rx_time``, or 0 and a number; None for anything else."""
+    if pmt.is_real(value) or pmt.is_integer(value):
+        return 0, pmt.to_double(value)
+    return rx_time_value(value)

@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The steps from tones to readings, a block each."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from ..errors import InputError
+from ..estimation.capture.folded_groups import FoldedGroups
+from ..estimation.estimators import estimator_named
+from ..estimation.groups import Array, Groups, is_clipped
+from ..estimation.phases.average import SubcarrierAverage
+from ..io.readings import GroupCounts, Reading
+from ..planning.plan import Plan
+from ..receiver.receiver import make_readout
+from . import names
+from .argument_types import Kept, typed
+from .group_block import (
+    GroupBlock,
+    Tags,
+    count_of,
+    groups_of,
+    occupied_subcarriers,
+    state_from_pmt,
+    whole_spectra,
+)
+from .readings import ReadingPort
+
+
+class ToneInput:
+    """Converts the output of ``ofdm_channel_estimator`` to Groups.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+    derotated : bool
+        Whether the channel estimator was given the plan's derotation.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> count, groups = ToneInput(wiforce.plan("demo")).collect(
+    ...     np.zeros((1, 24 * 64)), [{names.GROUP: pmt.from_uint64(7)}])
+    >>> count, groups.index.tolist(), groups.tones.shape
+    (1, [7], (1, 24, 62))
+    """
+
+    def __init__(self, plan: Plan, derotated: bool = True) -> None:
+        self._plan = plan
+        self.rows = len(plan.table.tones)
+        self._folded = FoldedGroups(plan.table, plan.waveform, derotated)
+        self._messages: dict[int, tuple[Array, Array]] = {}
+        self._expected: int | None = None
+
+    def on_incomplete(self, message: Any) -> None:
+        """Take the snapshots of a group with gaps (message port ``incomplete``)."""
+        meta = pmt.to_python(pmt.car(message))
+        present = np.asarray(meta[names.MASK], bool)
+        folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
+        self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), -1))
+
+    def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        """Collect a batch of items whose messages have arrived.
+
+        Parameters
+        ----------
+        items : ndarray of complex, shape (G, N M)
+            Vectors of tones.
+        tags : sequence of dict
+            Of each item, by name.
+
+        Returns
+        -------
+        int
+            Items taken.
+        Groups
+        """
+        plan = self._plan
+        group_length = plan.group_length
+        index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
+        missing = np.array([count_of(own, names.MISSING) for own in tags])
+        saturated = np.array([count_of(own, names.SATURATED) for own in tags])
+        tones = occupied_subcarriers(items, self.rows, plan.waveform.bins)
+        rejected = np.array([count_of(own, names.REJECTED) for own in tags])
+        incomplete = missing + rejected > 0
+        weights = np.ones((len(index), group_length), bool)
+        count = len(index)
+        for row in np.flatnonzero(incomplete):
+            group = int(index[row])
+            if group not in self._messages and self._expected != group:
+                # Its snapshots were sent before it: wait until the messages have been handled.
+                self._expected = group
+                count = row
+                break
+            tones[row], _, weights[row] = self._solved(group)
+            if not weights[row].any():
+                missing[row] = group_length
+        groups = Groups(
+            index[:count],
+            tones[:count],
+            missing[:count],
+            is_clipped(saturated[:count], group_length),
+            np.array([names.RETUNED in own for own in tags[:count]], bool),
+            weights[:count] if incomplete.any() else None,
+            rejected[:count] / group_length,
+        )
+        return count, groups
+
+    def _solved(self, group: int) -> tuple[Array | float, ...]:
+        """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""
+        if group not in self._messages:
+            gr.log.warn(
+                f"end_separation: no snapshots of group {group} arrived, it is flagged 'gap': "
+                "connect the message port 'incomplete'"
+            )
+            return 0.0, 0.0, 0.0
+        present, folded = self._messages.pop(group)
+        return self._folded.solve(present, folded[present])
+
+
+_STATE = pmt.intern(names.STATE)
+
+
+class clock_offset(Kept, gr.sync_block):
+    """Offset of every tag's clock against its nominal frequency.
+
+    Input: vectors tagged ``state``, from ``end_separation`` or any block after it. Output: vectors
+    of S floats, ppm, positive for a fast tag; NaN while a clock is not known.
+
+    Parameters
+    ----------
+    sensors : int
+        S.
+    length : int
+        Complex numbers per input vector: 2 S times the samples of a symbol after
+        ``end_separation``, 128 S for the default waveform.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> offset = clock_offset(sensors=2, length=256)
+    """
+
+    @typed
+    def __init__(self, sensors: int = 1, length: int = 128) -> None:
+        for name, value in (("sensors", sensors), ("length", length)):
+            if value < 1:
+                raise InputError(name, "must be at least 1", value)
+        item = np.float32 if sensors == 1 else (np.float32, sensors)
+        gr.sync_block.__init__(self, "clock_offset", [(np.complex64, length)], [item])
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        self._sensors = sensors
+
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
+        out = output_items[0]
+        out[:] = np.nan
+        for tag in self.get_tags_in_window(0, 0, len(out), _STATE):
+            state = state_from_pmt(tag.value)
+            row = out.reshape(len(out), -1)[tag.offset - self.nitems_read(0)]
+            count = min(self._sensors, state.locked.shape[1])
+            locked = state.locked[0, :count]
+            row[:count][locked] = state.clock_offset_ppm[0, :count][locked]
+        return len(out)
+
+
+class end_separation(GroupBlock):
+    """Separates the ends of every tag in a group's tones, at the tracked clock.
+
+    Input: vectors M x N, the channel at each tone (``phase_group_doppler`` with the plan's
+    weights, then ``ofdm_channel_estimator``), tagged ``group`` and ``missing``.
+    Output: vectors 2S x N, V_i of each end with the clock taken out, tagged ``state``. N are the
+    samples of a symbol.
+    Message port ``incomplete``: snapshots of groups with gaps, from ``phase_group_doppler``.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+    derotated : bool
+        Whether the channel estimator was given the plan's derotation.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type, or a clock is known too roughly.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> separation = end_separation(wiforce.plan("demo"))
+    """
+
+    @typed
+    def __init__(self, plan: Plan, derotated: bool = True) -> None:
+        plan.check_clocks()
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
+        self._compression = plan.compression
+        self.stage = estimator_named(plan.estimator).separation(
+            plan.table, plan.clocks, plan.waveform, derotated, plan.others
+        )
+        outputs = 2 * len(plan.clocks) * self._width
+        self._input = ToneInput(plan, derotated)
+        GroupBlock.__init__(self, "end_separation", self._input.rows * self._width, outputs)
+        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
+        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
+
+    def _on_incomplete(self, message: Any) -> None:
+        try:
+            self._input.on_incomplete(message)
+        except Exception as error:
+            self.fail(error)
+
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        count, groups = self._input.collect(items, tags)
+        return count, self._corrected(self.stage.process(groups))
+
+    def flush(self) -> Groups:
+        return self._corrected(self.stage.flush())
+
+    def _corrected(self, groups: Groups) -> Groups:
+        return groups if self._compression is None else self._compression.correct(groups)
+
+    def vectors(self, groups: Groups) -> Array:
+        return whole_spectra(groups.ends, self._bins, self._width)
+
+
+class conjugate_difference(GroupBlock):
+    """V conj(V_ref) of every end and subcarrier.
+
+    Input and output: vectors 2S x N, tagged ``state``. Scaled so that the average over
+    subcarriers with the noise weights is R with its magnitude. The groups of the reference are
+    held back until it is complete, or the stream ends.
+    Message port ``tare``: any message takes a new reference from the groups that follow.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``. Its estimator ``paper`` compares every group with the
+        one before (paper, section 3.3).
+
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> difference = conjugate_difference(wiforce.plan("demo"))
+    """
+
+    @typed
+    def __init__(self, plan: Plan) -> None:
+        self._ends = 2 * len(plan.clocks)
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
+        estimator = estimator_named(plan.estimator)
+        self.stage = estimator.difference(len(plan.clocks), plan.reference_groups, plan.waveform)
+        GroupBlock.__init__(
+            self, "conjugate_difference", self._ends * self._width, self._ends * self._width
+        )
+        self.message_port_register_in(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
+
+    # GNU Radio finds a handler by its name: a lambda has none that it knows.
+    def _on_tare(self, message: Any) -> None:
+        self.stage.tare()
+
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        ends = occupied_subcarriers(items, self._ends, self._bins)
+        return len(items), self.stage.process(groups_of(tags).having(ends=ends))
+
+    def flush(self) -> Groups:
+        return self.stage.flush()
+
+    def vectors(self, groups: Groups) -> Array:
+        return whole_spectra(groups.changes, self._bins, self._width)
+
+
+class subcarrier_average(GroupBlock):
+    """R of every end: the average over subcarriers, weighted by the noise of each.
+
+    Input: vectors 2S x N from ``conjugate_difference``; output: vectors 2S, R with its magnitude;
+    both tagged ``state``, to which the standard deviation of arg R is added.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> average = subcarrier_average(wiforce.plan("demo"))
+    """
+
+    @typed
+    def __init__(self, plan: Plan) -> None:
+        self._ends = 2 * len(plan.clocks)
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
+        self.stage = SubcarrierAverage()
+        GroupBlock.__init__(self, "subcarrier_average", self._ends * self._width, self._ends)
+
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        changes = occupied_subcarriers(items, self._ends, self._bins)
+        return len(items), self.stage.process(groups_of(tags).having(changes=changes))
+
+    def vectors(self, groups: Groups) -> Array:
+        return groups.ratios
+
+
+class force_inversion(ReadingPort, GroupBlock):
+    """Readings from the ratios R of each group.
+
+    Input: vectors 2S from ``subcarrier_average``, tagged ``state``.
+    Message port ``readings`` (out): a dict per group and sensor, keys as the columns of a readings
+    file, without unknown values.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_reading : callable, optional
+        Called with every :class:`Reading` in the block's thread. For programs that need the last
+        readings of a finite stream, which message ports may lose.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> inversion = force_inversion(wiforce.plan("demo"), on_reading=print)
+    >>> inversion.counts.dropped
+    0
+    """
+
+    @typed
+    def __init__(
+        self,
+        plan: Plan,
+        tracked: bool = False,
+        on_reading: Callable[[Reading], None] | None = None,
+    ) -> None:
+        self.stage = make_readout(plan, tracked)
+        GroupBlock.__init__(self, "force_inversion", 2 * len(plan.clocks), 0)
+        self.open_port(on_reading)
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
+        return self.stage.counts
+
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        groups = groups_of(tags).having(ratios=items.astype(complex))
+        self.publish(self.stage.process(groups))
+        return len(items), groups[:0]
+
+    def finish(self) -> None:
+        """Give the readings of the last group, which has no later neighbour."""
+        self.publish(self.stage.flush())
