@@ -20,7 +20,7 @@ from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
 from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
-from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
+from gnuradio.wiforce.sensor.file import CarrierCurves, CurvesFile, LineFile, SensorFile
 from wiforce_app.main import PROGRAM, command
 from wiforce_app.shell.grouped_help import GroupedHelp
 

@@ -25,9 +25,9 @@ from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.signal.room_noise import room_noise
-from gnuradio.wiforce.simulation.score import read_truth, steady_rows
+from gnuradio.wiforce.signal.lines import room_noise
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth import read_truth, steady_rows
 
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases

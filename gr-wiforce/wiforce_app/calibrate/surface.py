@@ -11,10 +11,9 @@ from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
-from gnuradio.wiforce.surface.calibration import fit_spreading
+from gnuradio.wiforce.surface.calibration import fit_spreading, read_known_presses, taps_of
 from gnuradio.wiforce.surface.checks import borne_together, borne_too_much, surprising_taps
 from gnuradio.wiforce.surface.file import write_spreading
-from gnuradio.wiforce.surface.taps import read_known_presses, taps_of
 
 # Beyond this a share is known too roughly to be of use: two neighbours then differ by as much.
 _POOR_STD = 0.1

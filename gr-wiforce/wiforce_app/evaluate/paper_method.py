@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.signal.partial_weights import tones_of
+from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.truth import steady_rows
 
 from .error_summary import calibration_bias_deg, summary

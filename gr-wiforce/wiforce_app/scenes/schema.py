@@ -17,5 +17,5 @@ def schema(kind):
     if kind == "scene":
         from gnuradio.wiforce.scene import scene_json_schema as json_schema
     else:
-        from gnuradio.wiforce.sensor.file_schema import sensor_json_schema as json_schema
+        from gnuradio.wiforce.sensor.file import sensor_json_schema as json_schema
     click.echo(json.dumps(json_schema(), indent=2))

@@ -37,7 +37,7 @@ class TarePort:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.blocks.reading.group_reader import group_reader
+    >>> from gnuradio.wiforce.blocks.reader import group_reader
     >>> issubclass(group_reader, TarePort)
     True
     """

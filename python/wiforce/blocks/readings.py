@@ -30,7 +30,7 @@ class ReadingPort:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.blocks.chain.force_inversion import force_inversion
+    >>> from gnuradio.wiforce.blocks.chain import force_inversion
     >>> issubclass(force_inversion, ReadingPort)
     True
     """

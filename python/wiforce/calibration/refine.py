@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from ..errors import InputError
 from ..sensor import curves
-from ..sensor.filter_bank import NOISE_FREEDOM
+from ..sensor.tracker import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
 from .checks import check_table
 from .mistakes import stated_suspicions, suspicions

@@ -11,8 +11,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..signal.partial_weights import PartialWeights
-from ..signal.weights import ToneTable
+from ..signal.weights import PartialWeights, ToneTable
 from ..wiforce_kernels import switching_mixer
 from .groups import Array
 

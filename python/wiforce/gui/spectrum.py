@@ -10,8 +10,7 @@ from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
 from ..io.palette import SERIES
-from .display import Display
-from .style import INK, time_plot
+from .style import INK, Display, time_plot
 
 _REFRESH_MS = 200
 _LEAST_POWER = 1e-20

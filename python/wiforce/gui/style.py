@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Common look of the widgets: colours, and plots over time."""
+"""Style of the displays, and what they have in common."""
 
 import pyqtgraph as pg
-from PyQt5.QtGui import QColor
+from PyQt5.QtCore import QSize, Qt, QTimer
+from PyQt5.QtGui import QColor, QShowEvent
+from PyQt5.QtWidgets import QScrollArea, QWidget
 
 from ..io import palette
 
@@ -36,3 +38,29 @@ def time_plot(label: str) -> pg.PlotWidget:
         axis.enableAutoSIPrefix(False)
     plot.getAxis("left").setWidth(_LEFT_PX)
     return plot
+
+
+class Display(QWidget):
+    """A widget that is seen whole when its window opens.
+
+    Flowgraphs of Companion put all widgets into a scroll area, whose size does not follow from
+    what is in it.
+    """
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if not event.spontaneous():
+            QTimer.singleShot(0, self._enlarge_window)  # the layout is not complete before
+
+    def _enlarge_window(self) -> None:
+        """Enlarge a window that opened at its default size, as far as the screen allows."""
+        window = self.window()
+        if window.testAttribute(Qt.WA_Resized):
+            return  # somebody chose the size, now or in an earlier run
+        missing = QSize(0, 0)
+        for area in window.findChildren(QScrollArea):
+            if area.widget() is not None and area.widget().isAncestorOf(self):
+                missing = missing.expandedTo(area.widget().sizeHint() - area.viewport().size())
+        screen = window.screen().availableSize()
+        decoration = window.frameGeometry().size() - window.size()
+        window.resize((window.size() + missing).boundedTo(screen - decoration))

@@ -11,8 +11,7 @@ from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
 from ..io.palette import SERIES
-from .display import Display
-from .style import INK, time_plot
+from .style import INK, Display, time_plot
 
 _REFRESH_MS = 200
 _MOST = 20_000

@@ -22,12 +22,10 @@ from PyQt5.QtWidgets import (
 from ..errors import InputError
 from ..io.palette import SERIES
 from ..io.readings import Reading, SurfaceReading, as_reading
-from .display import Display
-from .history import History
+from .history import History, Track
 from .sensor_view import SensorView
-from .style import PAPER
+from .style import PAPER, Display
 from .surface_view import SurfaceView
-from .track import Track
 from .words import tare_outcome
 
 _REFRESH_MS = 40

@@ -8,8 +8,7 @@ import numpy as np
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
 from ..scene import Scene
-from ..signal.clutter import clutter_basis
-from ..signal.lines import CLUTTER_MARGIN, centered_times_s, tag_lines
+from ..signal.lines import CLUTTER_MARGIN, centered_times_s, clutter_basis, tag_lines
 from ..signal.switching import switch_averages
 from ..signal.timed_weights import TimedTable, clutter_at, timed_lines, timed_table
 

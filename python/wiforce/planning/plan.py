@@ -16,7 +16,7 @@ from ..estimation.estimators import estimator_named
 from ..scene import Scene, load_scene
 from ..scene.surface import skin_of
 from ..sensor import SensorModel
-from ..signal.room_noise import RoomNoise
+from ..signal.lines import RoomNoise
 from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights

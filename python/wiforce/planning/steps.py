@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..signal.clutter import clutter_order
-from ..signal.lines import HIGHEST_LINE
+from ..signal.lines import HIGHEST_LINE, clutter_order
 from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
 
 # Real operations of one complex multiplication and addition.

@@ -2,10 +2,9 @@
 """Scenes: what is measured, with what, and, for simulations, what happens."""
 
 from .consistency import simulation_warnings
-from .load import load_capture_scene, load_scene, sampled_scenes, shipped_scenes
+from .load import load_capture_scene, load_scene, sampled_scenes, scene_of, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
-from .stored import scene_of
 
 __all__ = [
     "Press",

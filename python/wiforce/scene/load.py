@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes by name: files, and the scenes that are shipped."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -151,3 +154,87 @@ def _scene_path(scene: str | Path) -> Path:
             return path
         raise InputError("scene", name_rule("scene", shipped_scenes(), str(scene)), str(scene))
     return _shipped_folder() / f"{scene}.yaml"
+
+
+# Who reads a capture may well simulate something else. The sensor files have another location
+# after a capture was moved, and another calibration of a sensor or a skin is no contradiction.
+_NOT_COMPARED = ("simulation", "model", "spreading", "spreading_file")
+_WAVEFORM, _SYMBOL = "sounding.waveform", "sounding.symbol"
+
+
+def scene_of(
+    capture: Capture | ChannelSnapshots, scene: str | Path | dict[str, Any] | Scene | None = None
+) -> tuple[Scene, list[str]]:
+    """The scene to read a capture with: the capture's own unless another is given.
+
+    Parameters
+    ----------
+    scene : str, Path, dict or Scene, optional
+        As for :func:`load_scene`.
+
+    Returns
+    -------
+    scene : Scene
+    differences : list of str
+        One line for each key in which the scene given differs from the capture's own; empty when
+        none is given, or when the capture holds none.
+
+    Raises
+    ------
+    InputError
+        For a mistake in the scene, or when there is none.
+    """
+    if scene is None:
+        return load_capture_scene(capture), []
+    given = load_scene(scene)
+    if capture.scene is None:
+        return given, []
+    return given, list(_differences(capture, given))
+
+
+def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[str]:
+    # Sensor files may be missing here: the scene stored is not loaded, only understood.
+    try:
+        stored = read(Scene, capture.scene, KeyPath("wiforce:scene"), path=capture.path)
+    except InputError as error:
+        yield f"the capture's own scene cannot be compared with the scene given ({error})"
+        return
+    own, other = _by_key(stored), _by_key(given)
+    for key in dict.fromkeys([*own, *other]):
+        if own.get(key) == other.get(key):
+            continue
+        if key != _SYMBOL:
+            before, now = (_text(values.get(key)) for values in (own, other))
+            yield f"{key} is {before} in the capture's own scene, {now} in the scene given"
+        elif own.get(_WAVEFORM) == other.get(_WAVEFORM):
+            # Otherwise the names say it already; the samples as text tell a reader nothing.
+            yield f"{key}: {own[_WAVEFORM]} holds another symbol than in the capture's own scene"
+
+
+def _by_key(scene: Scene) -> dict[str, Any]:
+    """Values of a scene by dotted key; sensors are named, since their order means nothing."""
+    values = scene.as_dict()
+    sensors = {sensor.pop("name"): sensor for sensor in values.pop("sensors")}
+    flat: dict[str, Any] = {"sensors": sorted(sensors)}
+    _flatten(values, "", flat)
+    for name, sensor in sensors.items():
+        _flatten(sensor, f"sensors[{name}].", flat)
+    return flat
+
+
+def _flatten(values: dict[str, Any], prefix: str, flat: dict[str, Any]) -> None:
+    for key, value in values.items():
+        if key in _NOT_COMPARED:
+            continue
+        if isinstance(value, dict):
+            _flatten(value, f"{prefix}{key}.", flat)
+        else:
+            flat[f"{prefix}{key}"] = value
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_text, value))}]"
+    return "absent" if value is None else str(value)

@@ -6,27 +6,147 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 """
 
 import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..io.readings import SURFACE_COLUMNS
 from ..io.text.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
-from ..io.text.values import AutomaticNumber, Choice, Integer, Number, Text
+from ..io.text.values import (
+    AutomaticNumber,
+    Choice,
+    Integer,
+    KeyPath,
+    Number,
+    Scope,
+    Text,
+    ValueType,
+    as_number,
+)
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
 from ..signal.packets import packet_waveform
 from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
-from ..signal.waveform import Waveform, sounding_waveform
-from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
-from .off_reflection import OffReflection
+from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from .packets import Packets
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
 from .surface import Surface
-from .waveform_name import WaveformName
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel
+
+
+# All public power grids use one of these.
+FREQUENCIES_HZ = (50.0, 60.0)
+Mains = str | float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MainsFrequency(ValueType):
+    """``auto``, 50 or 60 Hz.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null, a room without lamps, is allowed.
+    """
+
+    @property
+    def allowed(self) -> str:
+        return "'auto' or 50 or 60 Hz"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Mains:
+        if isinstance(value, str) and value == "auto":
+            return "auto"
+        number = as_number(value)
+        if number not in FREQUENCIES_HZ:
+            raise where.error(self.rule, value)
+        return number
+
+    def _json_schema(self) -> dict[str, Any]:
+        # Numbers may be typed as text, as everywhere in these files.
+        return {"enum": ["auto", *FREQUENCIES_HZ, *(f"{hz:g}" for hz in FREQUENCIES_HZ)]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffReflection(ValueType):
+    """G_off / rho, complex: one pair [re, im] for both switches, or a pair for each.
+
+    Read as a tuple of two complex numbers.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+    """
+
+    @property
+    def allowed(self) -> str:
+        return "a pair [re, im] of magnitude below 1, or a list of two such pairs"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[complex, complex]:
+        pairs = value if _is_pair(value) and _is_pair(value[0]) else [value, value]
+        first, second = (_as_complex(pair) for pair in pairs)
+        if first is None or second is None or max(abs(first), abs(second)) >= 1:
+            raise where.error(self.rule, value)
+        return first, second
+
+    def plain(self, value: tuple[complex, complex]) -> list[Any]:
+        first, second = ([number.real, number.imag] for number in value)
+        return first if first == second else [first, second]
+
+    def _json_schema(self) -> dict[str, Any]:
+        part = Number(low=-1, above=True, high=1).json_schema() | {"exclusiveMaximum": 1}
+        sizes = {"type": "array", "minItems": 2, "maxItems": 2}
+        pair = sizes | {"items": part}
+        return {"anyOf": [pair, sizes | {"items": pair}]}
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list | tuple) and len(value) == 2
+
+
+def _as_complex(value: Any) -> complex | None:
+    real, imaginary = map(as_number, value) if _is_pair(value) else (None, None)
+    return None if real is None or imaginary is None else complex(real, imaginary)
+
+
+_SUFFIX = ".npy"
+_LONGEST = 255
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveformName(ValueType):
+    """The name of a shipped waveform, or the path of a ``.npy`` file with a symbol.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether ``null`` is allowed.
+    """
+
+    @property
+    def allowed(self) -> str:
+        return f"{', '.join(map(repr, WAVEFORMS))} or a path that ends in {_SUFFIX}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+        if isinstance(value, str) and value in WAVEFORMS:
+            return value
+        is_file = isinstance(value, str) and value.isprintable() and len(value) <= _LONGEST
+        if not is_file or not value.lower().endswith(_SUFFIX):
+            raise where.error(self.rule, value)
+        return str(value)
+
+    def _json_schema(self) -> dict[str, Any]:
+        path = {
+            "type": "string",
+            "pattern": r"\.[nN][pP][yY]$",
+            "not": {"type": "string", "pattern": r"[\x00-\x1f\x7f]"},
+            "maxLength": _LONGEST,
+        }
+        return {"anyOf": [{"enum": list(WAVEFORMS)}, path]}
+
 
 # The kernels sum more without an overflow; 1000 are 5 ms of the default symbol.
 MAX_REPETITIONS = 1000

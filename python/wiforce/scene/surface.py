@@ -12,8 +12,7 @@ from ..io.text.schema import ListOf, Mapping, declared, key
 from ..io.text.values import Choice, Integer, Text
 from ..surface.checks import law_violations
 from ..surface.file import SpreadingKeys, read_spreading
-from ..surface.skin import Skin, Strip
-from ..surface.spreading import Spreading
+from ..surface.skin import Skin, Spreading, Strip
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
 from .surface_presses import POSITION
 

@@ -12,15 +12,14 @@ from typing import Any
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .inversion import Inversion
 from .model import LineModel, SensorModel
-from .smoother import smooth_press
 from .touch_test import touch_of
-from .tracker import PressTracker
+from .tracker import PressTracker, smooth_press
 
 # Where `calibration` and `gauges` have the names that programs import from here.
 _ELSEWHERE = {
     "CalibrationSession": "calibration.guided.session",
     "CalibrationTable": "calibration.tables",
-    "ForceGauge": "gauges.units",
+    "ForceGauge": "calibration.gauges.units",
     "PressMeasurement": "calibration.guided.press_measurement",
     "SessionPlan": "calibration.guided.session_plan",
     "calibrate": "calibration.calibrate",
@@ -29,7 +28,7 @@ _ELSEWHERE = {
     "measure_press": "calibration.guided.press_measurement",
     "measure_untouched": "calibration.guided.press_measurement",
     "measure_vna": "calibration.simulated_vna",
-    "parse_force": "gauges.units",
+    "parse_force": "calibration.gauges.units",
     "phase_suspicions": "calibration.mistakes",
     "read_tap_csv": "calibration.tables",
     "read_touchstone_index": "calibration.tables",

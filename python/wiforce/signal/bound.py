@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .clutter import clutter_basis
+from .lines import clutter_basis
 from .switching import switch_averages
 
 _STEP = 1e-5  # of a clock's phase in rad, for the derivatives of the waveforms

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lines of the tags' clocks in the spectrum of a phase group, aliased ones included."""
+"""Spectral lines of tags, and the clutter and noise of a room between them."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import eigh_tridiagonal
 
 # Two lines closer than this part of the group's resolution are one tone. They overlap by
 # sinc(0.3) = 0.86, so that weights which separated them would raise their noise by 5.8 dB.
@@ -157,3 +160,126 @@ def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
 def _shared(tone: Tone, owner: tuple[int, int], line_hz: float) -> Tone:
     """A tone with one more line on it; the slower, stronger line gives its frequency on air."""
     return Tone(tone.frequency_hz, (*tone.owners, owner), min(tone.line_hz, line_hz, key=abs))
+
+
+# Sequences beyond 2NW. With ten of them the part of in-band clutter that is not in the basis
+# stays below -160 dB, under the rounding of single precision.
+_EXTRA_SEQUENCES = 10
+
+
+def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float) -> int:
+    """Number of sequences in :func:`clutter_basis`.
+
+    Returns int: 1 when nothing moves, otherwise min(ceil(2 B N T) + 10, N).
+
+    Parameters
+    ----------
+    group_length : int
+        Snapshots per phase group, N.
+    snapshot_period_s : float
+        T, in s.
+    clutter_hz : float
+        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
+    """
+    if clutter_hz == 0:
+        return 1
+    half_bandwidth = clutter_hz * group_length * snapshot_period_s
+    return min(int(np.ceil(2 * half_bandwidth)) + _EXTRA_SEQUENCES, group_length)
+
+
+def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float) -> np.ndarray:
+    """Orthonormal basis of everything slower than ``clutter_hz`` in a phase group.
+
+    Returns ndarray of float, shape (N, order): the constant alone when nothing moves, otherwise the
+    first ``order`` discrete prolate spheroidal sequences of half-bandwidth NW = B N T.
+
+    Parameters
+    ----------
+    group_length : int
+        Snapshots per phase group, N.
+    snapshot_period_s : float
+        T, in s.
+    clutter_hz : float
+        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
+
+    Notes
+    -----
+    D. Slepian, "Prolate spheroidal wave functions, Fourier analysis, and uncertainty - V: the
+    discrete case", Bell System Technical Journal 57 (1978): about 2NW sequences hold all the
+    energy that signals of N samples can have within the band.
+    """
+    if clutter_hz == 0:
+        return np.full((group_length, 1), group_length**-0.5)
+    half_bandwidth = clutter_hz * group_length * snapshot_period_s
+    order = clutter_order(group_length, snapshot_period_s, clutter_hz)
+    # In very short groups NW would round to nothing.
+    return _slepian_sequences(group_length, max(half_bandwidth, 0.1), order)
+
+
+def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.ndarray:
+    """The first discrete prolate spheroidal sequences, shape (length, order), signs undefined.
+
+    They are the eigenvectors of a tridiagonal matrix (Slepian 1978, section 2.2, equation 14).
+    ``scipy.signal.windows.dpss`` gives the same, but SciPy's signal package takes 0.2 s to import.
+    """
+    n = np.arange(length)
+    diagonal = ((length - 1 - 2 * n) / 2) ** 2 * np.cos(2 * np.pi * half_bandwidth / length)
+    beside = n[1:] * (length - n[1:]) / 2
+    wanted = (length - order, length - 1)
+    _, sequences = eigh_tridiagonal(diagonal, beside, select="i", select_range=wanted)
+    return sequences[:, ::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class RoomNoise:
+    """Autocovariance of what disturbs a group, in units of the receiver's white noise.
+
+    Attributes
+    ----------
+    autocovariance : ndarray of float, shape (N,)
+        At lags of 0 to N - 1 snapshots, N being the length of a group. White noise alone is
+        (1, 0, 0, ...).
+    """
+
+    autocovariance: np.ndarray = field(repr=False)
+
+    def covariance(self, mask: np.ndarray | None = None) -> np.ndarray:
+        """Covariance matrix of a group's snapshots.
+
+        Returns ndarray of float, shape (n, n).
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (N,), optional
+            The snapshots that are present; all of them when not given.
+        """
+        snapshots = np.arange(len(self.autocovariance))
+        if mask is not None:
+            snapshots = snapshots[mask]
+        return self.autocovariance[np.abs(snapshots[:, None] - snapshots)]
+
+
+def room_noise(
+    frequency_hz: np.ndarray, power: np.ndarray, group_length: int, snapshot_period_s: float
+) -> RoomNoise:
+    """Noise of a room from the power spectrum of its disturbances.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (L,)
+        0 or above; the mirrored frequencies are disturbed equally.
+    power : ndarray, shape (L,)
+        Mean power at +f and -f, each per subcarrier and snapshot in units of the white noise.
+    group_length : int
+        Snapshots per group, N.
+    snapshot_period_s : float
+        T, in s.
+
+    Notes
+    -----
+    c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T).
+    """
+    lags_s = np.arange(group_length) * snapshot_period_s
+    values = 2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))
+    values[0] += 1.0
+    return RoomNoise(values)

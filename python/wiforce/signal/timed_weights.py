@@ -16,8 +16,7 @@ from numpy.polynomial import legendre
 
 from ..errors import InputError
 from .lines import Tone, with_mirrors
-from .partial_weights import WORST_PARTIAL_GAIN, PartialWeights
-from .weights import ToneTable
+from .weights import WORST_PARTIAL_GAIN, PartialWeights, ToneTable
 
 # Lines whose correlation over the times exceeds the first are one tone: sinc(0.3), as on a grid
 # (lines.py). A line is left out where its correlation with its own mirror image, or the share of

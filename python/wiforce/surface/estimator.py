@@ -1,19 +1,409 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presses on a surface, group by group: one, or two that are far enough apart."""
+"""Presses on a surface from the readings of its strips: profiles, posterior, estimate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, log_ndtr, logsumexp
 
-from .posterior import SurfaceEvidence, SurfacePosterior, SurfacePress
+from ..signal.carrier import wrap_deg
 from .skin import Skin
-from .strip_profile import StripProfile, strip_profile
+
+if TYPE_CHECKING:
+    from ..sensor.model import SensorModel
+
 
 Array = NDArray[np.float64]
+
+# Forces of a profile, and the standard deviations that they span. The likelihood between two of
+# them is constant within 3 %.
+_FORCES, _REACH = 25, 4.5
+# Steps of Gauss and Newton for the location at each force, from that of the inversion.
+_STEPS = 2
+
+
+@dataclass(frozen=True)
+class StripProfile:
+    """Profile likelihood over the force of n readings of one strip.
+
+    Attributes
+    ----------
+    force_n : ndarray, shape (n, k)
+        Equally spaced, from the onset or higher.
+    log_weight : ndarray, shape (n, k)
+        Logarithm of the likelihood integrated over the location and to the next force.
+    location_mm, variance_mm2 : ndarray, shape (n, k)
+        The location that explains the phases best at each force, and its variance.
+    """
+
+    force_n: Array
+    log_weight: Array
+    location_mm: Array
+    variance_mm2: Array
+
+
+def strip_profile(
+    model: SensorModel, frequency_hz: float, phases_deg: Array, std_deg: Array
+) -> StripProfile:
+    """Profile likelihood of phases over the force on a strip.
+
+    Parameters
+    ----------
+    model : SensorModel
+        Of the strip.
+    frequency_hz : float
+        Carrier, in Hz.
+    phases_deg, std_deg : ndarray, shape (n, 2)
+        Of a touched strip, with the standard deviations of their noise.
+
+    Notes
+    -----
+    The likelihood is that of the single strip (``sensor/inversion.py``): noise and the model's own
+    error are normal. The forces are chosen about the press that the inversion finds.
+    """
+    inverter = model.inverter(frequency_hz)
+    forward = inverter.forward
+    found = inverter.invert(phases_deg, std_deg)
+    low, high = forward.force_n[[0, -1]]
+    first = np.clip(found.force_n - _REACH * found.force_std_n, low, high)
+    last = np.clip(found.force_n + _REACH * found.force_std_n, low, high)
+    last = np.maximum(last, first + 1e-6 * high)
+    force = first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, _FORCES)
+    covariance = found.covariance
+    slope = covariance[:, 0, 1] / np.maximum(covariance[:, 0, 0], 1e-12)
+    location = found.location_mm[:, None] + slope[:, None] * (force - found.force_n[:, None])
+    shape, (start, stop) = force.shape, forward.location_mm[[0, -1]]
+    wanted, noise = phases_deg[:, None], std_deg[:, None] ** 2
+    location = np.clip(location, start, stop)
+    noise = noise + forward.variances(force.ravel(), location.ravel()).reshape(*shape, 2)
+    variance = np.maximum(noise, 1e-9)
+    for _ in range(_STEPS):
+        at = force.ravel(), location.ravel()
+        residual = wrap_deg(wanted - forward.phases(*at).reshape(*shape, 2))
+        by_location = forward.slopes(*at)[..., 1].reshape(*shape, 2)
+        curvature = np.maximum((by_location**2 / variance).sum(axis=-1), 1e-9)
+        step = (by_location * residual / variance).sum(axis=-1) / curvature
+        location = np.clip(location + step, start, stop)
+    # The residual at the last location but one, less what the last step has taken off it.
+    left = (residual**2 / variance).sum(axis=-1) - curvature * step**2
+    log_weight = -0.5 * (left + np.log(variance).sum(axis=-1) + np.log(curvature))
+    log_weight += np.log((last - first) / (_FORCES - 1))[:, None]
+    ruler = (model.ruler_std_mm or 0.0) ** 2
+    return StripProfile(force, log_weight, location, 1 / curvature + ruler)
+
+
+# A strip that is pressed from 0.9 N on is detected from 1.2 N on (docs/press.md): this is
+# three standard deviations.
+_ONSET_STD_N = 0.1
+# Points across at which the posterior is first drawn, per spacing; then over the part in which it
+# is within exp(-_DEPTH) of its largest value.
+_ROUGH_PER_SPACING, _FINE, _DEPTH = 12, 41, 12.0
+# Hermite points along force and along x; their spread over that of a normal posterior, so that
+# skewed ones are covered.
+_HERMITE, _WIDER = 5, 1.3
+_LOWEST_N = 1e-3
+# Least squares starts from a press anywhere: a normal variable with the variance of one that is
+# uniform, length^2 / 12, over all forces and this length along x, several strips of 80 mm. Its
+# weight against a strip's own 0.5 mm is 1e-4.
+_UNIFORM, _PRIOR_MM = 12, 200.0
+# Readings at a time, which limits memory to 50 MB.
+_AT_ONCE = 16
+
+
+@dataclass(frozen=True)
+class SurfaceEvidence:
+    """What n readings of all S strips show.
+
+    Attributes
+    ----------
+    profiles : StripProfile
+        Of arrays (n, S, k), with the locations along x; rows of strips that are not touched have
+        no meaning.
+    touched, untouched : ndarray of bool, shape (n, S)
+        Neither for strips that are left out.
+    other_n : ndarray, shape (n, S)
+        Force that something else may add to each strip: a standard deviation.
+    """
+
+    profiles: StripProfile
+    touched: NDArray[np.bool_]
+    untouched: NDArray[np.bool_]
+    other_n: Array
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfaceEvidence:
+        p = self.profiles
+        part = StripProfile(
+            p.force_n[rows], p.log_weight[rows], p.location_mm[rows], p.variance_mm2[rows]
+        )
+        return SurfaceEvidence(part, self.touched[rows], self.untouched[rows], self.other_n[rows])
+
+    def __len__(self) -> int:
+        return len(self.touched)
+
+    def of_touched(self, strips: NDArray[np.bool_], other_n: Array) -> SurfaceEvidence:
+        """The same with all other touched strips left out; (S,) each."""
+        other = np.broadcast_to(other_n, self.touched.shape)
+        return SurfaceEvidence(self.profiles, self.touched & strips, self.untouched, other)
+
+
+@dataclass(frozen=True)
+class SurfacePress:
+    """Presses of n readings.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (n, 3)
+        Force in N, x and y in mm.
+    covariance : ndarray, shape (n, 3, 3)
+    misfit : ndarray, shape (n,)
+        Squared residual of the strips at the best press, in standard deviations.
+    freedom : ndarray, shape (n,)
+        Of which so much is expected.
+    """
+
+    mean: Array
+    covariance: Array
+    misfit: Array
+    freedom: Array
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfacePress:
+        return SurfacePress(
+            self.mean[rows], self.covariance[rows], self.misfit[rows], self.freedom[rows]
+        )
+
+
+class SurfacePosterior:
+    """The posterior of force, x and y.
+
+    Notes
+    -----
+    All forces up to the largest that the strips can show, and all points of the plane up to one
+    spacing beyond the outer strips, are equally likely beforehand. The force on strip i is normal
+    about ``share(y - y_i) F`` with ``share_std F``, the location that it shows about x with
+    ``location_std_mm``. A touched strip gives the likelihood of its phases, averaged over both; an
+    untouched one the probability that its force is below the onset. The posterior is summed over y,
+    and integrated over force and x by Gauss and Hermite's rule about the least-squares solution at
+    each y, so that its mean and covariance need not be those of a normal distribution.
+    """
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        low, high = skin.y_mm[[0, -1]]
+        count = round((high - low) / skin.spacing_mm + 2) * _ROUGH_PER_SPACING + 1
+        beyond = skin.spacing_mm
+        self._y = np.linspace(low - beyond, high + beyond, count)
+        spans = [strip.ends_mm for strip in skin.strips]
+        self._x_span = min(span[0] for span in spans), max(span[1] for span in spans)
+        tops = [s.model.inverter(skin.frequency_hz).forward.force_n[-1] for s in skin.strips]
+        between = float(skin.spreading.share(skin.spacing_mm / 2))
+        self._top_n = max(tops) / max(between, 0.05)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(_HERMITE)
+        grid = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+        # Weights for integrals of the function itself, not of it times the normal density.
+        self._nodes = grid
+        self._log_weights = np.log(np.outer(weights, weights).ravel()) + 0.5 * (grid**2).sum(axis=1)
+
+    def __call__(self, evidence: SurfaceEvidence) -> SurfacePress:
+        """The posterior's mean and covariance.
+
+        Parameters
+        ----------
+        evidence : SurfaceEvidence
+            At least one strip of each reading is touched.
+        """
+        starts = range(0, len(evidence), _AT_ONCE)
+        parts = [self._some(evidence[start : start + _AT_ONCE]) for start in starts]
+        names = SurfacePress.__dataclass_fields__
+        return SurfacePress(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+    def roughly(self, evidence: SurfaceEvidence) -> SurfacePress:
+        """The least-squares press, without a covariance: much faster.
+
+        Parameters
+        ----------
+        evidence : SurfaceEvidence
+            At least one strip of each reading is touched.
+        """
+        summary = _Summary.of(evidence)
+        y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
+        mean = self._conditional(summary, evidence, y)[0]
+        misfit, freedom, best = self._misfit(summary, evidence, mean, y)
+        at_best = np.take_along_axis(mean, best[..., None], axis=1)[:, 0]
+        found = np.column_stack([at_best, self._y[best[:, 0]]])
+        return SurfacePress(found, np.zeros((len(evidence), 3, 3)), misfit, freedom)
+
+    def _some(self, evidence: SurfaceEvidence) -> SurfacePress:
+        summary = _Summary.of(evidence)
+        y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
+        rough = self._conditional(summary, evidence, y)[2]
+        near = rough > rough.max(axis=1, keepdims=True) - _DEPTH
+        first, last = near.argmax(axis=1), len(self._y) - 1 - near[:, ::-1].argmax(axis=1)
+        low = self._y[np.maximum(first - 1, 0)]
+        high = self._y[np.minimum(last + 1, len(self._y) - 1)]
+        y = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _FINE)
+        mean, covariance, _ = self._conditional(summary, evidence, y)
+        root = _WIDER * np.linalg.cholesky(covariance)
+        points = mean[:, :, None] + np.einsum("nyab,qb->nyqa", root, self._nodes)
+        force, x = points[..., 0], points[..., 1]
+        across = np.broadcast_to(y[:, :, None], force.shape)
+        log = self._log_likelihood(evidence, force, x, across)
+        scale = np.log(root[..., 0, 0] * root[..., 1, 1])[..., None]
+        log = (log + self._log_weights + scale).reshape(len(evidence), -1)
+        best = log.max(axis=1, keepdims=True)
+        weight = np.exp(log - best)
+        weight /= weight.sum(axis=1, keepdims=True)
+        press = np.stack([force, x, across], axis=-1).reshape(len(evidence), -1, 3)
+        found = np.einsum("np,npa->na", weight, press)
+        centred = press - found[:, None]
+        spread = np.einsum("np,npa,npb->nab", weight, centred, centred)
+        # What lies between two points across.
+        step = (high - low) / (_FINE - 1)
+        spread[:, 2, 2] += step**2 / 12
+        misfit, freedom, _ = self._misfit(summary, evidence, mean, y)
+        return SurfacePress(found, spread, misfit, freedom)
+
+    def _strip_std(self, force: Array) -> Array:
+        """Standard deviation of the force on any strip."""
+        return self._skin.spreading.share_std * force
+
+    def _conditional(
+        self, summary: _Summary, evidence: SurfaceEvidence, y: Array
+    ) -> tuple[Array, Array, Array]:
+        """Least squares of (force, x) at each y: mean, covariance and logarithm of the evidence.
+
+        Shapes (n, Y, 2), (n, Y, 2, 2) and (n, Y).
+        """
+        shares = self._skin.shares(y)  # (n, Y, S)
+        touched = evidence.touched[:, None].astype(float)
+        squares = (touched * shares**2).sum(axis=-1)
+        force = (touched * shares * summary.force_n[:, None]).sum(axis=-1)
+        force = np.clip(force / np.maximum(squares, 1e-4), _LOWEST_N, self._top_n)
+        middle = 0.5 * (self._x_span[0] + self._x_span[1])
+        prior_force, prior_x = _UNIFORM / self._top_n**2, _UNIFORM / _PRIOR_MM**2
+        for _ in range(3):
+            inverse = summary.inverse(
+                self._strip_std(force), self._skin.spreading.location_std_mm, touched
+            )
+            a, b, c = inverse
+            nff = (a * shares**2).sum(axis=-1) + prior_force
+            nfx, nxx = (b * shares).sum(axis=-1), c.sum(axis=-1) + prior_x
+            m, x = summary.force_n[:, None], summary.x_mm[:, None]
+            rf = (shares * (a * m + b * x)).sum(axis=-1) + prior_force * self._top_n / 2
+            rx = (b * m + c * x).sum(axis=-1) + prior_x * middle
+            determinant = nff * nxx - nfx**2
+            force = np.clip((nxx * rf - nfx * rx) / determinant, _LOWEST_N, self._top_n)
+        along = (nff * rx - nfx * rf) / determinant
+        mean = np.stack([force, along], axis=-1)
+        covariance = (
+            np.stack([np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2)
+            / determinant[..., None, None]
+        )
+        misfit = self._squares(summary, evidence, inverse, shares, force, along)[0]
+        size = touched * np.log(np.maximum(a * c - b**2, 1e-300))
+        log = -0.5 * misfit + 0.5 * size.sum(axis=-1) - 0.5 * np.log(determinant)
+        return mean, covariance, log
+
+    def _squares(
+        self,
+        summary: _Summary,
+        evidence: SurfaceEvidence,
+        inverse: tuple[Array, Array, Array],
+        shares: Array,
+        force: Array,
+        x: Array,
+    ) -> tuple[Array, Array]:
+        """Squared residuals of all strips (n, Y), and the number of strips that contradict."""
+        a, b, c = inverse
+        df = summary.force_n[:, None] - shares * force[..., None]
+        dx = summary.x_mm[:, None] - x[..., None]
+        squares = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
+        std = np.hypot(self._strip_std(force)[..., None], _ONSET_STD_N)
+        above = (shares * force[..., None] - self._skin.untouched_below_n) / std
+        above = np.maximum(above, 0) * evidence.untouched[:, None]
+        return squares + (above**2).sum(axis=-1), (above > 0).sum(axis=-1)
+
+    def _log_likelihood(self, evidence: SurfaceEvidence, force: Array, x: Array, y: Array) -> Array:
+        """Of the strips' phases and touches at points (n, Y, q)."""
+        total = np.where((force > _LOWEST_N) & (force < self._top_n), 0.0, -np.inf)
+        safe = np.maximum(force, _LOWEST_N)
+        std = self._strip_std(safe)
+        spread = self._skin.spreading.location_std_mm**2
+        for i, strip_y in enumerate(self._skin.y_mm):
+            borne = self._skin.spreading.share_of(i, y - strip_y) * safe
+            onset = self._skin.untouched_below_n[i]
+            if (rows := np.flatnonzero(evidence.untouched[:, i])).size:
+                below = (onset - borne[rows]) / np.hypot(std[rows], _ONSET_STD_N)
+                total[rows] += log_ndtr(below)
+            if not (rows := np.flatnonzero(evidence.touched[:, i])).size:
+                continue
+            p = evidence[rows].profiles
+            at, weight = p.force_n[:, None, None, i], p.log_weight[:, None, None, i]
+            where, variance = p.location_mm[:, None, None, i], p.variance_mm2[:, None, None, i]
+            # Forces of the profile stand for the intervals about them: Gaussians so wide add up to
+            # a constant within 2 exp(-2 (0.6 pi)^2) = 0.2 % (Poisson's sum).
+            interval = 0.6 * (p.force_n[:, i, 1] - p.force_n[:, i, 0])
+            other = np.hypot(evidence.other_n[rows, i], interval)
+            width = np.hypot(std[rows], other[:, None, None])[..., None]
+            variance = variance + spread
+            exponent = ((at - borne[rows][..., None]) / width) ** 2
+            exponent += (where - x[rows][..., None]) ** 2 / variance + np.log(variance)
+            total[rows] += logsumexp(weight - 0.5 * exponent, axis=-1) - np.log(width[..., 0])
+        return total
+
+    def _misfit(
+        self, summary: _Summary, evidence: SurfaceEvidence, mean: Array, y: Array
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Least squared residual over y, its degrees of freedom, and where it is (n, 1)."""
+        force, x = mean[..., 0], mean[..., 1]
+        touched = evidence.touched[:, None].astype(float)
+        inverse = summary.inverse(
+            self._strip_std(force), self._skin.spreading.location_std_mm, touched
+        )
+        squares, above = self._squares(summary, evidence, inverse, self._skin.shares(y), force, x)
+        best = squares.argmin(axis=1)[:, None]
+        misfit = np.take_along_axis(squares, best, axis=1)[:, 0]
+        contradicting = np.take_along_axis(above, best, axis=1)[:, 0]
+        freedom = 2 * evidence.touched.sum(axis=1) - 3 + contradicting
+        return misfit, np.maximum(freedom, 1), best
+
+
+@dataclass(frozen=True)
+class _Summary:
+    """Mean and covariance of each strip's own force and x, shape (n, S)."""
+
+    force_n: Array
+    x_mm: Array
+    ff: Array
+    fx: Array
+    xx: Array
+    other_n: Array
+
+    @staticmethod
+    def of(evidence: SurfaceEvidence) -> _Summary:
+        p = evidence.profiles
+        log = np.where(evidence.touched[..., None], p.log_weight, 0.0)
+        weight = np.exp(log - log.max(axis=-1, keepdims=True))
+        weight /= weight.sum(axis=-1, keepdims=True)
+        force, x = (weight * p.force_n).sum(axis=-1), (weight * p.location_mm).sum(axis=-1)
+        df, dx = p.force_n - force[..., None], p.location_mm - x[..., None]
+        ff = (weight * df**2).sum(axis=-1)
+        fx = (weight * df * dx).sum(axis=-1)
+        xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
+        return _Summary(force, x, ff, fx, xx, evidence.other_n)
+
+    def inverse(self, force_std: Array, x_std: float, touched: Array) -> tuple[Array, Array, Array]:
+        """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
+        a = (self.ff + self.other_n**2)[:, None] + force_std[..., None] ** 2 + 1e-9
+        c = self.xx[:, None] + x_std**2 + 1e-9
+        b = self.fx[:, None]
+        determinant = np.maximum(a * c - b**2, 1e-18)
+        return touched * c / determinant, -touched * b / determinant, touched * a / determinant
+
+
 Flags = NDArray[np.bool_]
 
 # Strips contradict each other when their residual is larger than that of so many presses, as for

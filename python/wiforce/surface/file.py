@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from ..io.text.schema import declared, key, plain, read
 from ..io.text.textfile import read_yaml, write_yaml
 from ..io.text.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
-from .spreading import Spreading, StripSpreading, gaussian_spreading
+from .skin import Spreading, StripSpreading, gaussian_spreading
 
 _MOST_POINTS = 200
 _MOST_STRIPS = 16

@@ -17,8 +17,7 @@ from gnuradio.wiforce.press.explanations import filter_of
 from gnuradio.wiforce.press.sensor_readout import SensorReadout
 from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
-from gnuradio.wiforce.signal.clutter import clutter_basis
-from gnuradio.wiforce.signal.lines import centered_times_s
+from gnuradio.wiforce.signal.lines import centered_times_s, clutter_basis
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 WAVEFORM = sounding_waveform()

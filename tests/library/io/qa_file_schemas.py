@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.text.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.io.text.values import KeyPath, Scope
 from gnuradio.wiforce.scene import Scene, load_scene, scene_json_schema
 from gnuradio.wiforce.sensor import sensor_from_dict
-from gnuradio.wiforce.sensor.file_schema import FILES, sensor_json_schema
+from gnuradio.wiforce.sensor.file import FILES, sensor_json_schema
 from wiforce_app.main import main
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"

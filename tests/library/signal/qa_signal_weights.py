@@ -6,10 +6,8 @@ import re
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.signal.clutter import clutter_basis
-from gnuradio.wiforce.signal.lines import tag_lines
-from gnuradio.wiforce.signal.partial_weights import PartialSolver, pseudo_inverse
-from gnuradio.wiforce.signal.weights import design_weights
+from gnuradio.wiforce.signal.lines import clutter_basis, tag_lines
+from gnuradio.wiforce.signal.weights import PartialSolver, design_weights, pseudo_inverse
 from plain import WAVEFORM, T
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.

@@ -5,7 +5,7 @@ import numpy as np
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
-from gnuradio.wiforce.signal.partial_weights import tones_of
+from gnuradio.wiforce.signal.weights import tones_of
 
 
 class SnapshotChain:

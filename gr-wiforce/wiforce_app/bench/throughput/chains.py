@@ -3,8 +3,8 @@
 
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
-from gnuradio.wiforce.blocks.chain.group_block import GroupBlock
-from gnuradio.wiforce.blocks.reading.group_reader import snapshot_group
+from gnuradio.wiforce.blocks.group_block import GroupBlock
+from gnuradio.wiforce.blocks.reader import snapshot_group
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.wiforce_kernels import tone_reader, tone_transform
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...signal.lines import aliased_hz
-from ...signal.room_noise import RoomNoise, room_noise
+from ...signal.lines import RoomNoise, aliased_hz, room_noise
 from ...signal.switching import line_envelope
 from ...signal.waveform import Waveform
 from ..capture.frame import whole_frames

@@ -13,8 +13,13 @@ from itertools import product
 import numpy as np
 
 from ...estimation.clocks.likelihood import PHASE_MARGIN, phase_margin
-from ...signal.clutter import clutter_basis
-from ...signal.lines import STRONG_LINES, aliased_hz, centered_times_s, lamp_distances_hz
+from ...signal.lines import (
+    STRONG_LINES,
+    aliased_hz,
+    centered_times_s,
+    clutter_basis,
+    lamp_distances_hz,
+)
 from ...signal.waveform import Waveform
 from ..plan import Plan
 from .spacing import Pulses, double_rate_pulses, line_coefficients, switch_waveform

@@ -12,8 +12,7 @@ from ...estimation.clocks.tracked_tag import TagClock
 from ...estimation.room.clock_lines import measured
 from ...estimation.room.sources import RoomLine, Source
 from ...estimation.room.survey import Survey
-from ...signal.lines import CLUTTER_MARGIN
-from ...signal.room_noise import RoomNoise, room_noise
+from ...signal.lines import CLUTTER_MARGIN, RoomNoise, room_noise
 from ...signal.switching import harmonics
 from ...signal.weights import ToneTable
 from ..plan import Plan
