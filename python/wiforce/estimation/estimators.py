@@ -22,24 +22,15 @@ from .phases.reference import ConjugateDifference
 
 @dataclass(frozen=True)
 class Estimator:
-    """How the ends' phases are estimated.
+    """How the ends' phases are estimated."""
 
-    Attributes
-    ----------
-    separator : callable
-        Makes the stage from tones to the ends' channels; see :meth:`separation`.
-    rectangular : bool
-        Whether tones are plain Fourier sums over the group instead of the scene's weights.
-    against : str
-        The reference: the ``untouched`` sensor or the ``previous`` group.
-    ratios : str
-        Meaning of the resulting ratios R: the ``change`` against the untouched sensor, a ``step``
-        from group to group, or a ``square`` of the change.
-    """
-
+    # makes the stage from tones to the ends' channels
     separator: Callable[..., EndSeparator | LineSeparator]
+    # tones are plain Fourier sums over the group instead of the scene's weights
     rectangular: bool = False
-    against: str = "untouched"
+    against: str = "untouched"  # the reference: the ``untouched`` sensor or the ``previous`` group
+    # the ``change`` against the untouched sensor, a ``step`` from group to group, or a ``square``
+    # of the change
     ratios: str = "change"
 
     def separation(
@@ -50,12 +41,8 @@ class Estimator:
         derotated: bool,
         others: Sequence[TagClock] = (),
     ) -> EndSeparator | LineSeparator:
-        """Make the stage that separates the ends.
-
-        Parameters
-        ----------
-        table, clocks, waveform, derotated, others
-            As for :class:`.separation.EndSeparator`; only that one knows ``others``.
+        """Make the stage that separates the ends (:class:`.EndSeparator`, which alone knows
+        ``others``).
         """
         more = {"others": others} if others else {}
         return self.separator(table, clocks, waveform, derotated, **more)
@@ -63,17 +50,7 @@ class Estimator:
     def difference(
         self, tags: int, reference_groups: int, waveform: Waveform
     ) -> ConjugateDifference:
-        """Make the stage that compares the ends with their reference.
-
-        Parameters
-        ----------
-        tags : int
-            S.
-        reference_groups : int
-            Length of the untouched reference.
-        waveform : Waveform
-            As it was sent.
-        """
+        """Make the stage that compares the ends of S tags with their reference."""
         # The channels of packets are ratios of antennas, which no few delays describe.
         if isinstance(waveform, PacketWaveform):
             return ConjugateDifference(2 * tags, reference_groups, self.against)
@@ -91,18 +68,7 @@ ESTIMATORS = {
 
 
 def estimator_named(name: str) -> Estimator:
-    """Look up an estimator.
-
-    Parameters
-    ----------
-    name : str
-        One of ``ESTIMATORS``.
-
-    Raises
-    ------
-    InputError
-        For any other name.
-    """
+    """Look up one of ``ESTIMATORS``; an InputError names the others."""
     if name not in ESTIMATORS:
         raise InputError("estimator", f"must be one of {', '.join(ESTIMATORS)}", name)
     return ESTIMATORS[name]
@@ -113,16 +79,6 @@ class RatioUnfolder:
 
     Steps are accumulated. Of the two roots of a square the one nearer to the previous group is
     taken. Steps contain no magnitude, which becomes 1.
-
-    Parameters
-    ----------
-    ratios : str
-        ``change``, ``step`` or ``square``.
-
-    Raises
-    ------
-    InputError
-        For any other word.
     """
 
     def __init__(self, ratios: str) -> None:

@@ -23,23 +23,10 @@ _LOUD = 10.0
 class GroupWeights:
     """Weights from the n snapshots received of a group to its M tones.
 
-    Parameters
-    ----------
-    weights : ToneTable or PartialWeights
-        Of a complete group, or of the snapshots received.
-    line_gain : ndarray, shape (M, 1)
-        Gain of each line by derotation (1 / ``ToneTable.symbol_gain``).
-    times_s : ndarray, shape (n,)
-        Times of the snapshots from the group's centre, in s.
-    loss : float
-        N over the number of snapshots received.
-
-    Attributes
-    ----------
-    whitener : ndarray of complex, shape (M, M)
-        Makes the tones' noise white, with the variance of H.
-    mixer : ndarray of complex, shape (n, M)
-        From snapshots to whitened tones, by snapshot.
+    ``line_gain`` (M, 1) is the gain of each line by derotation (1 / ``ToneTable.symbol_gain``),
+    ``times_s`` (n,) are from the group's centre, ``loss`` is N over n. ``whitener`` (M, M) makes
+    the tones' noise white, with the variance of H; ``mixer`` (n, M) leads from snapshots to
+    whitened tones.
     """
 
     def __init__(
@@ -59,19 +46,12 @@ class GroupWeights:
         self._parts = np.vstack([mixer.real, mixer.imag]).T
 
     def switched(self, clocks: ArrayLike, pulses: ArrayLike) -> Array:
-        """Whitened tones of the tags' switching waveforms, and their derivatives.
+        """Whitened tones of the tags' switching waveforms, and their derivatives: (G, M, 4S).
 
-        Returns ndarray of complex, shape (G, M, 4S): :meth:`mix` of what
-        ``signal.switching.switch_averages_and_slopes`` gives: the averages of all tags, and behind
-        them the slopes.
-
-        Parameters
-        ----------
-        clocks : array_like, shape (G, S, 3)
-            Phase in rad and rate in rad/s of S clocks at the centres of G groups, and half the
-            phase that a snapshot averages over.
-        pulses : array_like, shape (S, 3)
-            Delay of clock 2, in radians of clock 1, and both duty cycles.
+        :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the averages of
+        all tags, and behind them the slopes. ``clocks`` (G, S, 3) are phase in rad and rate in
+        rad/s of S clocks at the centres of G groups, and half the phase that a snapshot averages
+        over; ``pulses`` (S, 3) the delay of clock 2, in radians of clock 1, and both duty cycles.
         """
         tones: Array = self._switching.mix(clocks, pulses)
         return tones
@@ -82,14 +62,8 @@ class GroupWeights:
         return np.linalg.inv(self.whitener)
 
     def mix(self, waveforms: Array) -> Array:
-        """Whitened tones of waveforms.
-
-        Returns ndarray of complex, shape (..., M, C).
-
-        Parameters
-        ----------
-        waveforms : ndarray of float, shape (..., n, C)
-            C waveforms at the snapshots of some groups.
+        """Whitened tones (..., M, C) of C waveforms at the snapshots of some groups, (..., n,
+        C).
         """
         *groups, snapshots, columns = waveforms.shape
         # Contiguous in the order in which the switching waveforms are made.
@@ -100,33 +74,15 @@ class GroupWeights:
 
 @dataclass(slots=True)
 class GroupTones:
-    """Some groups as they were received, G of them.
+    """Some groups as they were received, G of them."""
 
-    Attributes
-    ----------
-    group : ndarray of int, shape (G,)
-        Indices on the grid of the run.
-    center_s : ndarray, shape (G,)
-        Times of their centres, in s.
-    tones : ndarray of complex, shape (G, M, K)
-        P.
-    white : ndarray of complex, shape (G, M, K)
-        The same with white noise of the variance of H.
-    level : ndarray, shape (G,)
-        Mean power of ``white``.
-    missing : ndarray of int, shape (G,)
-        Snapshots that are absent.
-    weights : list of GroupWeights, length G
-        From snapshots to tones.
-    """
-
-    group: Array
-    center_s: Array
-    tones: Array
-    white: Array
-    level: Array
-    missing: Array
-    weights: list[GroupWeights]
+    group: Array  # (G,), indices on the grid of the run
+    center_s: Array  # (G,), times of their centres
+    tones: Array  # (G, M, K), P
+    white: Array  # the same with white noise of the variance of H
+    level: Array  # (G,), mean power of ``white``
+    missing: Array  # (G,), snapshots that are absent
+    weights: list[GroupWeights]  # from snapshots to tones
 
     def __len__(self) -> int:
         return len(self.group)
@@ -181,9 +137,9 @@ class GroupTones:
 
 
 def without_loud(groups: GroupTones) -> GroupTones:
-    """Exclude groups with a burst of interference, which would dominate a sum over groups.
+    """Groups of at most ten times the median power.
 
-    Returns GroupTones: those with at most ten times the median power.
+    A burst of interference would dominate a sum over groups.
     """
     if not len(groups):
         return groups
@@ -191,8 +147,5 @@ def without_loud(groups: GroupTones) -> GroupTones:
 
 
 def power_of(values: Array) -> Array:
-    """Squared magnitudes.
-
-    Returns ndarray of float: of the same shape.
-    """
+    """Squared magnitudes."""
     return values.real**2 + values.imag**2

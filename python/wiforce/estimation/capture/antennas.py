@@ -10,95 +10,36 @@ from ..groups import Array
 
 
 def channel_ratio(first: Array, second: Array) -> Array:
-    """Ratio H_1 / H_2 of the channels of two antennas.
+    """Ratio H_1 / H_2 of the channels of two antennas, (n, K); 0 where the second receives nothing.
 
-    Parameters
-    ----------
-    first, second : ndarray of complex, shape (n, K)
-        Channels per snapshot and subcarrier.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, K)
-        0 where the second antenna receives nothing.
-
-    Notes
-    -----
-    Free-running oscillators rotate every snapshot by a phase that both antennas share: H_a =
-    exp(j phi) (S_a + r T_a) with the static path S_a and the tag r T_a. The ratio cancels this
-    phase and is linear in r while the tag is weak relative to the static path; terms of higher
-    order change a phase by up to 2 |T|/|S| rad. (Ratios of antennas: Y. Zeng et al., FarSense,
-    2019.)
-
-    A single antenna does not suffice: dividing by its own static path would attribute the tag's
-    component in quadrature with that path to the oscillator.
-
-    Examples
-    --------
-    >>> static, tag, phase = np.array([1.0, 2.0j]), np.array([0.01, 0.02]), np.exp(0.7j)
-    >>> antennas = phase * (static + tag)  # two antennas, one oscillator
-    >>> ratio = channel_ratio(antennas[:1, None], antennas[1:, None])
-    >>> bool(np.isclose(ratio[0, 0], 1.01 / (2j + 0.02)))
-    True
+    Free-running oscillators rotate every snapshot by a phase that both antennas share: H_a = exp(j
+    phi) (S_a + r T_a) with the static path S_a and the tag r T_a. The ratio cancels this phase and
+    is linear in r while the tag is weak relative to the static path; terms of higher order change a
+    phase by up to 2 |T|/|S| rad. (Ratios of antennas: Y. Zeng et al., FarSense, 2019.) A single
+    antenna does not suffice: dividing by its own static path would attribute the tag's component in
+    quadrature with that path to the oscillator.
     """
     received = np.abs(second) > 0
     return np.divide(first, second, out=np.zeros_like(first), where=received)
 
 
 def curvature_deg(ratios: Array, tag_ratio: float) -> Array:
-    """Phase errors of readings because the ratio of two antennas is not linear in the tag.
+    """Phase errors of ratios R because the ratio of two antennas is not linear in the tag, in
+    degrees.
 
-    Parameters
-    ----------
-    ratios : ndarray of complex
-        R, of the same shape as the result.
-    tag_ratio : float
-        |T| / |S|: amplitude of the tag over that of the static path.
-
-    Returns
-    -------
-    ndarray
-        Standard deviations, in degrees.
-
-    Notes
-    -----
-    While a switch is closed, the ratio is (S_1 + T_1) / (S_2 + T_2), so an end is measured as
-    proportional to T / (1 + T_2 / S_2). With R = exp(j phi) this changes arg R by
-    Im[(1 - R) T_2 / S_2]; the phase of T_2 / S_2 is unknown.
-
-    Examples
-    --------
-    >>> curvature_deg(np.exp(1j * np.radians([0.0, 60.0])), 0.01).round(2).tolist()
-    [0.0, 0.41]
+    ``tag_ratio`` is |T| / |S|, amplitudes of tag and static path. While a switch is closed, the
+    ratio is (S_1 + T_1) / (S_2 + T_2), so an end is measured as proportional to T / (1 + T_2 /
+    S_2). With R = exp(j phi) this changes arg R by Im[(1 - R) T_2 / S_2]; the phase of T_2 / S_2 is
+    unknown.
     """
     return np.degrees(tag_ratio * np.abs(1 - np.exp(1j * np.angle(ratios))) / np.sqrt(2))
 
 
 def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
-    """Ratio of two antennas' channels as the folded frames of a single antenna.
+    """Ratio of two antennas' channels as the folded frames of one antenna, (n, symbol_length).
 
-    The sounding symbol cancels in the ratio. It is multiplied back, so that the result is
-    processed like the frames of a single antenna.
-
-    Parameters
-    ----------
-    first, second : ndarray of complex, shape (n, symbol_length)
-        Folded frames of the two antennas.
-    waveform : Waveform
-        As it was sent.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, symbol_length)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> symbol = waveform.frame()[None, 64:128]
-    >>> ratio = folded_ratio(3j * symbol, symbol, waveform)
-    >>> bool(np.allclose(ratio, 3j * symbol))
-    True
+    The sounding symbol cancels in the ratio. It is multiplied back, so that the result is processed
+    like the frames of a single antenna.
     """
     bins = waveform.bins
     channels = [np.fft.fft(folded.astype(complex), axis=1)[:, bins] for folded in (first, second)]
@@ -108,28 +49,10 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
 
 
 def ratio_noise(antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio: Array) -> Array:
-    """Noise of the ratio of two antennas, as the kernels give it for one antenna.
+    """Noise of the ratio of two antennas, as the kernels give it for one antenna: (n, 2), float32.
 
-    Parameters
-    ----------
-    antennas : tuple of ndarray of complex, shape (n, symbol_length)
-        Folded frames of the two antennas.
-    noise : tuple of ndarray, shape (n, 2)
-        Their noise: smallest and largest difference of the repetitions, as a power per sample.
-    ratio : ndarray of complex, shape (n, symbol_length)
-        Folded frames of the ratio.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, 2)
-        The relative noise of both antennas together, times the power of the ratio.
-
-    Examples
-    --------
-    >>> ones, noise = np.ones((1, 64)), np.array([[0.1, 0.2]])
-    >>> noise_of_ratio = ratio_noise((ones, 2 * ones), (noise, 4 * noise), ones / 2)
-    >>> bool(np.allclose(noise_of_ratio, [[0.05, 0.1]]))
-    True
+    The relative noise of both antennas (smallest and largest difference of the repetitions, as a
+    power per sample) together, times the power of the ratio.
     """
     relative = sum(own / _power(folded) for own, folded in zip(noise, antennas, strict=True))
     return np.asarray(relative * _power(ratio), np.float32)

@@ -36,21 +36,13 @@ _SIGNIFICANT = 2.5
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """What c s^2 conj(v) adds to the channel, v being the samples that a tag's channel stands for.
-
-    Attributes
-    ----------
-    product : ndarray of complex, shape (symbol_length,)
-        c s^2 at each sample of the symbol.
-    factors : ndarray of complex, shape (K,)
-        Equalizer of the occupied subcarriers.
-    bins : ndarray of int, shape (K,)
-        Their FFT bins.
+    """What c s^2 conj(v) adds to the channel, v being the samples that a tag's channel stands
+    for.
     """
 
-    product: Array = field(repr=False)
-    factors: Array = field(repr=False)
-    bins: Array = field(repr=False)
+    product: Array = field(repr=False)  # c s^2 at each sample of the symbol
+    factors: Array = field(repr=False)  # equalizer of the K occupied subcarriers
+    bins: Array = field(repr=False)  # their FFT bins
 
     def of(self, channel: Array) -> Array:
         """The image of channels, shape (..., K)."""
@@ -63,18 +55,10 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Compression:
-    """What compression by the static path adds to the channels of the tags' ends.
+    """What compression by the static path adds to the channels of the tags' ends."""
 
-    Attributes
-    ----------
-    image : Image
-        Of the tags' channels.
-    std : float
-        Standard deviation of what remains of the image, relative to the channel.
-    """
-
-    image: Image = field(repr=False)
-    std: float
+    image: Image = field(repr=False)  # of the tags' channels
+    std: float  # of what remains of the image, relative to the channel
 
     def correct(self, groups: Groups) -> Groups:
         """Remove the image from ``ends``; what may remain raises ``gain``."""
@@ -89,25 +73,13 @@ class Compression:
 
 
 def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
-    """Measure compression at the start of a run, from the subcarrier that is never sent.
+    """Measure compression on the subcarrier that is never sent, in some hundred frames of a run's
+    start.
 
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Whole frames; some hundred of them, so that noise does not matter. The static path is by
-        far the strongest.
-    waveform : Waveform
-        Nothing is sent on subcarrier 0; without that nothing is said.
+    None where it is below 0.3 % at the largest sample or not significant, or the guard is too short
+    for the echoes to fade. Its standard deviation is half of the difference between a DC offset
+    that is there before the signal is compressed, and one that is added behind.
 
-    Returns
-    -------
-    Compression or None
-        None where it is below 0.3 % at the largest sample or not significant, or the guard is too
-        short for the echoes to fade. Its standard deviation is half of the difference between a DC
-        offset that is there before the signal is compressed, and one that is added behind.
-
-    Notes
-    -----
     What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset. Filters ring at the
     edges of the preamble, so that only its middle and that of the guard are used.
     """
@@ -167,14 +139,6 @@ def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
 
 
 def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Image:
-    """The image that compression by a symbol adds to the channel of a tag's end.
-
-    Parameters
-    ----------
-    symbol : ndarray of complex, shape (symbol_length,)
-        Mean folded symbol.
-    coefficient : float
-        c.
-    """
+    """The image that compression c by a mean folded symbol adds to the channel of a tag's end."""
     bins = waveform.bins
     return Image(coefficient * symbol**2, waveform.equalizer()[bins], bins)

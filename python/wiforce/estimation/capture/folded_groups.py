@@ -20,40 +20,17 @@ from .antennas import folded_ratio, ratio_noise
 
 @dataclass(frozen=True, eq=False)
 class SnapshotGroup:
-    """Snapshots of one phase group as they were received.
+    """Snapshots of one phase group as they were received."""
 
-    Attributes
-    ----------
-    index : int
-        On the grid of the run.
-    folded : ndarray of complex64, shape (N, symbol_length)
-        Folded frames.
-    noise : ndarray, shape (N, 2), or None
-        Smallest and largest difference of the averaged repetitions, as a power per sample; not
-        needed where ``kept`` is known.
-    present : ndarray of bool, shape (N,)
-        Which snapshots were received; what the others hold means nothing.
-    saturated : int
-        Snapshots with samples at full scale.
-    retuned : bool
-        Whether the receiver's rate or carrier was changed before the group.
-    kept : ndarray of bool, shape (N,), optional
-        Which snapshots are to be used; set by the blocks that collect them, or by
-        :class:`GroupScreen`.
-
-    Examples
-    --------
-    >>> group = SnapshotGroup(7, np.ones((4, 64)), np.ones((4, 2)), np.array([1, 1, 0, 1]) > 0)
-    >>> group.snapshots.tolist()
-    [28, 29, 31]
-    """
-
-    index: int
-    folded: Array = field(repr=False)
+    index: int  # on the grid of the run
+    folded: Array = field(repr=False)  # (N, symbol_length), complex64
+    # (N, 2), smallest and largest difference of the averaged repetitions, as a power per sample;
+    # not needed where ``kept`` is known
     noise: Array | None = field(repr=False)
-    present: Array = field(repr=False)
-    saturated: int = 0
-    retuned: bool = False
+    present: Array = field(repr=False)  # (N,), received; what the others hold means nothing
+    saturated: int = 0  # snapshots with samples at full scale
+    retuned: bool = False  # rate or carrier was changed before the group
+    # (N,), to be used: set by blocks, or by GroupScreen
     kept: Array | None = field(default=None, repr=False)
 
     @property
@@ -67,22 +44,7 @@ class SnapshotGroup:
 
 
 class GroupScreen:
-    """Finds the snapshots that other transmitters interfered with, group by group.
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per group, N.
-    symbol_length : int
-        Samples of a snapshot.
-
-    Examples
-    --------
-    >>> screen = GroupScreen(4)
-    >>> group = SnapshotGroup(7, np.ones((4, 64)), np.ones((4, 2)), np.array([1, 1, 0, 1]) > 0)
-    >>> screen.process(group).kept.tolist()
-    [True, True, False, True]
-    """
+    """Finds the snapshots that other transmitters interfered with, group by group."""
 
     def __init__(self, group_length: int, symbol_length: int = 64) -> None:
         self._kernel = interference_screen(group_length, symbol_length)
@@ -97,17 +59,10 @@ class GroupScreen:
 
 
 def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
-    """Factors by which tones are multiplied before the FFT, as kernels and blocks take them.
+    """Factors by which tones are multiplied before the FFT (``ToneTable.derotation``), (M,
+    symbol_length).
 
-    Returns ndarray of complex, shape (M, symbol_length): ``ToneTable.derotation``; empty where the
-    waveform's symbol is too long for it.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    waveform : Waveform
-        As it was sent.
+    Empty where the waveform's symbol is too long for it.
     """
     if not waveform.is_derotated:
         return np.zeros((0, waveform.symbol_length), complex)
@@ -115,19 +70,8 @@ def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
 
 
 def kernel_rows(table: ToneTable, waveform: Waveform) -> tuple[Array, Array]:
-    """Weights and rotation as the kernels take them, with a last row for the static path.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    waveform : Waveform
-        As it was sent.
-
-    Returns
-    -------
-    weights : ndarray of complex, shape (M + 1, N)
-    rotation : ndarray of complex, shape (M + 1, symbol_length) or (0, symbol_length)
+    """Weights (M + 1, N) and rotation (M + 1, symbol_length) or (0, symbol_length) as the kernels
+    take them, with a last row for the static path.
     """
     mean = np.full((1, table.group_length), 1 / table.group_length)
     rotation = rotation_of(table, waveform)
@@ -139,17 +83,9 @@ def kernel_rows(table: ToneTable, waveform: Waveform) -> tuple[Array, Array]:
 class FoldedGroups:
     """Converts the folded frames of a group to its tones.
 
-    Zeros in place of missing snapshots would let static clutter leak into the tones. The weights
-    of an incomplete group are therefore solved for the snapshots that were received.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    waveform : Waveform
-        As it was sent.
-    derotated : bool
-        Whether the tones of complete groups are derotated.
+    Zeros in place of missing snapshots would let static clutter leak into the tones. The weights of
+    an incomplete group are therefore solved for the snapshots that were received. Tones of complete
+    groups are derotated where ``derotated``.
     """
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
@@ -163,22 +99,11 @@ class FoldedGroups:
         self._kernel = tone_transform(weights, waveform.equalizer(), rotation, waveform.bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array, Array]:
-        """Tones of one group, and the weights of its snapshots in them.
+        """Tones (M, K) and static path (K,) of a group, and the weights (N,) of its snapshots in
+        them.
 
-        Parameters
-        ----------
-        present : ndarray of bool, shape (N,)
-            Which snapshots were received and are to be used.
-        folded : ndarray of complex, shape (count of present, symbol_length)
-            Folded frames of these snapshots.
-
-        Returns
-        -------
-        tones : ndarray of complex, shape (M, K)
-        static : ndarray of complex, shape (K,)
-            The channel of the static path.
-        snapshot_weights : ndarray of bool, shape (N,)
-            As ``present``. All are zeros when the snapshots do not determine the tones.
+        Takes the folded frames of the snapshots that are present. All weights are zero when these
+        do not determine the tones.
         """
         if np.all(present):
             rows = self._kernel.transform(folded)
@@ -193,13 +118,7 @@ class FoldedGroups:
         return channel, mean, present
 
     def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
-        """Tones of groups that were screened.
-
-        Parameters
-        ----------
-        received : sequence of SnapshotGroup
-            With ``kept``, in order.
-        """
+        """Tones of groups that were screened: with ``kept``, in order."""
         count, length = len(received), self._table.group_length
         tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
         static = np.zeros((count, len(self._bins)), complex)
@@ -236,17 +155,7 @@ def groups_at_once(waveform: Waveform) -> int:
 
 
 def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) -> dict[str, Any]:
-    """The parameters by which kernels and ``recording_source`` find the frames of a file.
-
-    Returns dict: by name.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        As it was sent.
-    frame_offset : int
-        Samples before the first frame.
-    """
+    """The parameters by which kernels and ``recording_source`` find the frames of a file."""
     return {
         "path": os.fsencode(recording.path),
         "datatype": recording.datatype,
@@ -259,24 +168,10 @@ def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) ->
 def first_frames(
     recordings: Sequence[Capture], waveform: Waveform, frame_offset: int, count: int
 ) -> tuple[Array, Array]:
-    """The first frames of a recording, or of the ratio of two antennas.
+    """The first frames of a recording, or of the ratio of two antennas: indices (n,), folded
+    frames.
 
-    Parameters
-    ----------
-    recordings : sequence of Capture
-        Of one antenna or both.
-    waveform : Waveform
-        As it was sent.
-    frame_offset : int
-        Samples before the first frame.
-    count : int
-        Frames wanted.
-
-    Returns
-    -------
-    snapshots : ndarray of int, shape (n,)
-        Their indices; fewer than wanted where a recording ends.
-    folded : ndarray of complex, shape (n, symbol_length)
+    Fewer than ``count`` where a recording ends.
     """
     kernels = [folded_reader(**frame_settings(each, waveform, frame_offset)) for each in recordings]
     if len(kernels) == 2:
@@ -301,23 +196,7 @@ def _ratio_frames(
 
 
 class RecordedGroups:
-    """Groups of a recording with one antenna, by the kernels.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    waveform : Waveform
-        As it was sent.
-    frame_offset : int
-        Samples before the first frame.
-
-    Attributes
-    ----------
-    captures : tuple of Capture
-    kernels : dict
-        Readers of the files, by path.
-    """
+    """Groups of a recording with one antenna, by the kernels."""
 
     def __init__(
         self, recording: Capture, table: ToneTable, waveform: Waveform, frame_offset: int
@@ -359,20 +238,7 @@ class RecordedGroups:
 
 
 class RecordedRatio:
-    """Groups of the ratio of two antennas, recorded side by side.
-
-    Parameters
-    ----------
-    recordings : tuple of Capture, length 2
-        Of both antennas.
-    table, waveform, frame_offset
-        As for :class:`RecordedGroups`.
-
-    Attributes
-    ----------
-    captures, kernels
-        As for :class:`RecordedGroups`.
-    """
+    """Groups of the ratio of two antennas, recorded side by side."""
 
     def __init__(
         self,

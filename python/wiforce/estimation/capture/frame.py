@@ -28,28 +28,14 @@ _LEAST_QUIET = 8
 
 
 def whole_frames(samples: Array, frame_length: int) -> Array:
-    """Cut samples into frames, without what remains after the last whole one.
-
-    Returns ndarray, shape (n // frame_length, frame_length).
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n,)
-        Any values, one per sample.
-    """
+    """Samples cut into frames, (n // frame_length, frame_length); the rest is left out."""
     return samples[: len(samples) // frame_length * frame_length].reshape(-1, frame_length)
 
 
 def searched_samples(waveform: Waveform) -> int:
     """Samples at the start of a stream in which frames are searched.
 
-    Returns int: ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much
-    energy.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        As it was sent.
+    ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much energy.
     """
     length = waveform.frame_length
     frames = min(SEARCHED_FRAMES, max(_FEWEST_FRAMES, _SEARCHED_SAMPLES // length))
@@ -57,22 +43,11 @@ def searched_samples(waveform: Waveform) -> int:
 
 
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
-    """Find the sample at which the first frame of a stream begins.
+    """Find the sample at which the first frame of a stream begins; None when there is no preamble.
 
-    Returns int or None: 0 <= offset < frame_length; ``MARGIN`` samples before the strongest path.
-    None when no preamble is found.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        At least one frame from the start of the stream; a thousand frames or more are better.
-    waveform : Waveform
-        As it was sent.
-
-    Notes
-    -----
-    The mean frame, in which static paths add up, is correlated with the sent frame at every cyclic
-    shift.
+    It is less than a frame, and ``MARGIN`` samples before the strongest path. The mean frame, in
+    which static paths add up, is correlated with the sent frame at every cyclic shift: a thousand
+    frames or more are better than one.
     """
     length = waveform.frame_length
     frames = whole_frames(samples, length)
@@ -104,39 +79,23 @@ def _quiet(match: Array, best: int, preamble: int) -> Array | None:
 def has_quiet_samples(waveform: Waveform) -> bool:
     """Whether the guard is long enough to tell a preamble from noise in the mean frame.
 
-    Returns bool: False where :func:`find_frame_offset` gives the best offset, whatever it is.
+    Otherwise :func:`find_frame_offset` gives the best offset, whatever it is.
     """
     return waveform.frame_length - 2 * (waveform.preamble_length + _ECHOES) - 1 >= _LEAST_QUIET
 
 
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
-    """Whether frames cut from sample 0 contain their averaged repetitions.
-
-    Returns bool: True where the delay fits into the repetitions that are dropped.
-
-    Parameters
-    ----------
-    offset : int
-        Sample at which the first frame begins.
-    waveform : Waveform
-        As it was sent.
+    """Whether frames cut from sample 0 contain their averaged repetitions, the first one beginning
+    at ``offset``: the delay fits into the repetitions that are dropped.
     """
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
 
 
 def frame_offset_in(samples: Array, waveform: Waveform) -> int:
-    """Samples before the first frame of a recording.
+    """Samples before the first frame of a recording, from its first :func:`searched_samples`.
 
-    Returns int: 0 where frames cut from sample 0 contain their preambles, and where no preamble is
-    found.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        The recording's first samples, :func:`searched_samples` if it is that long.
-    waveform : Waveform
-        As it was sent.
+    0 where frames cut from sample 0 contain their preambles, and where no preamble is found.
     """
     offset = find_frame_offset(samples, waveform)
     return 0 if offset is None or keeps_alignment(offset, waveform) else offset
@@ -184,17 +143,11 @@ _LEAST_VARIANCE = 1e-6
 class FramePeriod:
     """What the samples of a stream say of the length of its frames.
 
-    Attributes
-    ----------
-    samples : float or None
-        Samples after which the preambles repeat; None where that does not stand out of the noise.
-        Not an integer when transmitter and receiver ran at different sample rates.
-    agrees : bool
-        True where the expected length of a frame is a period, and no part of it is.
-    likeness : float
-        Mean over all frames of the normalised correlation with the sounding symbol, at the place
-        within the frame where it is highest; 1 for the symbol without noise and echoes, about
-        0.1 for other signals.
+    ``samples`` is the period of the preambles, or None where it does not stand out of the noise; no
+    integer when transmitter and receiver ran at different rates. ``agrees`` where the expected
+    length of a frame is a period, and no part of it is. ``likeness`` is the mean over all frames of
+    the normalised correlation with the sounding symbol, at the place within the frame where it is
+    highest: 1 for the symbol without noise and echoes, about 0.1 for other signals.
     """
 
     samples: float | None
@@ -210,24 +163,13 @@ def samples_needed(frame_length: int) -> int:
 def find_frame_period(
     samples: Array, waveform: Waveform, symbol: Array | None = None
 ) -> FramePeriod:
-    """Find after how many samples the preambles of a stream repeat.
+    """Find after how many samples the preambles of a stream repeat, from some dozen frames.
 
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Some dozen frames, from any sample on; samples lost in a gap are zeros.
-    waveform : Waveform
-        As it is expected.
-    symbol : ndarray of complex, shape (m,), optional
-        Samples of a symbol to search for instead of the waveform's.
-
-    Notes
-    -----
-    Each sample is given the normalised correlation of the samples from there with the sounding
-    symbol, q = |<s, y>|^2 / (|s|^2 |y|^2). It depends on neither level nor carrier offset, and it
-    ignores DC and most of what is no preamble. A period is a lag at which, and at whose multiples,
-    the autocovariance of q is high. The shortest such lag of at least a preamble is the length of a
-    frame.
+    Samples lost in a gap are zeros. Each sample is given the normalised correlation of the samples
+    from there with the sounding symbol (or ``symbol``), q = |<s, y>|^2 / (|s|^2 |y|^2). It depends
+    on neither level nor carrier offset, and it ignores DC and most of what is no preamble. A period
+    is a lag at which, and at whose multiples, the autocovariance of q is high. The shortest such
+    lag of at least a preamble is the length of a frame.
     """
     if symbol is None:
         symbol = symbol_of(waveform)
@@ -248,10 +190,7 @@ def find_frame_period(
 
 
 def symbol_of(waveform: Waveform) -> Array:
-    """Samples of the symbol whose repetitions are averaged.
-
-    Returns ndarray of complex, shape (symbol_length,).
-    """
+    """Samples of the symbol whose repetitions are averaged, (symbol_length,)."""
     return waveform.symbol
 
 
@@ -361,20 +300,9 @@ def _fast_length(least: int) -> int:
 def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     """Whether each expected frame holds a preamble where the one before has it.
 
-    Returns bool: True also where another signal, a tone or a second reader, is received along with
-    them.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Some dozen frames, from any sample on.
-    waveform : Waveform
-        As it is expected.
-
-    Notes
-    -----
-    The symbols of neighbouring frames are multiplied after correlation, which carrier offsets do
-    not harm. What gives the same product at all samples of a frame is no preamble.
+    True also where another signal, a tone or a second reader, is received along with them. The
+    symbols of neighbouring frames are multiplied after correlation, which carrier offsets do not
+    harm. What gives the same product at all samples of a frame is no preamble.
     """
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
@@ -390,16 +318,9 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
 
 
 def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
-    """Normalised correlation of the mean frame with the preamble, at the best cyclic shift.
+    """Normalised correlation of the mean frame with the preamble, at the best cyclic shift: 0 to 1.
 
-    Returns float: 0 to 1; about 0.02 for noise. 0 without a whole frame of finite samples.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        As many frames as possible.
-    waveform : Waveform
-        As it is expected.
+    About 0.02 for noise, 0 without a whole frame of finite samples.
     """
     length = waveform.frame_length
     frames = whole_frames(samples, length)
@@ -436,24 +357,10 @@ class FrameFollower:
 
     Where the transmitter is faster than the receiver, frames overlap by a sample now and then;
     where it is slower, a sample between two frames is left out. What remains of the delay, half a
-    sample, is common to both antennas and cancels in their ratio.
+    sample, is common to both antennas and cancels in their ratio. The stream begins with a frame.
+    ``period`` is the number of samples from one frame to the next, ``lost`` counts frames in the
+    gaps that are known, ``moved`` how often the timing shifted without one.
 
-    Parameters
-    ----------
-    frame_length : int
-        Samples per frame, as it was sent. The stream begins with a frame.
-
-    Attributes
-    ----------
-    period : float
-        Samples from one frame to the next.
-    lost : int
-        Frames that were lost in the gaps that are known.
-    moved : int
-        Times that the frame timing shifted without a known gap.
-
-    Notes
-    -----
     Timing is measured by the product of neighbouring bins of a frame's spectrum, summed over bins
     and frames. A delay of d samples rotates it by -2 pi d / L; the common phase of a frame, which a
     free-running oscillator makes random, cancels.
@@ -470,14 +377,8 @@ class FrameFollower:
         self._jump: float | None = None
 
     def take(self, items: Array) -> Array:
-        """Take the next samples.
-
-        Returns ndarray of int16, shape (m L, 2 A): whole frames.
-
-        Parameters
-        ----------
-        items : ndarray of int16, shape (n, 2 A)
-            I and Q of A antennas; timing is that of the first one.
+        """Take I and Q of A antennas, int16 (n, 2 A), timed by the first; give whole frames (m L, 2
+        A).
         """
         held = items if self._held is None else np.concatenate([self._held, items])
         frames = []
@@ -491,14 +392,8 @@ class FrameFollower:
         return self._joined(frames, items.shape[1])
 
     def lose(self, samples: int, width: int = 2) -> Array:
-        """Samples were lost behind those taken so far.
-
-        Returns ndarray of int16, shape (m L, 2 A): the whole frames before the gap.
-
-        Parameters
-        ----------
-        width : int
-            Columns of the items.
+        """Samples were lost behind those taken so far; give the whole frames before the gap, (m L,
+        width).
         """
         frames = []
         held = np.empty((0, width), np.int16) if self._held is None else self._held
@@ -573,39 +468,17 @@ _CLIPPED = 1 - 2**-11
 
 @dataclass(frozen=True)
 class Levels:
-    """Levels of received samples, relative to full scale.
+    """Levels of received samples, relative to full scale."""
 
-    Attributes
-    ----------
-    peak_dbfs : float
-        Largest real or imaginary part.
-    preamble_dbfs : float
-        Mean power of a preamble.
-    noise_dbfs : float or None
-        Mean power in the guard without its mean frame; None without a guard.
-    dc_dbfs : float
-        Power of the mean sample of the guard, or of all samples without a guard.
-    clipped : float
-        Share of the samples at full scale.
-    """
-
-    peak_dbfs: float
-    preamble_dbfs: float
-    noise_dbfs: float | None
-    dc_dbfs: float
-    clipped: float
+    peak_dbfs: float  # largest real or imaginary part
+    preamble_dbfs: float  # mean power of a preamble
+    noise_dbfs: float | None  # mean power in the guard without its mean frame
+    dc_dbfs: float  # of the mean sample of the guard, or of all samples without a guard
+    clipped: float  # share of the samples at full scale
 
 
 def measure_levels(samples: Array, waveform: Waveform) -> Levels:
-    """Measure the levels of samples that begin with a frame (``frame.find_frame_offset``).
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Full scale 1 per component; at least one frame.
-    waveform : Waveform
-        As it was sent.
-    """
+    """Measure the levels of samples that begin with a frame; full scale is 1 per component."""
     length, preamble = waveform.frame_length, waveform.preamble_length
     frames = whole_frames(samples, length)
     parts = np.abs(samples.real), np.abs(samples.imag)

@@ -49,23 +49,11 @@ _RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
 
 def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
-    """Find a place of a recording at which the expected frames are received.
+    """Find a sample of a recording at or after which the expected frames are received, or None.
 
-    Returns int or None: sample at or after which frames were found: ``start``, unless it is silent
-    there. None where there are none.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        As it is expected.
-    start : int
-        Sample from which on they are searched.
-
-    Raises
-    ------
-    InputError
-        When the preambles are those of another waveform or sample rate, or when frames repeat
-        after another number of samples. The message names file, key, and what was found.
+    It is ``start`` unless that is silent. Raises InputError, which names file, key and what was
+    found, for preambles of another waveform or sample rate, or when frames repeat after another
+    number of samples.
     """
     needed = samples_needed(waveform.frame_length)
     for place in _places(start, recording.span, needed):
@@ -81,20 +69,7 @@ def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int |
 
 
 def require_frames(recording: Capture, waveform: Waveform) -> int:
-    """Find a place at which the expected frames are received, or refuse the recording.
-
-    Returns int: sample at or after which frames were found.
-
-    Parameters
-    ----------
-    recording, waveform
-        As for :func:`find_frames`.
-
-    Raises
-    ------
-    InputError
-        As :func:`find_frames`, and when there are no frames.
-    """
+    """As :func:`find_frames`; refuses a recording without frames as well."""
     place = find_frames(recording, waveform)
     if place is None:
         needed = samples_needed(waveform.frame_length)
@@ -106,27 +81,17 @@ def require_frames(recording: Capture, waveform: Waveform) -> int:
 
 
 def no_frames(recording: Capture, waveform: Waveform) -> InputError:
-    """The error to raise where no frames are found.
-
-    Parameters
-    ----------
-    recording, waveform
-        As for :func:`find_frames`.
-    """
+    """The error to raise where no frames are found."""
     check = f"check the datatype ({recording.datatype}), radio.sample_rate_hz and "
     rule = f"no sounding frames found ({describe_frames(waveform)}); {check}sounding.frame_length"
     return InputError(recording.path, rule)
 
 
 def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
-    """Samples of a recording before its first frame.
+    """Samples of a recording before its first frame, from a place with frames on
+    (:func:`find_frames`).
 
-    Returns int: 0 where frames taken from sample 0 hold their preambles, and where none stands out.
-
-    Parameters
-    ----------
-    place : int
-        Sample from which on there are frames (:func:`find_frames`).
+    0 where frames taken from sample 0 hold their preambles, and where none stands out.
     """
     length = waveform.frame_length
     # On the grid that begins with the first sample, frames are where they are at the start.
@@ -201,25 +166,8 @@ def _check_kind(
 def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> str:
     """Which other waveform or sample rate explains preambles far better than the expected one.
 
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Some dozen frames, from any sample on.
-    waveform : Waveform
-        As it is expected.
-    likeness : float
-        Of the samples to this waveform (:class:`.frame_period.FramePeriod`).
-
-    Returns
-    -------
-    str
-        Empty where none does.
-
-    Examples
-    --------
-    >>> sent = np.tile(sounding_waveform("wifi", 720).frame(), 40)
-    >>> other_frames(sent, sounding_waveform())
-    "the preambles are those of 'wifi', but sounding.waveform is 'repeated'"
+    Some dozen frames from any sample on, of ``likeness`` to this waveform (:class:`.FramePeriod`);
+    empty where none does.
     """
     clear = max(_UNLIKELY, 2 * likeness)
     for other in _other_waveforms(waveform):
@@ -278,25 +226,7 @@ _CLEAR, _SHORT_PATHS = 20.0, 0.7
 
 
 def level_problem(samples: Array) -> str:
-    """Improbable values of samples, or of their means.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, any shape
-        Full scale is 1.
-
-    Returns
-    -------
-    str
-        Empty for usual values.
-
-    Examples
-    --------
-    >>> level_problem(np.full(10, np.nan + 0j))
-    'all samples are NaN or infinite; check the block that makes them'
-    >>> level_problem(np.full(10, 0.1 + 0.1j))
-    ''
-    """
+    """Improbable values of samples, or of their means, of full scale 1; empty for usual ones."""
     samples = np.ascontiguousarray(samples, np.complex64).ravel()
     if not len(samples):
         return ""
@@ -326,30 +256,10 @@ def level_problem(samples: Array) -> str:
 
 
 def snapshots_problem(folded: Array, waveform: Waveform) -> str:
-    """Why the snapshots of a group cannot be those of frames.
+    """Why the folded frames (N, symbol_length) of a group cannot be those of frames.
 
-    Parameters
-    ----------
-    folded : ndarray of complex, shape (N, symbol_length)
-        Folded frames that were received.
-    waveform : Waveform
-        As it was sent.
-
-    Returns
-    -------
-    str
-        Empty where they have a part in common, as frames by static paths have, and this part is the
-        waveform by paths that are shorter than a quarter of its symbol.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> noise = np.random.default_rng(1).standard_normal((200, 64, 2)) @ np.array([1, 1j])
-    >>> snapshots_problem(0.01 * noise, waveform)[:36]
-    'no frames of the scene are received '
-    >>> snapshots_problem(0.01 * (waveform.symbol + noise), waveform)
-    ''
+    Empty where they have a part in common, as frames by static paths have, and this part is the
+    waveform by paths that are shorter than a quarter of its symbol.
     """
     if len(folded) < _FEWEST:
         return ""
@@ -377,27 +287,9 @@ def _short_paths(mean: Array, waveform: Waveform) -> float:
 
 
 def frame_problem(mean_frame: Array, waveform: Waveform, frame_offset: int) -> str:
-    """Where frames begin that do not begin where they are expected.
+    """Where frames begin that do not begin where they are expected, at ``frame_offset``.
 
-    Parameters
-    ----------
-    mean_frame : ndarray of complex, shape (frame_length,)
-        Mean of many frames, as cut; empty where it is not known.
-    waveform : Waveform
-        As it was sent.
-    frame_offset : int
-        Sample of the stream at which the first of these frames was taken to begin.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> frame_problem(np.roll(waveform.frame(), 200), waveform, 0)[:49]
-    'frames begin at sample 200 and every 720 from the'
+    ``mean_frame`` is the mean of many frames, as cut; empty where it is not known.
     """
     if not len(mean_frame) or not has_quiet_samples(waveform):
         return ""
@@ -413,26 +305,7 @@ def frame_problem(mean_frame: Array, waveform: Waveform, frame_offset: int) -> s
 
 
 def search_problem(samples: Array, waveform: Waveform) -> str:
-    """Why no frames are found in samples.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        In which :func:`.frame.find_frame_offset` found none.
-    waveform : Waveform
-        That was searched.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> sent = np.tile(sounding_waveform(frame_length=1000).frame(), 40)
-    >>> search_problem(0.1 * sent, sounding_waveform())
-    'frames repeat every 1000 samples, but sounding.frame_length is 720'
-    """
+    """Why :func:`.frame.find_frame_offset` found no frames of a waveform in samples."""
     problem = level_problem(samples)
     if problem:
         return problem
@@ -447,31 +320,8 @@ def search_problem(samples: Array, waveform: Waveform) -> str:
 
 
 def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -> str:
-    """Why a recording cannot be read from a sample on.
-
-    Parameters
-    ----------
-    recording : Capture
-    waveform : Waveform
-        As it was sent.
-    frame_offset : int
-        Sample at which its first frame is taken to begin.
-
-    Returns
-    -------
-    str
-        With the file's name; empty where it can be read.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.io.capture import open_capture
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> np.tile(0.1 * sounding_waveform().frame(), 200).astype(np.complex64).tofile("sent.cf32")
-    >>> sent = open_capture("sent.cf32", "cf32_le")
-    >>> capture_problem(sent, sounding_waveform(), 0)
-    ''
-    >>> capture_problem(sent, sounding_waveform(), 300)[:46]
-    'sent.cf32: frames begin at sample 0 and every '
+    """Why a recording cannot be read from sample ``frame_offset`` on, with its name; empty if it
+    can.
     """
     samples = recording.read_span(frame_offset, samples_needed(waveform.frame_length))
     problem = level_problem(samples)

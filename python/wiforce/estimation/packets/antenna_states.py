@@ -39,17 +39,8 @@ _DIRECTIONS, _MOST_PACKETS = 3, 4000
 class AntennaStates:
     """State of the receiver chains in each packet.
 
-    Attributes
-    ----------
-    label : ndarray of int, shape (n,)
-        0 for the most frequent state; -1 for packets of other paths, such as another sender's.
-    reference : int
-        The strongest antenna, against which the others change.
-
-    Examples
-    --------
-    >>> AntennaStates(np.array([0, 1, -1, 0]), reference=0).count
-    2
+    ``label`` (n,) is 0 for the most frequent state and -1 for packets of other paths, such as
+    another sender's; ``reference`` is the strongest antenna, against which the others change.
     """
 
     label: Array
@@ -74,43 +65,18 @@ def find_states(
     period: Array | None = None,
     former: AntennaStates | None = None,
 ) -> AntennaStates:
-    """Find the states that the receiver chains of a card take.
+    """Find the states that the receiver chains of a card take, from channels (n, K, A).
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    step : float
-        Least change of the antennas against each other that makes a state, relative to their
-        static paths.
-    known : ndarray of bool, shape (n,), optional
-        Packets in which states are found; the others get the nearest one. By default all.
-    closed : ndarray, shape (n, 2 S), optional
-        How long each end of each tag is closed in a packet, where this is known.
-    period : ndarray of int, shape (n,), optional
-        Number of the group of each packet, in which tags are constant; given with ``closed``.
-    former : AntennaStates, optional
-        That were found while less was known of the tags, and are divided further.
+    ``step`` is the least change of the antennas against each other that makes a state, relative to
+    their static paths. States are found in the ``known`` packets (n,); the others get the nearest
+    one. ``closed`` (n, 2 S) is how long each end of each tag is closed in a packet, ``period`` (n,)
+    the group of each packet, in which tags are constant. States of ``former`` were found while less
+    was known of the tags, and are divided further.
 
-    Returns
-    -------
-    AntennaStates
-
-    Notes
-    -----
-    What one antenna receives against another one is free of the packet's phase and gain, and
-    within a state it varies by noise and tags alone. What follows the tags' switches is fitted and
+    What one antenna receives against another one is free of the packet's phase and gain, and within
+    a state it varies by noise and tags alone. What follows the tags' switches is fitted and
     removed. Packets are divided where a principal component of the rest takes values that are
     apart, the farthest ones first.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> room = rng.standard_normal((16, 2, 2)) @ np.array([1, 1j])
-    >>> noise = 0.05 * rng.standard_normal((400, 16, 2, 2)) @ np.array([1, 1j])
-    >>> received = room + noise
-    >>> received[100:150, :, 1] *= -1  # the phase between the antennas flips
-    >>> np.bincount(find_states(received, LEAST_STEP).label).tolist()
-    [350, 50]
     """
     reference = int(np.argmax(np.median(np.sum(np.abs(channel) ** 2, axis=1), axis=0)))
     label = np.zeros(len(channel), int)
@@ -146,22 +112,9 @@ def find_states(
 
 
 def against_reference(channel: Array, reference: int) -> Array:
-    """Antennas against one of them, free of phase and gain of the packets.
+    """H_a conj(H_reference), free of phase and gain of the packets; (n, K, A).
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    reference : int
-
-    Returns
-    -------
-    ndarray of complex, shape (n, K, A)
-        H_a conj(H_reference), in units of the reference antenna's mean power in the packet.
-
-    Examples
-    --------
-    >>> against_reference(np.array([[[2.0, 4.0j]]]), 0).tolist()
-    [[[(1+0j), 2j]]]
+    In units of the reference antenna's mean power in the packet.
     """
     first = channel[:, :, reference]
     power = np.mean(np.abs(first) ** 2, axis=1)

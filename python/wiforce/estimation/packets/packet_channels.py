@@ -25,40 +25,14 @@ _FAILED = 0.05
 def state_gains(
     channel: Array, states: AntennaStates, time_s: Array, period_s: float, known: Array
 ) -> Array:
-    """Factors that bring antennas to what they are in the most frequent state of the chains.
+    """Factors (n, K, A) that bring antennas to what they are in the most frequent state of the
+    chains.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-        Without tags, as far as they are known.
-    states : AntennaStates
-        Of the packets.
-    time_s : ndarray, shape (n,)
-        Of each packet, rising, from 0, in s.
-    period_s : float
-        Time in which the room and a press are taken as constant, in s.
-    known : ndarray of bool, shape (n,)
-        Packets without tags, which the others of their state are treated as.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, K, A)
-        1 for the most frequent state and the reference antenna.
-
-    Notes
-    -----
-    The static paths in a state, period by period, are compared with those in the other states at
-    the nearest time, so that neither a slow drift nor a press in part of a recording is taken for a
-    property of the state.
-
-    Examples
-    --------
-    >>> states = AntennaStates(np.repeat([0, 1], 50), reference=0)
-    >>> channel = np.ones((100, 4, 2)) * np.array([1.0, 1j])
-    >>> channel[50:, :, 1] *= -1
-    >>> gains = state_gains(channel, states, 0.01 * np.arange(100), 0.5, np.ones(100, bool))
-    >>> gains[60, 0].tolist()
-    [(1+0j), (-1+0j)]
+    ``channel`` (n, K, A) is free of tags as far as they are known; ``known`` (n,) are packets
+    without tags, which the others of their state are treated as. ``time_s`` (n,) rises from 0; the
+    room and a press are constant within ``period_s``. The static paths in a state, period by
+    period, are compared with those in the other states at the nearest time, so that neither a slow
+    drift nor a press in part of a recording is taken for a property of the state.
     """
     gains = np.ones(channel.shape, np.complex64)
     if states.count < 2:
@@ -103,42 +77,13 @@ def drift_gains(
     period_s: float,
     known: Array,
 ) -> Array:
-    """Slow changes of gain and phase between antennas, which turn a tag as a press does.
+    """Slow changes (n, A) of gain and phase between antennas, which turn a tag as a press does.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    reference : int
-        Antenna against which the others change.
-    time_s : ndarray, shape (n,)
-        Of each packet, rising, from 0, in s.
-    untouched : ndarray of bool, shape (n,)
-        Packets of the reference, in which the gains are 1.
-    period_s : float
-        Time over which gains are averaged: the length of a group.
-    known : ndarray of bool, shape (n,)
-        Packets without tags, in which gains are measured.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, A)
-        By which the antennas are to be divided; 1 where nothing drifts.
-
-    Notes
-    -----
-    The static paths against the reference antenna, averaged over the packets of a period, are
-    compared with those of the untouched reference. A change that is the same on all subcarriers is
-    one of the receiver; one of the room differs between subcarriers and is left in.
-
-    Examples
-    --------
-    >>> rng, time_s = np.random.default_rng(1), np.linspace(0, 20, 2000)
-    >>> room = rng.standard_normal((8, 2, 2)) @ np.array([1, 1j])
-    >>> drifting = np.tile(room, (2000, 1, 1))
-    >>> drifting[:, :, 1] *= np.exp(0.01j * time_s)[:, None]
-    >>> gains = drift_gains(drifting, 0, time_s, time_s < 2, 0.5, np.ones(2000, bool))
-    >>> bool(np.abs(drifting / gains[:, None] / room - 1).max() < 0.02)
-    True
+    Antennas are to be divided by them; they are 1 in the ``untouched`` packets and where nothing
+    drifts. The static paths against the reference antenna, measured in the ``known`` packets and
+    averaged over a period, are compared with those of the untouched reference. A change that is the
+    same on all subcarriers is one of the receiver; one of the room differs between subcarriers and
+    is left in.
     """
     gains = np.ones((len(channel), channel.shape[2]), complex)
     rows = np.flatnonzero(known)
@@ -176,34 +121,16 @@ _MOST_PACKETS = 4000
 
 
 def rotation_std_deg(change: Array, others: int) -> Array:
-    """Rotation of all tags by a change of the static paths that packets are divided by.
+    """Rotation of all tags by a change of the static paths that packets are divided by, in degrees.
 
-    Parameters
-    ----------
-    change : ndarray, shape (G,)
-        Power of the change in the combinations without a static path, over that of the static
-        paths.
-    others : int
-        Combinations of a subcarrier: antennas less one.
-
-    Returns
-    -------
-    ndarray, shape (G,)
-        Standard deviation in degrees.
-
-    Notes
-    -----
-    Where static paths change by D, a combination holds T - (D / S) U in place of the tag's T, with
-    the tag's part U along the static paths S. U cannot be measured, and neither can the part of D
-    along S, since phase and gain of a packet are the same. Of n directions with independent
-    Rayleigh fading, another one holds t times their mean power or more with a probability of
-    (1 + t / n)^-n (:func:`.planning.packet_plan.tag_ratios`). The result is half of what is
-    exceeded in 5 %; half of its power changes phases.
-
-    Examples
-    --------
-    >>> rotation_std_deg(np.array([0.0, 1e-6, 1e-3]), 1).round(2).tolist()
-    [0.0, 0.0, 2.76]
+    ``change`` (G,) is the power of the change in the combinations without a static path over that
+    of the static paths, ``others`` the combinations of a subcarrier, antennas less one. Where
+    static paths change by D, a combination holds T - (D / S) U in place of the tag's T, with the
+    tag's part U along the static paths S. U cannot be measured, and neither can the part of D along
+    S, since phase and gain of a packet are the same. Of n directions with independent Rayleigh
+    fading, another one holds t times their mean power or more with a probability of (1 + t / n)^-n
+    (:func:`.planning.packet_plan.tag_ratios`). The result is half of what is exceeded in 5 %; half
+    of its power changes phases.
     """
     exceeded = others * (_EXCEEDED ** (-1 / others) - 1)
     power = np.maximum(change - _LEAST_CHANGE**2, 0) / others
@@ -214,46 +141,21 @@ def rotation_std_deg(change: Array, others: int) -> Array:
 class AntennaCombination:
     """Combines the antennas of a receiver to channels without its oscillator, gain and timing.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-        Channels of packets that static paths dominate, A of at least 2.
-    subcarrier_hz : ndarray, shape (K,)
-        Against the carrier.
-    former : AntennaCombination, optional
-        Of nearly the same packets: the arbitrary phases and directions are chosen as there.
+    ``channel`` (n, K, A) are packets that static paths dominate; ``former`` is a combination of
+    nearly the same packets, whose arbitrary phases and directions are kept. ``static`` (K, A) has a
+    mean power of 1 per subcarrier and an arbitrary common phase; ``by_subcarrier`` where each
+    subcarrier is divided by itself, because packets differ by more than a phase, a gain, a delay
+    and noise.
 
-    Attributes
-    ----------
-    static : ndarray of complex, shape (K, A)
-        Static paths, with a mean power of 1 per subcarrier and an arbitrary common phase.
-    by_subcarrier : bool
-        Whether each subcarrier is divided by itself, because packets differ by more than a phase,
-        a gain, a delay and noise.
-
-    Notes
-    -----
     A packet is received as H_a = x (S_a + r T_a), with a factor x that all antennas share: phase
-    and gain of the packet, and a phase that is linear over the subcarriers by its sampling time.
-    On each subcarrier the antennas are combined to the A - 1 sums that contain no static path, and
+    and gain of the packet, and a phase that is linear over the subcarriers by its sampling time. On
+    each subcarrier the antennas are combined to the A - 1 sums that contain no static path, and
     these are divided by x, which the static paths of all subcarriers and antennas give. For two
     antennas this is the numerator of the ratio H_1 / H_2 - S_1 / S_2. Since it contains no static
-    path, an error of x changes nothing but the tag, in proportion. The tag itself is in x with
-    <S, T> / <S, S>, which bends the result as the ratio of two antennas does
-    (:func:`.antennas.curvature_deg`), but less, as no faded subcarrier is divided by.
-
-    Each antenna weighs as much as it receives, and so does each subcarrier.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> hertz, static = 1e6 * np.arange(4), np.ones((4, 1)) * np.array([1.0, 0.5j])
-    >>> common = np.exp(2j * np.pi * (rng.random((300, 1)) + 1e-7 * rng.random((300, 1)) * hertz))
-    >>> tag = 0.01 * rng.integers(0, 2, (300, 1, 1))
-    >>> received = common[:, :, None] * (static + tag)
-    >>> combined = AntennaCombination(received, hertz).process(received)
-    >>> combined.shape, bool(np.std(combined[tag[:, 0, 0] > 0, 0]) < 1e-6)
-    ((300, 4), True)
+    path, an error of x changes nothing but the tag, in proportion. The tag itself is in x with <S,
+    T> / <S, S>, which bends the result as the ratio of two antennas does
+    (:func:`.antennas.curvature_deg`), but less, as no faded subcarrier is divided by. Each antenna
+    weighs as much as it receives, and so does each subcarrier.
     """
 
     def __init__(
@@ -297,33 +199,18 @@ class AntennaCombination:
         self._hertz = self._hertz.astype(np.float32)
 
     def direct(self, channel: Array) -> Array:
-        """What packets hold along the static paths.
-
-        Parameters
-        ----------
-        channel : ndarray of complex, shape (n, K, A)
-
-        Returns
-        -------
-        ndarray of complex, shape (n, K)
-            In units of the static paths: x (1 + r U), where U is what they hold of a tag.
+        """What packets (n, K, A) hold along the static paths and in units of them: x (1 + r U),
+        (n, K), where U is what they hold of a tag.
         """
         unit = self.static / np.abs(self._profile)[:, None] ** 2
         return np.asarray(np.einsum("nka,ka->nk", channel, unit.conj()))
 
     def process(self, channel: Array, tag: Array | None = None) -> Array:
-        """Combine the antennas of some packets.
+        """Combine the antennas of packets (n, K, A) to (n, K (A - 1)), in units of the static
+        paths.
 
-        Parameters
-        ----------
-        channel : ndarray of complex, shape (n, K, A)
-        tag : ndarray of complex, shape (n, K), optional
-            The tags' part r U of :meth:`direct`, where it is known.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, K (A - 1))
-            In units of the static paths. 0 where nothing is received.
+        0 where nothing is received. ``tag`` (n, K) is the tags' part r U of :meth:`direct`, if
+        known.
         """
         level = np.abs(self._profile)
         direct = self.direct(channel) * level
@@ -335,34 +222,13 @@ class AntennaCombination:
         return combined.reshape(len(channel), -1)
 
     def response(self, tag: Array) -> Array:
-        """What :meth:`process` divides packets by because of tags that it does not know.
-
-        Parameters
-        ----------
-        tag : ndarray of complex, shape (n, K)
-            Their part of :meth:`direct`.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, K)
-        """
+        """What :meth:`process` divides packets by because of tags (n, K) that it does not know."""
         level = np.abs(self._profile)
         return 1 + tag if self.by_subcarrier else self._common(level * (1 + tag), level)
 
     def without(self, channel: Array, tag: Array, combined: Array) -> Array:
-        """Packets without tags.
-
-        Parameters
-        ----------
-        channel : ndarray of complex, shape (n, K, A)
-        tag : ndarray of complex, shape (n, K)
-            Their part of :meth:`direct`.
-        combined : ndarray of complex, shape (n, K (A - 1))
-            Their part of what :meth:`process` gives.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, K, A)
+        """Packets (n, K, A) without tags, whose parts of :meth:`direct` and :meth:`process` are
+        known.
         """
         common = self.direct(channel) / (1 + tag)
         own = combined.reshape(*tag.shape, -1)
@@ -403,83 +269,33 @@ def _differs(residual: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class TagParts:
-    """What tags add to packets.
+    """What tags add to packets."""
 
-    Attributes
-    ----------
-    reflection : ndarray of complex, shape (n, S)
-        Of each tag in each packet, over that of its first end while untouched.
-    closed : ndarray, shape (n, 2 S)
-        How long each of their ends is closed, from 0 to 1; 0 where it is unknown.
-    direct : ndarray of complex, shape (S, K)
-        What the static paths hold of an untouched end, in units of them.
-    combined : ndarray of complex, shape (S, K (A - 1))
-        The same of the combinations without a static path.
-    known : ndarray of bool, shape (n,)
-        Packets in which this is all that the tags add, but for less than the least step of the
-        receiver chains (:data:`.antenna_states.LEAST_STEP`).
-
-    Examples
-    --------
-    >>> parts = TagParts(
-    ...     np.zeros((9, 1)), np.zeros((9, 2)), np.ones((1, 4)), np.ones((1, 4)), np.ones(9, bool)
-    ... )
-    >>> (parts.reflection @ parts.direct).shape
-    (9, 4)
-    """
-
+    # (n, S), of each tag in each packet, over that of its first end while untouched
     reflection: Array
-    closed: Array
-    direct: Array
-    combined: Array
+    closed: Array  # (n, 2 S), how long each of their ends is closed, from 0 to 1; 0 where unknown
+    direct: Array  # (S, K), what the static paths hold of an untouched end, in units of them
+    combined: Array  # (S, K (A - 1)), the same of the combinations without a static path
+    # (n,), packets in which this is all that the tags add, but for less than LEAST_STEP of the
+    # receiver chains
     known: Array
 
 
 @dataclass(frozen=True, eq=False)
 class DividedPackets:
-    """Packets without what multiplies all antennas, or single ones.
+    """Packets without what multiplies all antennas, or single ones."""
 
-    Attributes
-    ----------
-    combined : ndarray of complex, shape (n, K (A - 1))
-        Combinations of the antennas that hold no static path, in units of the static paths.
-    bent : ndarray of complex, shape (n, K (A - 1))
-        The same divided by all that packets hold along the static paths, tags included.
-    static : ndarray of complex, shape (n, K (A - 1))
-        The same without the tags, as far as they are known.
-    level : ndarray, shape (n, K)
-        Logarithm of the magnitude along the static paths.
-    state : ndarray of int, shape (n,)
-        Of the receiver chains.
-
-    Examples
-    --------
-    >>> undivided(np.ones((9, 4, 1))).combined.shape
-    (9, 4)
-    """
-
+    # (n, K (A - 1)), combinations without a static path, in units of the static paths
     combined: Array
-    bent: Array
-    static: Array
-    level: Array
-    state: Array
+    bent: Array  # the same divided by all that packets hold along the static paths, tags included
+    static: Array  # the same without the tags, as far as they are known
+    level: Array  # (n, K), logarithm of the magnitude along the static paths
+    state: Array  # (n,), of the receiver chains
 
 
 def undivided(channel: Array) -> DividedPackets:
-    """Packets of an instrument that measures with one oscillator, which need not be divided.
-
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-
-    Returns
-    -------
-    DividedPackets
-
-    Examples
-    --------
-    >>> undivided(np.ones((9, 4, 2))).combined.shape
-    (9, 8)
+    """Packets (n, K, A) of an instrument that measures with one oscillator, which need not be
+    divided.
     """
     flat = channel.reshape(len(channel), -1)
     return DividedPackets(flat, flat, flat, np.zeros((len(flat), 1)), np.zeros(len(flat), int))
@@ -488,46 +304,18 @@ def undivided(channel: Array) -> DividedPackets:
 class PacketChannels:
     """Divides the packets of a card by its oscillator and its receiver chains.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    time_s : ndarray, shape (n,)
-        Of each packet, rising, from 0, in s.
-    untouched : ndarray of bool, shape (n,)
-        Packets of the untouched reference.
-    subcarrier_hz : ndarray, shape (K,)
-        Against the carrier.
-    period_s : float
-        Length of a group, in s.
-    step : float
-        Least change of the antennas against each other that is one of the receiver, while no tag is
-        known (:func:`.antenna_states.find_states`).
+    Takes channels (n, K, A), their times (n,), rising from 0, which of them are of the untouched
+    reference, the subcarriers (K,) against the carrier, and the length of a group. ``step`` is the
+    least change of the antennas against each other that is one of the receiver, while no tag is
+    known. ``states`` are those of the chains, by the packets without tags as far as these are
+    known.
 
-    Attributes
-    ----------
-    states : AntennaStates
-        Of the receiver chains, by the packets without tags as far as these are known.
-
-    Notes
-    -----
     An antenna receives H_a = x g_a (S_a + r T_a): the packet's phase, gain and delay x, the state
     and the drift of the receiver chain g_a, the static paths S_a and the tag r T_a. x and g_a are
     measured on S_a + r T_a, as there is nothing else. They are therefore divided out repeatedly:
     first as if tags were weak, then with the tags known from before (:meth:`divide`). Radio
     astronomy calls this self-calibration (T. J. Pearson and A. C. S. Readhead, Annual Review of
     Astronomy and Astrophysics 22 (1984), 97-130).
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> room = rng.standard_normal((16, 2, 2)) @ np.array([1, 1j])
-    >>> common = np.exp(2j * np.pi * rng.random(400))
-    >>> received = common[:, None, None] * room
-    >>> received[100:150, :, 1] *= -1  # the phase between the antennas flips
-    >>> time_s, hertz = 0.001 * np.arange(400), 312.5e3 * np.arange(16)
-    >>> channels = PacketChannels(received, time_s, time_s < 0.2, hertz, 0.1)
-    >>> bool(np.abs(channels.divide().combined).max() < 1e-6)
-    True
     """
 
     def __init__(
@@ -545,16 +333,8 @@ class PacketChannels:
         self._combination = self._calibrated(channel, states, known, None)
 
     def divide(self, tags: TagParts | None = None) -> DividedPackets:
-        """Packets without oscillator and receiver chains.
-
-        Parameters
-        ----------
-        tags : TagParts, optional
-            As far as they are known from packets that were divided before.
-
-        Returns
-        -------
-        DividedPackets
+        """Packets without oscillator and receiver chains, with tags as they are known from
+        before.
         """
         along: Array | None = None
         across: Array | float = 0.0

@@ -24,23 +24,8 @@ _OPEN_END = 0.05
 
 
 def whole_groups(time_s: Array, period_s: float) -> int:
-    """Number of whole groups that packets span.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Since the start of the first group, rising, in s.
-    period_s : float
-        Length of a group, in s.
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> whole_groups(np.array([0.0, 0.99]), 0.5), whole_groups(np.array([0.0, 0.9]), 0.5)
-    (2, 1)
+    """Number of whole groups that packets span, by their times since the start of the first
+    group.
     """
     return int(time_s[-1] / period_s + _OPEN_END)
 
@@ -48,28 +33,10 @@ def whole_groups(time_s: Array, period_s: float) -> int:
 class PacketGroups:
     """Packets to groups with their tones.
 
-    Parameters
-    ----------
-    table : TimedTable
-        Weights of the run.
-    time_s : ndarray, shape (n,)
-        Of each packet since the start of the first group, rising, in s.
-    packets : DividedPackets
-    untouched : ndarray of complex, shape (K (A - 1),), or None
-        Mean of the packets of the reference without tags, where packets were divided by static
-        paths: a change of these paths rotates all tags.
-    bent : bool
-        Whether the tags' part in what packets are divided by is left in.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.packets.packet_channels import undivided
-    >>> from gnuradio.wiforce.signal.timed_weights import timed_table
-    >>> time_s = np.sort(np.random.default_rng(1).uniform(0, 1, 900))
-    >>> table = timed_table([120.0], time_s[:450] - 0.25, 0.5)
-    >>> groups = PacketGroups(table, time_s, undivided(np.ones((900, 52, 1)))).read(0, 1)
-    >>> groups.tones.shape, bool(np.abs(groups.tones).max() < 1e-9)
-    ((1, 16, 52), True)
+    ``time_s`` (n,) rises from the start of the first group. ``untouched`` (K (A - 1),) is the mean
+    of the packets of the reference without tags where packets were divided by static paths: a
+    change of these paths rotates all tags. ``bent`` leaves the tags' part in what packets are
+    divided by.
     """
 
     def __init__(
@@ -85,17 +52,7 @@ class PacketGroups:
         self._period_s = table.group_period_s
 
     def read(self, first: int, stop: int) -> Groups:
-        """Groups of a range of indices, those without a packet left out.
-
-        Parameters
-        ----------
-        first, stop : int
-
-        Returns
-        -------
-        Groups
-            With ``timed``.
-        """
+        """Groups ``first`` to ``stop``, with ``timed``; those without a packet are left out."""
         bounds = np.searchsorted(self._time_s, np.arange(first, stop + 1) * self._period_s)
         found = [i for i in range(stop - first) if bounds[i + 1] > bounds[i]]
         packets = self._packets

@@ -33,73 +33,27 @@ _INFORMATION = 0.158
 
 @dataclass(frozen=True)
 class TagLines:
-    """Lines of a tag's clock in packets.
-
-    Attributes
-    ----------
-    clock_hz : float
-    line_db : float
-        Power of the first line against the direct path, in dB.
-    snr_db : float
-        Power of the first line in one packet and channel against the noise, in dB: the ``snr_db``
-        of a scene.
-    stds : float
-        By how many standard deviations it exceeds all other clocks.
-
-    Examples
-    --------
-    >>> TagLines(120.0, -50.0, -20.0, 30.0).phase_std_deg(500, 52) < 2
-    True
-    """
+    """Lines of a tag's clock in packets."""
 
     clock_hz: float
-    line_db: float
-    snr_db: float
-    stds: float
+    line_db: float  # power of the first line against the direct path
+    snr_db: float  # of the first line in one packet and channel, the ``snr_db`` of a scene
+    stds: float  # standard deviations by which it exceeds all other clocks
 
     def phase_std_deg(self, packets: int, channels: int) -> float:
-        """Standard deviation of the phases of a group, by the noise alone, in degrees.
-
-        Parameters
-        ----------
-        packets : int
-            Of the group.
-        channels : int
-            Subcarriers, times antennas less one.
-
-        Returns
-        -------
-        float
+        """Standard deviation of the phases of a group by the noise alone; ``channels`` are
+        subcarriers, times antennas less one.
         """
         gamma = 10 ** (self.snr_db / 10) / harmonics(1)[0] ** 2
         return float(np.degrees(1 / np.sqrt(2 * gamma * channels * packets * _INFORMATION)))
 
 
 def snapshot_snr_db(channel: Array, subcarrier_hz: Array) -> list[float]:
-    """SNR of one packet, of each antenna.
+    """SNR of one packet, of each antenna, in dB, from channels (n, K, A).
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    subcarrier_hz : ndarray, shape (K,)
-
-    Returns
-    -------
-    list of float, length A
-        In dB.
-
-    Notes
-    -----
     The product of a subcarrier and the conjugate of its neighbour turns phase and delay of a packet
     into one phase, which the correlation of such products over packets does not contain. Its
     eigenvalues but the largest ones are noise. Of an SNR s, products have s^2 / (2 s + 1).
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> noise = 0.1 * rng.standard_normal((500, 52, 1, 2)) @ np.array([0.7071, 0.7071j])
-    >>> abs(snapshot_snr_db(1 + noise, np.arange(52.0))[0] - 20) < 1.0
-    True
     """
     order = np.argsort(subcarrier_hz)
     steps = np.diff(subcarrier_hz[order])
@@ -116,27 +70,10 @@ def snapshot_snr_db(channel: Array, subcarrier_hz: Array) -> list[float]:
 
 
 def phase_std_deg(channel: Array, states: AntennaStates) -> float:
-    """How much the phases between antennas vary beside their states.
+    """How much the phases between two or more antennas vary beside their states, in degrees.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-        A of at least 2.
-    states : AntennaStates
-        Of the receiver chains.
-
-    Returns
-    -------
-    float
-        Standard deviation over packets of the mean phase over the subcarriers, in degrees, of the
-        steadiest antenna but the reference.
-
-    Examples
-    --------
-    >>> channel = np.ones((400, 8, 2), complex)
-    >>> channel[:, :, 1] *= np.exp(1j * np.radians(10) * np.sin(np.arange(400)))[:, None]
-    >>> round(phase_std_deg(channel, AntennaStates(np.zeros(400, int), 0)), 1)
-    7.1
+    Standard deviation over packets of the mean phase over the subcarriers, of the steadiest antenna
+    but the reference.
     """
     own = states.label >= 0
     others = _relative(channel[own], states, states.label[own]).reshape(
@@ -147,37 +84,11 @@ def phase_std_deg(channel: Array, states: AntennaStates) -> float:
 
 
 def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines | None:
-    """Look for the clock of a tag in packets.
+    """Look for the clock of the strongest tag in packets (n, K, A); None where none is seen.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K, A)
-    time_s : ndarray, shape (n,)
-        Not falling, in s.
-    states : AntennaStates
-        Of the receiver chains.
-
-    Returns
-    -------
-    TagLines or None
-        Of the strongest one; None where none is seen.
-
-    Notes
-    -----
     Antennas are compared with the strongest one, which is free of the packets' phases. Of a single
     antenna there are magnitudes only, which show half of the tag. The power at a clock and its
     harmonics is compared with the median around each.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> time_s = np.sort(rng.uniform(0, 2, 2000))
-    >>> tag = 0.1 * (np.abs((120 * time_s + 0.5) % 1 - 0.5) < 1 / 8)
-    >>> channel = np.ones((2000, 8, 2), complex)
-    >>> channel[:, :, 1] += tag[:, None] + 0.1 * rng.standard_normal((2000, 8))
-    >>> found = find_tag(channel, time_s, AntennaStates(np.zeros(2000, int), 0))
-    >>> found is not None and abs(found.clock_hz - 120) < 0.3
-    True
     """
     own = states.label >= 0
     time_s, label = time_s[own], states.label[own]

@@ -33,20 +33,10 @@ _EXCEEDED, _LARGEST = 0.05, 0.8
 class SolvedTags:
     """Tags in the packets of a recording.
 
-    Attributes
-    ----------
-    parts : TagParts
-        What they add to the packets.
-    uncertain : tuple of float
-        Amplitude of U that is still unknown, of each tag: sqrt(2) standard deviations of its real
-        or imaginary part, the larger one. Empty where a tag was not found.
-    snr : float
-        Of a typical end, as a ratio of powers, times the groups in which the tags were found.
-
-    Examples
-    --------
-    >>> solved.uncertain  # doctest: +SKIP
-    (0.0035,)
+    ``uncertain`` is the amplitude of U that is still unknown, of each tag: sqrt(2) standard
+    deviations of its real or imaginary part, the larger one; empty where a tag was not found.
+    ``snr`` is that of a typical end, as a ratio of powers, times the groups in which the tags were
+    found.
     """
 
     parts: TagParts
@@ -54,17 +44,8 @@ class SolvedTags:
     snr: float
 
     def change_since(self, former: TagParts | None) -> tuple[float, ...]:
-        """Change of U since a former solution.
-
-        Parameters
-        ----------
-        former : TagParts or None
-            None for no tags.
-
-        Returns
-        -------
-        tuple of float
-            Its rms over the subcarriers, for each value of ``uncertain``.
+        """Rms over the subcarriers by which U differs from a former solution, for each of
+        ``uncertain``.
         """
         change = self.parts.direct - (0 if former is None else former.direct)
         rms = np.sqrt(np.mean(np.abs(change) ** 2, axis=1))
@@ -83,32 +64,10 @@ def solve_tags(
 ) -> SolvedTags:
     """Solve for the tags' parts along the static paths.
 
-    Parameters
-    ----------
-    groups : Groups
-        Of the recording, with ``ends``.
-    packets : DividedPackets
-        That their tones are of.
-    time_s : ndarray, shape (n,)
-        Of each packet since the start of the first group, rising, in s.
-    table : TimedTable
-        Weights of the run.
-    clocks : tuple of TagClock
-    window_s : float
-        Time that a channel estimate averages, in s.
-    reference_groups : int
-        The first groups, in which tags are untouched.
-    response : callable
-        What packets are divided by because of tags (n, K) along the static paths.
-
-    Returns
-    -------
-    SolvedTags
-
-    Examples
-    --------
-    >>> solved = solve_tags(  # doctest: +SKIP
-    ...     groups, packets, time_s, table, clocks, 6.4e-6, 10, channels.response)
+    Takes groups with ``ends`` and the packets that their tones are of, at times (n,) since the
+    start of the first group; a channel estimate averages ``window_s``, and tags are untouched in
+    the first ``reference_groups``. ``response`` gives what packets are divided by because of tags
+    (n, K) along the static paths.
     """
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)

@@ -38,16 +38,8 @@ class SubcarrierAverage:
 
 
 def phase_std_deg(ratios: Array, variance: Array) -> Array:
-    """Standard deviation of the phase of ratios with complex noise.
-
-    Returns ndarray, of the same shape: in degrees; infinite where R is 0.
-
-    Parameters
-    ----------
-    ratios : ndarray of complex
-        R.
-    variance : ndarray, of the same shape
-        Of R.
+    """Standard deviation of the phase of ratios R with a complex variance, in degrees; infinite
+    for 0.
     """
     magnitude = np.abs(ratios)
     std = np.full(magnitude.shape, np.inf)

@@ -25,28 +25,12 @@ _LARGEST_STD = 0.03
 def corrected_phase_deg(
     ratios: Array, untouched_deg: ArrayLike, off_reflection: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Phases psi_i of the ends' reflections, corrected for the off state.
+    """Phases psi_i of the ends' reflections R (..., 2), corrected for the off state, in (-180,
+    180].
 
-    Parameters
-    ----------
-    ratios : ndarray of complex, shape (..., 2)
-        R.
-    untouched_deg : array_like, shape (2,)
-        psi_i0, in degrees.
-    off_reflection : complex or array_like, shape (2,)
-        G_off / rho at the reference plane of psi.
-
-    Returns
-    -------
-    phases_deg : ndarray, shape (..., 2)
-        In (-180, 180].
-    slope : ndarray, shape (..., 2)
-        |d psi / d arg R|, the factor from a phase error of R to one of psi.
-
-    Notes
-    -----
-    G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 + arg(G_i / G_i0); see docs/theory.md,
-    section The off state.
+    Also |d psi / d arg R|, the factor from a phase error of R to one of psi. ``off_reflection`` is
+    G_off / rho at the reference plane of psi. G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 +
+    arg(G_i / G_i0); see docs/theory.md, section The off state.
     """
     off = np.asarray(off_reflection)
     switched = ratios * (np.exp(1j * np.radians(untouched_deg)) - off)
@@ -61,33 +45,14 @@ def corrected_phase_deg(
 def estimate_off_reflection(
     ratios: ArrayLike, untouched_deg: float, std_deg: ArrayLike = 1.0
 ) -> tuple[complex, float]:
-    """Estimate G_off / rho of one end from its ratios in several presses.
+    """Estimate G_off / rho of one end, and the std of its real and imaginary parts, from several
+    presses.
 
-    Parameters
-    ----------
-    ratios : ndarray of complex, shape (n,)
-        R of the end while the tag stands still, touched groups among them.
-    untouched_deg : float
-        psi_i0 of that end, in degrees.
-    std_deg : float or ndarray, shape (n,)
-        Standard deviations of arg R, in degrees.
-
-    Returns
-    -------
-    value : complex
-    std : float
-        Standard deviation of its real and imaginary parts.
-
-    Raises
-    ------
-    InputError
-        When the presses change the phase by too little, or the estimate is uncertain.
-
-    Notes
-    -----
-    The forces need not be known: with the correct off state |G| = |G_off + R (G_0 - G_off)| is the
-    same in every press. The loss is robust (soft L1), because R of a group in which the press
-    changes is a mixture.
+    Takes R (n,) of the end while the tag stands still, touched groups among them, psi_i0 and the
+    standard deviations of arg R, in degrees. Raises InputError when the presses change the phase by
+    too little, or the estimate is uncertain. The forces need not be known: with the correct off
+    state |G| = |G_off + R (G_0 - G_off)| is the same in every press. The loss is robust (soft L1),
+    because R of a group in which the press changes is a mixture.
     """
     from scipy.optimize import least_squares
 
@@ -111,37 +76,18 @@ def estimate_off_reflection(
 
 
 class OffCircle(NamedTuple):
-    """Off state by the circle of touched ratios.
+    """Off state by the circle of touched ratios."""
 
-    Attributes
-    ----------
-    off : complex
-        G_off / rho.
-    std : float
-        Standard deviation of its real and imaginary parts, by the scatter about the circle.
-    """
-
-    off: complex
-    std: float
+    off: complex  # G_off / rho
+    std: float  # of its real and imaginary parts, by the scatter about the circle
 
 
 def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
-    """Estimate G_off / rho of one end from touched groups alone.
+    """Estimate G_off / rho of one end from R (n,) of touched groups alone.
 
-    Returns OffCircle or None: None where the presses change the phase by less than 40 deg.
-
-    Parameters
-    ----------
-    ratios : ndarray of complex, shape (n,)
-        R of the end while the line is touched.
-    untouched_deg : float
-        psi_i0 of that end, in degrees.
-
-    Notes
-    -----
-    The radius of the circle is free: a contact that loses a part of the signal, equally in all
-    presses, does not look like an off state. Compared with :func:`estimate_off_reflection` this is
-    less exact.
+    None where the presses change the phase by less than 40 deg. The radius of the circle is free: a
+    contact that loses a part of the signal, equally in all presses, does not look like an off
+    state. Compared with :func:`estimate_off_reflection` this is less exact.
     """
     middle = np.mean(ratios)
     arc = np.ptp(np.degrees(np.angle(ratios / middle))) if middle else 0.0

@@ -35,20 +35,10 @@ _MEAN_GROUPS = 8
 
 
 def image_of(channel: Array, waveform: Waveform) -> Array:
-    """Profile of a channel's mirror image by an unbalanced (IQ) receiver.
+    """Profile (..., K) of a channel's mirror image by an unbalanced (IQ) receiver.
 
-    Returns ndarray of complex, shape (..., K).
-
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (..., K)
-    waveform : Waveform
-        The image is 0 on a subcarrier k where -k is not occupied.
-
-    Notes
-    -----
-    Of y = mu x + nu conj(x) the second part is received on subcarrier k as
-    nu conj(H[-k]) conj(X[-k]) / X[k].
+    Of y = mu x + nu conj(x) the second part is received on subcarrier k as nu conj(H[-k])
+    conj(X[-k]) / X[k]; 0 where -k is not occupied.
     """
     reference, mirrored = waveform.reference, waveform.mirrored
     factors = np.where(mirrored >= 0, reference[mirrored].conj() / reference, 0)
@@ -56,13 +46,7 @@ def image_of(channel: Array, waveform: Waveform) -> Array:
 
 
 class ProfileCheck:
-    """Removes the image from the ends' channels, and compares the rest with the reference.
-
-    Parameters
-    ----------
-    ends : int
-        Ends of all tags, 2S.
-    """
+    """Removes the image from the channels of 2S ends, and compares the rest with the reference."""
 
     def __init__(self, waveform: Waveform, ends: int) -> None:
         self._waveform = waveform
@@ -88,29 +72,13 @@ class ProfileCheck:
         noise: Array,
         raised: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Remove the image from a batch, and compare what remains with the reference.
+        """Remove the image from V (G, 2S, K), and compare what remains with the reference.
 
-        Parameters
-        ----------
-        ends : ndarray of complex, shape (G, 2S, K)
-            V.
-        reference : ndarray of complex, shape (2S, K)
-            V_ref; 0 for an end without one.
-        weights : ndarray, shape (G, K)
-            w_k, which sum to 1.
-        gain : ndarray, shape (G, 2S)
-            Variance of V - R V_ref over that of H; infinite where an end was not received.
-        noise : ndarray, shape (G, K)
-            Variance of H.
-        raised : ndarray, shape (G, K), optional
-            ``Groups.noise_rise``. These subcarriers count less when profiles are compared.
-
-        Returns
-        -------
-        ends : ndarray of complex, shape (G, 2S, K)
-            V without its image.
-        factor : ndarray, shape (G, 2S)
-            Factor by which the variance of R exceeds that of noise, at least 1.
+        Returns V without its image, and the factor (G, 2S), at least 1, by which the variance of R
+        exceeds that of noise. ``reference`` (2S, K) is 0 for an end without one; the weights (G, K)
+        sum to 1; ``gain`` (G, 2S) is the variance of V - R V_ref over that of H, infinite where an
+        end was not received; ``noise`` (G, K) is the variance of H. Subcarriers that ``raised``
+        (``Groups.noise_rise``) count less when profiles are compared.
         """
         profiles = self._profiles(reference)
         image = profiles.image

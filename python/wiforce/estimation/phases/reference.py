@@ -13,21 +13,11 @@ from .profile import ProfileCheck
 
 
 class ReferenceSum:
-    """Sum of the ends' channels over groups, each weighted by 1 over its variance.
+    """Sum of the channels V of 2S ends over groups, each weighted by 1 over its variance.
 
-    Parameters
-    ----------
-    ends : int
-        Ends of all tags, 2S.
-
-    Attributes
-    ----------
-    sum : ndarray of complex, shape (2S, K), or None
-        Sum of V over its variance; None before the first group.
-    precision : ndarray, shape (2S,)
-        Sum of 1 over the variance; 0 for an end that was not received.
-    precisions : ndarray, shape (2S, K)
-        The same on each subcarrier, less where a narrow-band transmitter interfered.
+    ``sum`` (2S, K) is None before the first group; ``precision`` (2S,) is the sum of 1 over the
+    variance, 0 for an end that was not received, and ``precisions`` (2S, K) the same on each
+    subcarrier, less where a narrow-band transmitter interfered.
     """
 
     def __init__(self, ends: int) -> None:
@@ -38,15 +28,7 @@ class ReferenceSum:
         self._excess: Array | None = None
 
     def add(self, group: Groups, received: Array) -> None:
-        """Add some ends of a single group.
-
-        Parameters
-        ----------
-        group : Groups
-            With ``ends`` and ``gain``.
-        received : ndarray of bool, shape (2S,)
-            The ends that are added.
-        """
+        """Add the ``received`` ends (2S,) of a single group."""
         values, gain = group.ends[0], group.gain[0]
         rise = np.ones(values.shape) if group.noise_rise is None else group.noise_rise
         weights = np.where(received[:, None], 1 / (gain[:, None] * rise), 0)
@@ -57,10 +39,7 @@ class ReferenceSum:
         self._mean = self._excess = None
 
     def replace(self, other: ReferenceSum) -> Array:
-        """Take over all ends that another sum holds.
-
-        Returns ndarray of bool, shape (2S,): these ends.
-        """
+        """Take over all ends that another sum holds, and give them, (2S,)."""
         held = other.precision > 0
         if other.sum is not None:
             self.sum = np.where(held[:, None], other.sum, self._started(other.sum))
@@ -103,20 +82,7 @@ class ReferenceSum:
 
 
 class NewReference:
-    """The reference of a tare, while it is measured.
-
-    Parameters
-    ----------
-    ends : int
-        Ends of all tags, 2S.
-    groups : int
-        Length of the reference, from the first group that is added on.
-
-    Attributes
-    ----------
-    sums : ReferenceSum
-        Of the groups so far.
-    """
+    """The reference of a tare, while it is measured over ``groups`` from the first one on."""
 
     def __init__(self, ends: int, groups: int) -> None:
         self._groups = groups
@@ -147,15 +113,7 @@ _LEAST_POWER = 0.05
 
 
 def subcarrier_weights(noise: Array) -> Array:
-    """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1.
-
-    Returns ndarray, shape (..., K).
-
-    Parameters
-    ----------
-    noise : ndarray, shape (..., K)
-        sigma_k^2.
-    """
+    """Maximum-ratio weights w_k = 1 / sigma_k^2, (..., K), scaled to sum to 1."""
     weights = 1 / np.asarray(noise, float)
     return weights / weights.sum(axis=-1, keepdims=True)
 

@@ -40,24 +40,12 @@ _APART_BINS = 0.3
 
 @dataclass(frozen=True)
 class ClockLine:
-    """The first line of a tag.
+    """The first line of a tag."""
 
-    Attributes
-    ----------
-    clock_hz : float
-        Measured frequency of the clock; the nominal one where no line stands out.
-    error_hz : float
-        Its uncertainty; the tolerance where no line stands out.
-    height : float
-        Power of the line over the floor; 0 where none stands out.
-    rival_hz : float or None
-        Another clock within a wide tolerance, that of a second tag; None where there is none.
-    """
-
-    clock_hz: float
-    error_hz: float
-    height: float
-    rival_hz: float | None = None
+    clock_hz: float  # measured; the nominal one where no line stands out
+    error_hz: float  # its uncertainty; the tolerance where no line stands out
+    height: float  # power of the line over the floor; 0 where none stands out
+    rival_hz: float | None = None  # another clock within a wide tolerance, that of a second tag
 
     @property
     def found(self) -> bool:
@@ -70,19 +58,11 @@ def find_clocks(
 ) -> tuple[ClockLine, ...]:
     """Find the first line of every tag within the tolerance of its clock.
 
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (F,)
-        From 0 in equal steps.
-    spectrum : ndarray, shape (F,)
-        Power in units of the floor, as :func:`.survey.survey_channel` computes it.
-
-    Notes
-    -----
-    A wide tolerance holds lines of lamps and of other tags. The clock is then the frequency f at
-    which most is received at f, 2 f, ..., 6 f together, sum_m log P(m f), not counting what
-    continues a comb of lamps or of a slower tag. Tags are taken in the order of that sum, and
-    the lines of each are masked for those that follow.
+    ``frequency_hz`` (F,) rises from 0 in equal steps; the spectrum is in units of the floor
+    (:func:`.survey.survey_channel`). A wide tolerance holds lines of lamps and of other tags. The
+    clock is then the frequency f at which most is received at f, 2 f, ..., 6 f together, sum_m log
+    P(m f), not counting what continues a comb of lamps or of a slower tag. Tags are taken in the
+    order of that sum, and the lines of each are masked for those that follow.
     """
     found: dict[int, ClockLine] = {}
     rest = spectrum.copy()
@@ -106,19 +86,8 @@ def find_clocks(
 
 
 def vertex(spectrum: Array, best: int) -> tuple[float, float]:
-    """Position of a maximum between bins and its height: the main lobe is a parabola in dB.
-
-    Parameters
-    ----------
-    spectrum : ndarray, shape (F,)
-    best : int
-        Bin of the maximum, neither the first nor the last.
-
-    Returns
-    -------
-    offset : float
-        In bins from ``best``, within half a bin.
-    height : float
+    """Offset of a maximum from its bin, within half a bin, and its height: the main lobe is a
+    parabola in dB. ``best`` is neither the first nor the last bin.
     """
     below, top, above = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
     curvature = below - 2 * top + above
@@ -231,13 +200,7 @@ def _mask(frequency_hz: Array, spectrum: Array, line: ClockLine) -> None:
 def measured(clock: TagClock, line: ClockLine) -> TagClock:
     """The clock of a tag as a survey has measured it.
 
-    Returns TagClock: the same unless its tolerance is wide. Where no line stands out, it keeps its
-    nominal frequency.
-
-    Parameters
-    ----------
-    clock : TagClock
-        As the scene states it.
+    The same unless its tolerance is wide. Where no line stands out, it keeps its nominal frequency.
     """
     if not clock.wide:
         return clock

@@ -45,39 +45,20 @@ _WIDTH_SHARE = {"lamps": 2e-3, "tag": 2e-4, "line": 5e-4}
 
 @dataclass(frozen=True)
 class RoomLine:
-    """A line in the Doppler spectrum.
+    """A line in the Doppler spectrum."""
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Magnitude of the frequency, within half the snapshot rate.
-    power : float
-        Per sign of the frequency, subcarrier and snapshot, in units of the white noise.
-    """
-
-    frequency_hz: float
-    power: float
+    frequency_hz: float  # magnitude, within half the snapshot rate
+    power: float  # per sign of the frequency, subcarrier and snapshot, in units of the white noise
 
 
 @dataclass(frozen=True)
 class Source:
-    """Something in the room, by its lines.
+    """Something in the room, by its lines."""
 
-    Attributes
-    ----------
-    kind : str
-        ``lamps``, ``tag`` or ``line``.
-    fundamental_hz : float
-        Twice the mains frequency, the clock of the tag, or the frequency of the line.
-    lines : tuple of RoomLine
-        Those found.
-    masked : tuple of RoomLine
-        Those that must lie under lines of the scene's own tags, with their expected power.
-    """
-
-    kind: str
-    fundamental_hz: float
-    lines: tuple[RoomLine, ...]
+    kind: str  # ``lamps``, ``tag`` or ``line``
+    fundamental_hz: float  # twice the mains frequency, clock of the tag, or the line
+    lines: tuple[RoomLine, ...]  # those found
+    # those that must lie under the scene's own tags, of expected power
     masked: tuple[RoomLine, ...]
 
     @property
@@ -91,14 +72,8 @@ class Source:
         return _WIDTH_SHARE[self.kind]
 
     def meets(self, clocks_hz: Sequence[float], group_period_s: float) -> Array:
-        """Whether lines 1, 2 or 4 of clocks coincide with multiples of its fundamental.
-
-        Returns ndarray of bool, shape (S,).
-
-        Parameters
-        ----------
-        group_period_s : float
-            Of the groups that the lines are read in.
+        """Whether lines 1, 2 or 4 of clocks (S,) coincide with multiples of its fundamental, in
+        groups of this length.
         """
         mains_hz = (self.fundamental_hz / 2,)
         nearest_hz = [lamp_distances_hz(clock_hz, mains_hz).min() for clock_hz in clocks_hz]
@@ -134,19 +109,11 @@ def identify(
     waveform: Waveform,
     mains_hz: Sequence[float] = MAINS_HZ,
 ) -> list[Source]:
-    """Attribute lines to their sources.
+    """Attribute lines to their sources, the strongest first.
 
-    Returns list of Source: the strongest first.
-
-    Parameters
-    ----------
-    step_hz : float
-        Of the survey's spectrum.
-    least_power : ndarray, shape (F,)
-        Power from which on a line stands out, at frequencies from 0 in steps: that of noise or,
-        where they are stronger, of the lines of the scene's own tags.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz; empty where there are no lamps.
+    ``step_hz`` is that of the survey's spectrum, ``least_power`` (F,) the power from which on a
+    line stands out, at frequencies from 0 in steps: that of noise or, where they are stronger, of
+    the lines of the scene's own tags. ``mains_hz`` is empty where there are no lamps.
     """
     spectrum = _Spectrum(step_hz, least_power, waveform)
     rest = sorted(lines, key=lambda line: -line.power)
@@ -283,10 +250,7 @@ def _total_power(found: dict[int, RoomLine]) -> float:
 
 
 def clock_of(found: dict[int, RoomLine]) -> float:
-    """Clock of a tag by its unaliased harmonics, the higher ones counting for more.
-
-    Returns float: in Hz.
-    """
+    """Clock of a tag in Hz by its unaliased harmonics, the higher ones counting for more."""
     orders = np.array(list(found))
     hertz = np.array([line.frequency_hz for line in found.values()])
     return float(orders @ hertz / (orders @ orders))

@@ -33,33 +33,16 @@ _BROAD = 1.6
 
 
 def blackman_harris(count: int) -> Array:
-    """The window.
-
-    Returns ndarray of float, shape (n,).
-
-    Parameters
-    ----------
-    count : int
-        Number of samples, n.
-    """
+    """The window, (count,)."""
     phase = 2 * np.pi * (np.arange(count) + 0.5) / count
     window: Array = sum(a * np.cos(i * phase) for i, a in enumerate(_TERMS))
     return window
 
 
 def take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
-    """Take narrow lines out of a spectrum; what is broader than the window stays.
+    """Take narrow lines out of a spectrum of ``count`` samples, the strongest first.
 
-    Returns list of RoomLine: the strongest first.
-
-    Parameters
-    ----------
-    frequency_hz, spectrum : ndarray, shape (F,)
-        As those of a :class:`.survey.Survey`.
-    excess : ndarray, shape (F,)
-        Likewise; what belongs to lines is set to 0.
-    count : int
-        Number of samples of the spectrum.
+    What is broader than the window stays. ``excess`` (:class:`Survey`) becomes 0 at the lines.
     """
     lines = []
     reach = int(LOBE_BINS)
@@ -105,41 +88,21 @@ _LINE_WIDTH_HZ = 0.5
 class Survey:
     """Doppler spectrum of a room without its static part.
 
-    Attributes
-    ----------
-    frequency_hz : ndarray, shape (F,)
-        From 0 to half the snapshot rate.
-    spectrum : ndarray, shape (F,)
-        Mean power over the subcarriers and both signs, in units of the floor (white noise).
-    own : ndarray, shape (F,)
-        Height above the floor that the lines of the scene's tags may have, aliased ones included.
-    excess : ndarray, shape (F,)
-        Power per bin that is neither noise nor one of these lines, each snapshot's white noise
-        being 1.
-    sources : list of Source
-        What the excess outside the clutter around zero consists of, as far as it is lines.
-    clocks : tuple of ClockLine, length S
-        Line 1 of each of the scene's tags.
-    snapshot_period_s : float
-        T, in s.
-    static_power : float
-        Power of the static channel, per subcarrier and snapshot, in the same units.
-    significant : float
-        Power over the floor that noise does not reach.
-    subcarriers : int
-        Number of subcarriers, K.
+    All powers are per subcarrier and snapshot, in units of the floor, which is the white noise.
     """
 
-    frequency_hz: Array = field(repr=False)
-    spectrum: Array = field(repr=False)
+    frequency_hz: Array = field(repr=False)  # (F,), from 0 to half the snapshot rate
+    spectrum: Array = field(repr=False)  # (F,), mean over the subcarriers and both signs
+    # (F,), height above the floor that lines of the scene's tags may have, aliased ones too
     own: Array = field(repr=False)
-    excess: Array = field(repr=False)
+    excess: Array = field(repr=False)  # (F,), per bin, what is neither noise nor one of these lines
+    # what the excess outside the clutter around zero consists of, as far as it is lines
     sources: list[Source]
-    clocks: tuple[ClockLine, ...]
-    snapshot_period_s: float
-    static_power: float = 0.0
-    significant: float = _SIGNIFICANT
-    subcarriers: int = 1
+    clocks: tuple[ClockLine, ...]  # line 1 of each of the scene's tags
+    snapshot_period_s: float  # T
+    static_power: float = 0.0  # of the static channel
+    significant: float = _SIGNIFICANT  # power over the floor that noise does not reach
+    subcarriers: int = 1  # K
 
     @property
     def line_power(self) -> Array:
@@ -171,18 +134,10 @@ class Survey:
         without: Sequence[Source] = (),
         averaged: bool = True,
     ) -> RoomNoise:
-        """Noise of the room outside the clutter band.
+        """Noise of the room outside the clutter band, which the weights reject anyway.
 
-        Parameters
-        ----------
-        group_length : int
-            Snapshots per group, N.
-        clutter_hz : float
-            Highest frequency that the weights reject anyway.
-        without : sequence of Source
-            Sources that are solved for.
-        averaged : bool
-            As it weighs in the average over the subcarriers (:meth:`weight`) instead of in one.
+        Sources of ``without`` are solved for. ``averaged``: as it weighs in the average over the
+        subcarriers (:meth:`weight`) instead of in one.
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
@@ -210,18 +165,12 @@ class Survey:
     def weight(self, source: Source, group_length: int) -> int:
         """How often the power of a source counts, that of white noise counting once.
 
-        The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
-        The average over K of them divides white noise by K, but hardly that. Other lines, and what
-        is broader, may be the noise of the tag's own clock: to suppress it further would cost more
-        of the tag's lines than it gains. So would lamps on the lines of a tag: both fall alike, so
-        that the weak lines, which the noise hides, disturb as much as the others.
-
-        Returns int: K for lamps beside the lines of the tags, 1 otherwise.
-
-        Parameters
-        ----------
-        group_length : int
-            Snapshots per group, N.
+        K for lamps beside the lines of the tags, 1 otherwise. The light of lamps is reflected on a
+        few paths, and thus nearly alike on all subcarriers. The average over K of them divides
+        white noise by K, but hardly that. Other lines, and what is broader, may be the noise of the
+        tag's own clock: to suppress it further would cost more of the tag's lines than it gains. So
+        would lamps on the lines of a tag: both fall alike, so that the weak lines, which the noise
+        hides, disturb as much as the others.
         """
         if source.kind != "lamps":
             return 1
@@ -255,22 +204,11 @@ def survey_channel(
     clocks: Sequence[TagClock],
     mains_hz: Sequence[float] = MAINS_HZ,
 ) -> Survey | None:
-    """Survey the room from consecutive snapshots in which nothing is touched.
+    """Survey the room from the channel (n, K) of consecutive snapshots in which nothing is touched.
 
-    Returns Survey or None: None for fewer snapshots than 0.1 s, values that are not finite, or a
-    channel without noise.
+    None for fewer snapshots than 0.1 s, values that are not finite, or a channel without noise.
+    ``mains_hz`` is empty where there are no lamps.
 
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (n, K)
-        H of consecutive snapshots.
-    clocks : sequence of TagClock, length S
-        Of the scene's tags.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz; empty where there are no lamps.
-
-    Notes
-    -----
     Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
     analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
     the frequencies without lines.
@@ -325,21 +263,7 @@ def survey_samples(
     clocks: Sequence[TagClock],
     mains_hz: Sequence[float] = MAINS_HZ,
 ) -> Survey | None:
-    """Survey the room from samples that begin with a frame.
-
-    Returns Survey or None: see :func:`survey_channel`.
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Of a receiver, without gaps, while nothing is touched.
-    waveform : Waveform
-        As it was sent.
-    clocks : sequence of TagClock, length S
-        Of the scene's tags.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz.
-    """
+    """As :func:`survey_channel`, from untouched samples that begin with a frame and have no gap."""
     length, first = waveform.frame_length, waveform.first_averaged
     count, width = waveform.repetitions, waveform.symbol_length
     frames = whole_frames(samples, length)
@@ -354,17 +278,7 @@ def survey_folded(
     clocks: Sequence[TagClock],
     mains_hz: Sequence[float] = MAINS_HZ,
 ) -> Survey | None:
-    """Survey the room from the folded frames of consecutive snapshots.
-
-    Returns Survey or None: see :func:`survey_channel`.
-
-    Parameters
-    ----------
-    folded : ndarray of complex, shape (n, symbol_length)
-        While nothing is touched.
-    waveform, clocks, mains_hz
-        As for :func:`survey_channel`.
-    """
+    """As :func:`survey_channel`, from folded frames (n, symbol_length)."""
     bins = waveform.bins
     channel = np.fft.fft(folded.astype(complex), axis=1)[:, bins] * waveform.equalizer()[bins]
     return survey_channel(channel, waveform, clocks, mains_hz)
@@ -411,13 +325,9 @@ _KAISER_BETA = 14  # side lobes below -100 dB, so that a strong static path hide
 def average_spectrum(channel: Array, snapshot_period_s: float) -> tuple[Array, Array]:
     """Power over Doppler frequency, averaged over subcarriers and sections (Welch's method).
 
-    Returns frequency_hz, level_db (ndarray, shape (5000,)): from minus to plus half the snapshot
-    rate; a line of amplitude 1 has 0 dB. Both are empty for fewer than 5000 snapshots.
-
-    Parameters
-    ----------
-    channel : ndarray of complex, shape (N, K)
-        H of consecutive snapshots.
+    From channels (N, K) of consecutive snapshots: frequencies from minus to plus half their rate
+    and levels in dB (5000,), in which a line of amplitude 1 has 0 dB. Both are empty for fewer than
+    5000 snapshots.
     """
     sections = len(channel) // _LENGTH
     if not sections:
