@@ -37,22 +37,8 @@ _INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
 
 
 def tool_of(path: str | Path) -> str | None:
-    """The CSI tool that has written a file.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    str or None
-        As for :func:`.csi_tools.open_csi`; None for files of other kinds.
-
-    Examples
-    --------
-    >>> _ = Path("a.csv").write_text("type,role,mac\\nCSI_DATA,AP,00:00:00:00:00:00\\n")
-    >>> tool_of("a.csv")
-    'esp32'
+    """The CSI tool that has written a file, as for :func:`open_csi`; None for files of other
+    kinds.
     """
     if not Path(path).is_file():
         return None
@@ -75,22 +61,10 @@ def tool_of(path: str | Path) -> str | None:
 
 
 def sent_subcarriers(size: int) -> np.ndarray:
-    """Subcarriers that packets are sent on.
+    """Subcarriers that packets are sent on, for an FFT of 64, 128 or 256, in multiples of 312.5
+    kHz.
 
-    Parameters
-    ----------
-    size : int
-        Of the FFT: 64, 128 or 256.
-
-    Returns
-    -------
-    ndarray of int, shape (K,)
-        Multiples of 312.5 kHz; an array in the order of an FFT is indexed by them.
-
-    Examples
-    --------
-    >>> len(sent_subcarriers(64)), sent_subcarriers(256)[-1]
-    (56, 122)
+    An array in the order of an FFT is indexed by them.
     """
     lowest, highest = _SENT[size]
     return np.r_[-highest : 1 - lowest, lowest : highest + 1]
@@ -130,60 +104,21 @@ _WRAP = 1 << 32
 
 @dataclass(frozen=True, eq=False)
 class Esp32Packets:
-    """Packets of one sender that an ESP32 has printed.
+    """Packets of one sender that an ESP32 has printed."""
 
-    Attributes
-    ----------
-    time_us : ndarray of int, shape (n,)
-        By the device's clock, unwrapped.
-    identifier : ndarray of int, shape (n,), or None
-        Number that the sender has given each packet; None where lines have none.
-    channel : ndarray of complex, shape (n, K)
-    subcarriers : ndarray of int, shape (K,)
-        In multiples of 312.5 kHz.
-    sender : str
-        Its MAC address.
-    left_out : tuple of (str, int)
-        Lines that were left out: the reason, and their number.
-
-    Examples
-    --------
-    >>> time_us, channel = np.arange(3), np.ones((3, 64), complex)
-    >>> Esp32Packets(time_us, None, channel, np.arange(64), "00:00:00:00:00:00", ()).left_out
-    ()
-    """
-
-    time_us: np.ndarray
-    identifier: np.ndarray | None
-    channel: np.ndarray
-    subcarriers: np.ndarray
-    sender: str
-    left_out: tuple[tuple[str, int], ...]
+    time_us: np.ndarray  # (n,), by the device's clock, unwrapped
+    identifier: np.ndarray | None  # (n,), number that the sender has given each packet
+    channel: np.ndarray  # (n, K), complex
+    subcarriers: np.ndarray  # (K,), in multiples of 312.5 kHz
+    sender: str  # its MAC address
+    left_out: tuple[tuple[str, int], ...]  # why lines were left out, and their number
 
 
 def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
-    """Read the lines of an ESP32.
+    """Read the lines of an ESP32, of the sender ``mac`` or of the most frequent one.
 
-    Parameters
-    ----------
-    path : str or Path
-    mac : str, optional
-        Address of the sender whose packets are wanted; the most frequent one by default.
-
-    Returns
-    -------
-    Esp32Packets
-        With the number of subcarriers that most packets have.
-
-    Raises
-    ------
-    InputError
-        For a file without such lines, or without packets of the sender.
-
-    Examples
-    --------
-    >>> read_esp32("press.csv").sender  # doctest: +SKIP
-    '11:22:33:44:55:66'
+    Packets have the number of subcarriers that most have. Refuses a file without such lines, or
+    without packets of the sender.
     """
     path = Path(path)
     rows, odd = _rows(path)
@@ -439,21 +374,8 @@ def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnap
 
 
 def check_tool(tool: str, mac: str | None = None, second: str | Path | None = None) -> None:
-    """Refuse the name of a tool that is not known, and what does not go with it.
-
-    Parameters
-    ----------
-    tool : str
-    mac, second : optional
-        As for :func:`open_csi`.
-
-    Raises
-    ------
-    InputError
-
-    Examples
-    --------
-    >>> check_tool("nexmon/4358/80")
+    """Refuse the name of a tool that is not known, and what does not go with it, as
+    :func:`open_csi`.
     """
     chips = "|".join(_NEXMON_CHIPS)
     if not re.fullmatch(rf"intel|atheros|esp32|nexmon/({chips})/(20|40|80)", tool):
@@ -470,27 +392,9 @@ def check_tool(tool: str, mac: str | None = None, second: str | Path | None = No
 
 
 def convert(path: str, tool: str, output: str, mac: str = "") -> None:
-    """Convert a file to arrays, in a process of its own.
+    """Convert a file to the arrays of an .npz file ``output``, in a process of its own.
 
-    Parameters
-    ----------
-    path : str
-        File of the tool.
-    tool : str
-        As for :func:`open_csi`.
-    output : str
-        The .npz file to write.
-    mac : str
-        Of the sender that is wanted, for nexmon; the most frequent one where it is empty.
-
-    Raises
-    ------
-    Exception
-        Whatever csiread raises.
-
-    Examples
-    --------
-    >>> convert("press.dat", "intel", "press.npz")  # doctest: +SKIP
+    Raises whatever csiread raises; ``mac`` is empty for the most frequent sender.
     """
     name, *settings = tool.split("/")
     readers: dict[str, Callable[..., _Packets]] = {

@@ -29,20 +29,7 @@ _PACKAGES = {
 
 
 def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
-    """Import modules, or say in one line what must be installed.
-
-    Parameters
-    ----------
-    where : str or path
-        The option or file that needs them.
-    names : iterable of str
-        Modules of the packages that this file lists.
-
-    Raises
-    ------
-    InputError
-        When one is missing; it names the packages of all that are.
-    """
+    """Import modules, or say in one line what must be installed for an option or file."""
     found: list[Any] = []
     missing: dict[str, Exception] = {}
     for name in names:
@@ -56,20 +43,7 @@ def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
 
 
 def check_installed(where: object, names: Iterable[str]) -> None:
-    """Say in one line what must be installed, without the time that imports take.
-
-    Parameters
-    ----------
-    where : str or path
-        The option or file that needs the modules.
-    names : iterable of str
-        Modules of the packages that this file lists, without dots.
-
-    Raises
-    ------
-    InputError
-        As :func:`optional_modules`.
-    """
+    """As :func:`optional_modules`, without the time that imports take; names without dots."""
     missing = [name for name in names if importlib.util.find_spec(name) is None]
     if missing:
         raise _missing(where, missing)
@@ -88,11 +62,5 @@ def _missing(where: object, names: Iterable[str]) -> InputError:
 
 
 def optional_module(name: str, where: object) -> Any:
-    """Import one module, as :func:`optional_modules` does.
-
-    Raises
-    ------
-    InputError
-        When it is missing.
-    """
+    """Import one module, as :func:`optional_modules` does."""
     return optional_modules(where, [name])[0]

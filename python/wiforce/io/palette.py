@@ -18,17 +18,8 @@ BEAM, GROUND = "#cdd4db", "#9aa3ac"
 
 
 def series_style(number: int) -> dict[str, str]:
-    """Colour and marker of a series, as keywords of Matplotlib.
-
-    Parameters
-    ----------
-    number : int
-        From 0; each of the first 49 has another pair.
-
-    Examples
-    --------
-    >>> series_style(0), series_style(7)["color"], series_style(7)["marker"]
-    ({'color': '#0072b2', 'marker': 'o'}, '#0072b2', 's')
+    """Colour and marker of a series, as keywords of Matplotlib; each of the first 49 has another
+    pair.
     """
     cycle, index = divmod(number, len(SERIES))
     return {"color": SERIES[index], "marker": MARKERS[(index + cycle) % len(MARKERS)]}

@@ -75,10 +75,7 @@ def _words(flags: Flag) -> tuple[str, ...]:
 
 @cache
 def flag_words(bits: int) -> tuple[str, ...]:
-    """The words of flags that are given as the sum of their values.
-
-    Returns tuple of str: in the order of the members.
-    """
+    """The words of flags that are given as the sum of their values, in the order of the members."""
     return Flag(bits).words
 
 
@@ -151,13 +148,9 @@ class Reading:
         return _with_std(self.location_mm, self.location_std_mm, "mm")
 
     def row(self) -> dict[str, Any]:
-        """The reading as a row of a file.
+        """The reading as a row of a file, by column.
 
-        Returns
-        -------
-        dict
-            Values by column name: numbers rounded for print, unknown ones None, flags as one
-            text.
+        Numbers are rounded for print, unknown ones None, flags one text.
         """
         row = {
             key: rounded(key, value) if isinstance(value, float) else value
@@ -217,12 +210,7 @@ _DECIMALS = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_
 def rounded(key: str, value: float) -> float | None:
     """A number as files of readings and files of truth hold it, so that both can be joined.
 
-    Returns float or None: None when it is not finite.
-
-    Parameters
-    ----------
-    key : str
-        Name of the column.
+    None when it is not finite; ``key`` is the column.
     """
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
@@ -230,18 +218,8 @@ def rounded(key: str, value: float) -> float | None:
 class GroupCounts:
     """Counts of phase groups by outcome; together all groups that the stream spans.
 
-    Attributes
-    ----------
-    clear : int
-        Groups in which no sensor has a flag.
-    flagged : int
-        Groups with a flag.
-    dropped : int
-        Groups of which nothing was received.
-    flags : Counter
-        Flagged groups by word of the flag.
-    interfered : int
-        Groups that lack snapshots because of interference.
+    ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received; ``flags``
+    counts flagged groups by word, ``interfered`` groups lack snapshots because of interference.
     """
 
     def __init__(self) -> None:
@@ -250,13 +228,7 @@ class GroupCounts:
         self.interfered = 0
 
     def note(self, readings: Iterable[Reading]) -> None:
-        """Count one group.
-
-        Parameters
-        ----------
-        readings : iterable of Reading
-            Those of the group, one per sensor.
-        """
+        """Count one group by its readings, one per sensor."""
         readings = list(readings)
         self.interfered += any(reading.interference for reading in readings)
         flags = {flag for reading in readings for flag in reading.flags}
@@ -304,13 +276,8 @@ _FLAGS = frozenset(flag.word for flag in Flag)
 def as_reading(reading: Any) -> Reading | None:
     """A Reading from a message of the port ``readings``, or from part of one.
 
-    Returns Reading or None: None when sensor or time are not given.
-
-    Parameters
-    ----------
-    reading : Reading or dict
-        Keys as the columns of a readings file; flags as one text or a sequence. A value that is
-        absent, not finite, or not a number is unknown.
+    Keys are as the columns of a readings file; flags one text or a sequence. A value that is
+    absent, not finite, or not a number is unknown; None when sensor or time are not given.
     """
     if isinstance(reading, Reading):
         reading = dataclasses.asdict(reading)
@@ -343,32 +310,15 @@ def _number(value: Any) -> float | None:
 
 
 def written_utc(utc_s: float | None) -> str:
-    """Write a time.
-
-    Returns str: empty for an unknown time.
-
-    Parameters
-    ----------
-    utc_s : float or None
-        Seconds since 1970.
-    """
+    """Write a time in seconds since 1970; empty for an unknown one."""
     if utc_s is None:
         return ""
     return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def parsed_utc(text: str) -> datetime:
-    """Parse a time that :func:`written_utc`, or another program, has written.
-
-    Parameters
-    ----------
-    text : str
-        With any number of decimals of the second.
-
-    Raises
-    ------
-    ValueError
-        When it is no time.
+    """Parse a time that :func:`written_utc`, or another program, has written, or raise
+    ValueError.
     """
     # Python 3.10 accepts neither Z nor other decimals than three or six.
     decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)

@@ -104,15 +104,7 @@ _SEPARATOR = "=" * 80 + "\n"
 
 
 def fields_of(type_name: str) -> dict[str, tuple[str, bool]]:
-    """Fields of a message.
-
-    Returns dict: type of each field by its name, and whether it is an array.
-
-    Parameters
-    ----------
-    type_name : str
-        ``PACKAGE/NAME`` or ``PACKAGE/msg/NAME``.
-    """
+    """Type of each field of a message ``PACKAGE/NAME`` by its name, and whether it is an array."""
     text = _DEFINITIONS[type_name.replace("/msg/", "/")]
     return {name: (kind, bool(array)) for kind, array, name in _FIELD.findall(text)}
 
@@ -140,17 +132,9 @@ _CLEAR, _FLAGGED = "wrench", "wrench_doubtful"
 
 @dataclass(frozen=True)
 class RosMessage:
-    """One message.
+    """One message: ``PACKAGE/msg/NAME`` with fields by name, nested ones as dicts.
 
-    Attributes
-    ----------
-    topic : str
-    type : str
-        ``PACKAGE/msg/NAME``; its definition is in this file.
-    fields : dict
-        Values by name of the field; nested messages are dicts.
-    stamp_ns : int or None
-        UTC of the header in ns since 1970, None when it is not known.
+    ``stamp_ns`` is UTC of the header in ns since 1970, None when it is not known.
     """
 
     topic: str
@@ -168,17 +152,8 @@ def topic_of(sensor: str, name: str) -> str:
 
 
 def topics_of(sensors: Iterable[str]) -> dict[str, str]:
-    """All topics of a run, with the types of their messages.
-
-    Parameters
-    ----------
-    sensors : iterable of str
-        Their names, which differ.
-
-    Raises
-    ------
-    InputError
-        When two sensors would have the same topics.
+    """All topics of a run, with the types of their messages; refuses two sensors with the same
+    topics.
     """
     topics = {_HEALTH_TOPIC: DIAGNOSTICS}
     named: dict[str, str] = {}
@@ -193,13 +168,7 @@ def topics_of(sensors: Iterable[str]) -> dict[str, str]:
 
 
 def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
-    """What a message of ``gr-wiforce live --zmq`` becomes.
-
-    Parameters
-    ----------
-    message : mapping
-        The JSON object, whose key ``message`` is its kind.
-    """
+    """What a message of ``gr-wiforce live --zmq`` becomes; its key ``message`` is its kind."""
     if message["message"] == "reading":
         yield from reading_messages(message)
     else:
@@ -207,18 +176,13 @@ def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
 
 
 def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
-    """One reading, and its wrench about the origin of the sensor's frame.
+    """One reading, a row of a file, and its wrench about the origin of the sensor's frame.
 
     The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
-    pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0).
-    A press at (x, y) on a surface has the torque (-F y/1000, F x/1000, 0).
-    A wrench cannot state that it is doubtful or unknown: those of readings with flags, or without
-    force or location, have a topic of their own.
-
-    Parameters
-    ----------
-    row : mapping
-        A row of a file of readings; columns may be missing.
+    pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0). A
+    press at (x, y) on a surface has the torque (-F y/1000, F x/1000, 0). A wrench cannot state that
+    it is doubtful or unknown: those of readings with flags, or without force or location, have a
+    topic of their own.
     """
     sensor, words = str(row["sensor"]), tuple((row.get("flags") or "").split())
     stamp_ns = _nanoseconds(row.get("time_utc"))
@@ -252,12 +216,8 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
 
 
 def health_message(report: Mapping[str, Any]) -> RosMessage:
-    """The health of a run: a status of the reader, and one of each sensor.
-
-    Parameters
-    ----------
-    report : mapping
-        A heartbeat, or the end of a run.
+    """The health of a run, by a heartbeat or its end: a status of the reader, and one of each
+    sensor.
     """
     stamp_ns = _nanoseconds(report.get("time_utc"))
     run, state, reason = (str(report.get(key, "")) for key in ("run", "state", "reason"))
@@ -284,14 +244,8 @@ def built(
 ) -> Any:
     """A message as an object of the classes that ROS, or another library, has for it.
 
-    Parameters
-    ----------
-    fields : mapping
-        As in :class:`RosMessage`.
-    class_of : callable
-        From ``PACKAGE/NAME`` to its class, which takes the fields as keywords.
-    byte : callable
-        From a number to a ``byte`` of that library.
+    ``class_of`` gives the class of ``PACKAGE/NAME``, which takes the fields as keywords, ``byte`` a
+    ``byte`` of that library.
     """
     values = {}
     for name, (kind, array) in fields_of(type_name).items():

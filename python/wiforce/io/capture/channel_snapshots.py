@@ -26,33 +26,10 @@ _LEAST_BETWEEN = 64
 
 
 def ordered_times(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Times that rise, with a gap in the place of each step of the clock.
+    """Order of packets by their time, these times (n,), and how often the clock has stepped back.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        In the order in which packets were received, in s.
-
-    Returns
-    -------
-    order : ndarray of int, shape (n,)
-        Packets by their time.
-    time_s : ndarray, shape (n,)
-        Of these packets, not falling.
-    steps : int
-        Times at which the clock has stepped back.
-
-    Raises
-    ------
-    ValueError
-        With the index of a packet, for times that step back all the time.
-
-    Examples
-    --------
-    >>> stamps = np.concatenate([10 + 0.001 * np.arange(100), 3 + 0.001 * np.arange(100)])
-    >>> order, time_s, steps = ordered_times(stamps)
-    >>> steps, round(float(time_s[100] - time_s[99]), 3)
-    (1, 30.0)
+    Times rise, with a gap in the place of each step. ValueError, with the index of a packet, for
+    times that step back all the time.
     """
     times = time_s.astype(float)
     back = np.flatnonzero(np.diff(times) < -_DISORDER_S) + 1
@@ -79,45 +56,21 @@ _DEAD_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ChannelSnapshots:
-    """Channel snapshots as they are read: no packet twice, times not falling.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    time_s : ndarray, shape (n,)
-        Of each packet, in s.
-    channel : ndarray of complex, shape (n, K, antennas)
-    subcarrier_hz : ndarray, shape (K,)
-        Against the carrier.
-    repeated, unusable : int
-        Packets that were left out: repeats, and those with values that are not finite or all 0.
-    clock_steps : int
-        Times at which the clock of the packets has stepped back; each is a gap.
-    left_out : tuple of (str, int)
-        Further packets that were left out: the reason, and their number.
-    center_frequency_hz : float or None
-    scene : dict or None
-        The scene that the file holds.
-
-    Examples
-    --------
-    >>> snapshots = ChannelSnapshots(
-    ...     Path("a.npz"), np.arange(3.0), np.ones((3, 4, 2)), np.arange(4.0))
-    >>> snapshots.antennas, snapshots.span_s
-    (2, 2.0)
-    """
+    """Channel snapshots as they are read: no packet twice, times not falling."""
 
     path: Path
-    time_s: np.ndarray = field(repr=False)
-    channel: np.ndarray = field(repr=False)
-    subcarrier_hz: np.ndarray = field(repr=False)
+    time_s: np.ndarray = field(repr=False)  # (n,), of each packet
+    channel: np.ndarray = field(repr=False)  # (n, K, antennas), complex
+    subcarrier_hz: np.ndarray = field(repr=False)  # (K,), against the carrier
+    # packets that were left out: repeats, and (``unusable``) those of values that are not finite or
+    # all 0
     repeated: int = 0
     unusable: int = 0
-    clock_steps: int = 0
+    clock_steps: int = 0  # times at which the clock of the packets has stepped back; each is a gap
+    # why further packets were left out, and their number
     left_out: tuple[tuple[str, int], ...] = ()
     center_frequency_hz: float | None = None
-    scene: Any = field(default=None, repr=False)
+    scene: Any = field(default=None, repr=False)  # that the file holds
 
     @property
     def notes(self) -> list[str]:
@@ -154,33 +107,10 @@ class ChannelSnapshots:
 
 
 def open_snapshots(path: str | Path) -> ChannelSnapshots:
-    """Read a file of channel snapshots.
+    """Read a file of channel snapshots, or refuse one that is missing, broken or incomplete.
 
-    Parameters
-    ----------
-    path : str or Path
-        NumPy's .npz with the arrays ``time_s`` (N,), ``channel`` (N, K) or (N, K, antennas) and
-        ``subcarrier_hz`` (K,), and perhaps ``center_frequency_hz`` and ``scene`` (as JSON).
-
-    Returns
-    -------
-    ChannelSnapshots
-
-    Raises
-    ------
-    InputError
-        For a file that is missing or broken, and for arrays that are missing, of another type or
-        shape, too few, or with times that fall.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> channel = rng.standard_normal((100, 52, 2, 2)) @ np.array([1, 1j])
-    >>> np.savez(
-    ...     "a.npz", time_s=np.arange(100) * 1e-3, channel=channel,
-    ...     subcarrier_hz=np.arange(52) * 312.5e3)
-    >>> open_snapshots("a.npz").antennas
-    2
+    NumPy's .npz with the arrays ``time_s`` (N,), ``channel`` (N, K) or (N, K, antennas) and
+    ``subcarrier_hz`` (K,), and perhaps ``center_frequency_hz`` and ``scene`` (as JSON).
     """
     path = Path(path)
     arrays = _arrays(path)
@@ -207,33 +137,10 @@ def checked_snapshots(
     scene: Any = None,
     left_out: tuple[tuple[str, int], ...] = (),
 ) -> ChannelSnapshots:
-    """Check arrays of channel snapshots, and leave out what cannot be used.
+    """Check arrays of channel snapshots as :func:`open_snapshots`, and leave out what cannot be
+    used.
 
-    Parameters
-    ----------
-    path : Path
-        File that they come from.
-    time_s, channel, subcarrier_hz : ndarray
-        As in :func:`open_snapshots`.
-    center_frequency_hz : float, optional
-    scene : dict, optional
-    left_out : tuple of (str, int)
-        Packets that were left out before.
-
-    Returns
-    -------
-    ChannelSnapshots
-
-    Raises
-    ------
-    InputError
-        As :func:`open_snapshots`.
-
-    Examples
-    --------
-    >>> checked_snapshots(Path("a.npz"), np.arange(3.0), np.ones((3, 4), complex), np.arange(4.0))
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: a.npz: time_s: must hold 64 packets or more, got 3
+    ``left_out`` are packets that were left out before, by reason.
     """
     for violation in _violations(time_s, channel, subcarrier_hz):
         raise InputError(path, *violation)

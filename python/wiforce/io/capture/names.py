@@ -14,33 +14,9 @@ SNAPSHOTS_SUFFIX = ".npz"
 
 
 def recording_stem(name: str | Path, where: str) -> str:
-    """The path of a capture to be written, without suffix.
+    """The path of a capture to be written, without suffix, from a name with or without one.
 
-    Parameters
-    ----------
-    name : str or Path
-        With or without ``.sigmf-data`` or ``.sigmf-meta``.
-    where : str
-        Name of the option or parameter, for the message.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        For a name that no pair of files can have: an empty one, a folder, a device.
-
-    Examples
-    --------
-    >>> recording_stem("runs/press.sigmf-data", "--record")
-    'runs/press'
-    >>> recording_stem(".", "--record")
-    Traceback (most recent call last):
-    ...
-    gnuradio.wiforce.errors.InputError: --record: must be the name of a capture, to which \
-.sigmf-data and .sigmf-meta are added, got '.'
+    Refuses a name that no pair of files can have: an empty one, a folder, a device.
     """
     text = os.fspath(name)
     stem = text.removesuffix(".sigmf-data").removesuffix(".sigmf-meta")
@@ -54,44 +30,12 @@ def recording_stem(name: str | Path, where: str) -> str:
 
 
 def second_antenna(name: str | Path) -> str:
-    """Path of the second antenna's capture.
-
-    Parameters
-    ----------
-    name : str or Path
-        That of the first antenna's, without suffix.
-
-    Returns
-    -------
-    str
-        Without suffix.
-
-    Examples
-    --------
-    >>> second_antenna("press")
-    'press.antenna2'
-    """
+    """Path of the second antenna's capture, both without suffix."""
     return f"{name}.antenna2"
 
 
 def files_of(data: Path) -> tuple[Path, ...]:
-    """All files of a capture that exist.
-
-    Parameters
-    ----------
-    data : Path
-        Its samples.
-
-    Returns
-    -------
-    tuple of Path
-        Samples, and the metadata and the files of a second antenna where there are any.
-
-    Examples
-    --------
-    >>> files_of(Path("press.sigmf-data"))
-    (PosixPath('press.sigmf-data'),)
-    """
+    """All files of a capture that exist: samples, metadata, and those of a second antenna."""
     stem = data.with_suffix("") if data.suffix in SUFFIXES else data
     names = [f"{name}{suffix}" for name in (stem, second_antenna(stem)) for suffix in SUFFIXES]
     others = [path for path in map(Path, names) if path.exists() and path != data]
@@ -99,21 +43,7 @@ def files_of(data: Path) -> tuple[Path, ...]:
 
 
 def is_snapshots(path: str | Path) -> bool:
-    """Whether a file is one of channel snapshots, by its name.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_snapshots("press.npz"), is_snapshots("press.sigmf-data")
-    (True, False)
-    """
+    """Whether a file is one of channel snapshots, by its name."""
     return Path(path).suffix.lower() == SNAPSHOTS_SUFFIX
 
 
@@ -122,52 +52,18 @@ _META = ".sigmf-meta"
 
 @dataclass(frozen=True)
 class NamedCapture:
-    """A capture, and what its readings are called.
+    """A capture, and what its readings are called."""
 
-    Attributes
-    ----------
-    name : str
-        Path from the folder in which it was found, or its file's name; without suffix.
-    path : str
-        As it is opened.
-
-    Examples
-    --------
-    >>> NamedCapture("day1/press", "captures/day1/press").name
-    'day1/press'
-    """
-
-    name: str
-    path: str
+    name: str  # path from the folder in which it was found, or its file's name; without suffix
+    path: str  # as it is opened
 
 
 def find_captures(given: Iterable[str], datatype: str | None = None) -> list[NamedCapture]:
-    """The captures that are meant by names, patterns and folders.
+    """The captures that are meant by names, patterns and folders, each once, in the order given.
 
-    Parameters
-    ----------
-    given : iterable of str
-        Captures, patterns such as ``day*/press*``, and folders, which are searched with their
-        subfolders for SigMF metadata.
-    datatype : str, optional
-        The captures are files of raw samples of this type, so that folders are not searched.
-
-    Returns
-    -------
-    list of NamedCapture
-        Each once, in the order given, those of a pattern or folder by name.
-
-    Raises
-    ------
-    InputError
-        When a pattern or folder contains none, or two captures would have the same name.
-
-    Examples
-    --------
-    >>> for name in ("press1", "press2"):
-    ...     _ = Path(f"{name}.sigmf-meta").write_text("{}")
-    >>> [capture.name for capture in find_captures(["press*"])]
-    ['press1', 'press2']
+    Those of a pattern or folder are sorted by name; folders are searched with their subfolders for
+    SigMF metadata, unless a ``datatype`` of raw samples is given. Refuses a pattern or folder that
+    contains none, and two captures that would have the same name.
     """
     found: dict[str, NamedCapture] = {}
     for argument in given:
@@ -182,21 +78,7 @@ def find_captures(given: Iterable[str], datatype: str | None = None) -> list[Nam
 
 
 def is_one(given: Sequence[str]) -> bool:
-    """Whether one capture is named, and not a folder or a pattern.
-
-    Parameters
-    ----------
-    given : sequence of str
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_one(["press"]), is_one(["press*"]), is_one(["press1", "press2"])
-    (True, False, False)
-    """
+    """Whether one capture is named, and not a folder or a pattern."""
     return len(given) == 1 and not _is_folder(given[0]) and not _is_pattern(given[0])
 
 

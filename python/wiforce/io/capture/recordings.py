@@ -20,62 +20,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Segment:
-    """A run of samples without a gap.
+    """A run of samples without a gap."""
 
-    Attributes
-    ----------
-    file_sample : int
-        Its first sample, counted from the beginning of the file.
-    global_index : int
-        The same sample on the device's count, which goes on during gaps.
-    length : int
-        Number of samples.
-
-    Examples
-    --------
-    >>> first, second = Segment(0, 50, 400), Segment(400, 950, 600)
-    >>> second.global_index - (first.global_index + first.length)  # samples lost
-    500
-    """
-
-    file_sample: int
-    global_index: int
+    file_sample: int  # its first sample, counted from the beginning of the file
+    global_index: int  # the same sample on the device's count, which goes on during gaps
     length: int
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A checked recording.
+    """A checked recording."""
 
-    Attributes
-    ----------
-    path : Path
-        The data file.
-    datatype : str
-        ``ci16_le`` or ``cf32_le``.
-    sample_rate_hz, center_frequency_hz : float or None
-        None when the file does not state it.
-    segments : tuple of Segment
-        In order of time; a gap lies between two of them.
-    scene : object
-        The scene that the metadata hold (``wiforce:scene``), unchecked; None without one.
-    sha512 : str or None
-        Checksum of the data file that the metadata state (``core:sha512``), not verified.
-
-    Examples
-    --------
-    >>> segments = Segment(0, 50, 400), Segment(400, 950, 600)
-    >>> capture = Capture(Path("a.sigmf-data"), "ci16_le", 12.5e6, 900e6, segments)
-    >>> capture.samples, capture.span
-    (1000, 1500)
-    """
-
-    path: Path
-    datatype: str
+    path: Path  # the data file
+    datatype: str  # ``ci16_le`` or ``cf32_le``
     sample_rate_hz: float | None
     center_frequency_hz: float | None
-    segments: tuple[Segment, ...]
+    segments: tuple[Segment, ...]  # in order of time; a gap lies between two of them
+    # that the metadata hold (``wiforce:scene``), unchecked
     scene: Any = field(default=None, repr=False, compare=False)
+    # of the data file as the metadata state it (``core:sha512``), not verified
     sha512: str | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -95,42 +58,13 @@ class Capture:
         return last.global_index + last.length - first.global_index
 
     def read(self, count: int) -> np.ndarray:
-        """Read the first samples of the file.
-
-        Parameters
-        ----------
-        count : int
-            Number of samples; fewer are returned when the file is shorter.
-
-        Returns
-        -------
-        ndarray of complex64, shape (n,)
-            Full scale is 1 per component.
-        """
+        """Read the first samples of the file, at most ``count``; full scale is 1 per component."""
         return self._read_file(0, count)
 
     def read_span(self, start: int, count: int) -> np.ndarray:
-        """Read samples by their time, whether some were lost or not.
+        """Read samples by their time on the device, counted from the first one; zeros in gaps.
 
-        Parameters
-        ----------
-        start : int
-            First sample, counted on the device from the first one of the file, 0 or more.
-        count : int
-            Number of samples; fewer are returned where the recording ends before.
-
-        Returns
-        -------
-        ndarray of complex64, shape (n,)
-            Zeros in gaps. Full scale is 1 per component.
-
-        Examples
-        --------
-        >>> np.arange(1, 7, dtype=np.complex64).tofile("gap.cf32")
-        >>> segments = Segment(0, 50, 2), Segment(2, 53, 4)
-        >>> capture = Capture(Path("gap.cf32"), "cf32_le", None, None, segments)
-        >>> capture.read_span(1, 4).real
-        array([2., 0., 3., 4.], dtype=float32)
+        Fewer than ``count`` where the recording ends before. Full scale is 1 per component.
         """
         samples = np.zeros(max(0, min(count, self.span - start)), np.complex64)
         for segment in self.segments:
@@ -149,17 +83,7 @@ class Capture:
         return samples_of(codes[: len(codes) // 2 * 2])
 
     def check_against(self, scene: "Scene") -> None:
-        """Refuse a scene whose sample rate or carrier differs.
-
-        Parameters
-        ----------
-        scene : Scene
-
-        Raises
-        ------
-        InputError
-            Naming the file, the scene's value and its own.
-        """
+        """Refuse a scene whose sample rate or carrier differs, with both values."""
         own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
         if own is not None and abs(own - wanted) > 1e-6 * wanted:
             rule = f"sample rate must be radio.sample_rate_hz of the scene ({wanted:.12g} Hz)"

@@ -12,18 +12,8 @@ from ...errors import InputError
 
 
 class ItemType(NamedTuple):
-    """A type of complex samples.
-
-    Attributes
-    ----------
-    name : str
-        In GNU Radio.
-    datatype : str
-        In SigMF.
-    sample_bytes : int
-        Size of a complex sample, in bytes.
-    item : numpy type, or tuple of it and a count
-        In the signature of a Python block.
+    """A type of complex samples: names in GNU Radio and SigMF, bytes of a sample, and items in
+    the signature of a Python block.
     """
 
     name: str
@@ -44,18 +34,7 @@ DATATYPES = {kind.datatype: kind for kind in _KINDS}
 
 
 def item_type_named(name: str) -> ItemType:
-    """The type that a block's parameter ``item_type`` names.
-
-    Parameters
-    ----------
-    name : str
-        ``fc32`` or ``sc16``.
-
-    Raises
-    ------
-    InputError
-        For another name.
-    """
+    """The type that a block's parameter ``item_type`` names: ``fc32`` or ``sc16``."""
     if name not in ITEM_TYPES:
         raise InputError("item_type", f"must be one of {', '.join(ITEM_TYPES)}", name)
     return ITEM_TYPES[name]
@@ -65,40 +44,17 @@ FULL_SCALE = 32768
 
 
 def samples_of(codes: ArrayLike) -> np.ndarray:
-    """Complex samples of a converter's 16-bit integers.
-
-    Returns ndarray of complex64, shape (n,): full scale is 1 per component.
-
-    Parameters
-    ----------
-    codes : array_like of int16, shape (n, 2) or (2 n,)
-        I and Q of each sample.
+    """Complex samples (n,) of a converter's 16-bit integers, I and Q; full scale is 1 per
+    component.
     """
     return (np.asarray(codes).astype(np.float32) / FULL_SCALE).view(np.complex64).ravel()
 
 
 def likely_datatype(path: str | Path) -> str | None:
-    """Type of raw samples, by their values.
+    """Type of raw samples, by their values; None for a text, or a file that is too short.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    str or None
-        None for a text, or a file that is too short.
-
-    Notes
-    -----
     Levels of floats lie within some decades of full scale. Pairs of 16-bit integers that are taken
     for floats have exponents that are spread over all that there are.
-
-    Examples
-    --------
-    >>> np.arange(100, dtype="<i2").tofile("a.bin")
-    >>> likely_datatype("a.bin")
-    'ci16_le'
     """
     with Path(path).open("rb") as file:
         start = file.read(_LOOKED_AT)
@@ -109,22 +65,7 @@ def likely_datatype(path: str | Path) -> str | None:
 
 
 def usual_share(values: ArrayLike) -> float:
-    """Share of floats that have a size which samples have.
-
-    Parameters
-    ----------
-    values : array_like of float
-        I and Q.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> usual_share([0.5, 0.0, -1000.0, 1e30])
-    0.75
-    """
+    """Share of floats that have a size which samples have."""
     sizes = np.abs(np.asarray(values))
     with np.errstate(invalid="ignore"):
         return float(np.mean((sizes == 0) | ((sizes > _SMALLEST) & (sizes < _LARGEST))))

@@ -84,21 +84,9 @@ _TYPES: dict[str, tuple[type, ...]] = {
 
 
 def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
-    """Read and check a metadata file.
+    """Read a metadata file, its ``global`` and its ``captures``, and check it but for extensions.
 
-    Keys of extensions are not checked.
-
-    Returns
-    -------
-    fields : mapping
-        The object ``global``.
-    captures : sequence of mapping
-        The array ``captures``.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or is not valid SigMF; it names the key.
+    An InputError names the key.
     """
     try:
         parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
@@ -180,23 +168,8 @@ def write_metadata(
     fields: Mapping[str, Any],
     captures: Sequence[Mapping[str, Any]],
 ) -> None:
-    """Write the metadata of samples that are complete, with their checksum.
-
-    Parameters
-    ----------
-    path : Path
-        The new metadata file.
-    data : Path
-        The samples.
-    fields : mapping
-        The object ``global`` without ``core:version`` and ``core:sha512``, which are added.
-    captures : sequence of mapping
-        The array ``captures``.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be read or written.
+    """Write the metadata of samples that are complete, with version and checksum, or raise
+    OSError.
     """
     checksum = hashlib.sha512()
     with open(data, "rb") as samples:

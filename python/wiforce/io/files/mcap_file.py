@@ -40,15 +40,8 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     """Rows of the readings in a file, in the order in which they were written.
 
     The index of the file is not needed, so all complete chunks of a file are read that a killed
-    process has left.
-
-    Yields dict: columns of a reading, ``run`` and ``time_utc``; where known, ``device_time_s`` and
-    the y of a press on a surface.
-
-    Raises
-    ------
-    InputError
-        When mcap-ros2-support is missing, or the file is not MCAP or cannot be read.
+    process has left. Rows are columns of a reading, ``run`` and ``time_utc``; where known,
+    ``device_time_s`` and the y of a press on a surface.
     """
     stream, errors, records, decoder = optional_modules(path, _MODULES)
     decoders = decoder.DecoderFactory()
@@ -115,31 +108,13 @@ class McapWriter(ReadingsOutput):
     """Writes readings and health to an MCAP file; may be used by several threads.
 
     The former content of a file is kept until :meth:`begin` or the first reading. As a context
-    manager it ends the file, also after an error.
+    manager it ends the file, also after an error. ``inputs`` are files that must not be written to,
+    ``metadata`` is stored as ``gr-wiforce``, ``sensors`` are those known before the first reading;
+    two must not have the same topics.
 
     Messages are logged at the time of their header, so that the time axis of a viewer is that of
     the measurement. Where UTC is not known, that of the previous message counts and, in a file
     without any, the time of the reading, from 1970 on.
-
-    Parameters
-    ----------
-    inputs : iterable of str or Path, optional
-        Files that the readings are made from, none of which may be written to.
-    metadata : mapping of str to str, optional
-        Stored in the file under the name ``gr-wiforce``.
-    sensors : iterable of str, optional
-        Those that are known before the first reading.
-
-    Attributes
-    ----------
-    rows : int
-        Readings written so far.
-
-    Raises
-    ------
-    InputError
-        When a package is missing, the path cannot be written to, or is an input; and when two
-        sensors would have the same topics.
     """
 
     def __init__(
@@ -167,14 +142,7 @@ class McapWriter(ReadingsOutput):
     def begin(self) -> "McapWriter":
         """Replace the content of the file, unless that has been done.
 
-        Returns McapWriter: itself.
-
-        Raises
-        ------
-        InputError
-            When the file cannot be opened, or another process is writing to it.
-        OutputError
-            When it cannot be written to.
+        Refuses a file that another process is writing to; OutputError when it cannot be written to.
         """
         with self._lock:
             if self._file is None:
@@ -188,14 +156,8 @@ class McapWriter(ReadingsOutput):
         return self
 
     def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row of a file.
-
-        Raises
-        ------
-        InputError
-            When its sensor would have the same topics as another.
-        OutputError
-            As :meth:`write`.
+        """Write one reading given as a row of a file; its topics must not be those of another
+        sensor.
         """
         self.begin()
         if row["sensor"] not in self._sensors:
@@ -217,12 +179,8 @@ class McapWriter(ReadingsOutput):
                 pass
 
     def close(self) -> None:
-        """Write the last messages and the index.
-
-        Raises
-        ------
-        OutputError
-            When something could not be written.
+        """Write the last messages and the index; OutputError when something could not be
+        written.
         """
         self.begin()
         self._end()

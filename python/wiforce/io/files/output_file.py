@@ -20,28 +20,10 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 class OutputFile:
     """An output without a buffer, locked against other runs while it is a regular file.
 
-    Parameters
-    ----------
-    append : bool
-        Keep the content.
-    kept : str
-        What remains when the file cannot be written further, for the message.
-    reserve_bytes : int
-        Space that is held on the disk and used when the disk is full, so that a file that needs an
-        end can be ended.
-
-    Attributes
-    ----------
-    closed : bool
-    size_bytes : int
-        Size of the file.
-    reserve_used : bool
-        Whether the disk was full: the file should be ended.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be opened, or another process is writing to it.
+    ``append`` keeps the content; ``kept`` says in messages what remains when the file cannot be
+    written further. ``reserve_bytes`` are held on the disk and used when it is full, so that a file
+    that needs an end can be ended: ``reserve_used`` says that it should be. Refuses a file that
+    another process is writing to.
     """
 
     def __init__(
@@ -91,15 +73,10 @@ class OutputFile:
         """Nothing waits in a buffer."""
 
     def write(self, data: Any) -> int:
-        """Write all of the data.
+        """Write all of the data; returns its length.
 
-        Returns int: its length.
-
-        Raises
-        ------
-        OutputError
-            When it cannot be written, as on a full disk; the file then ends with the previous
-            write, and later ones are refused.
+        OutputError when it cannot be written, as on a full disk; the file then ends with the
+        previous write, and later ones are refused.
         """
         if self._failure is not None:
             raise self._failure
@@ -162,14 +139,9 @@ Output = TypeVar("Output", bound="ReadingsOutput")
 
 
 class ReadingsOutput:
-    """A file of readings that derived classes begin, fill row by row and end.
+    """A file of readings that derived classes begin, fill row by row and end; ``rows`` counts them.
 
     As a context manager it is closed after success; after an error `_abandon` keeps what it can.
-
-    Attributes
-    ----------
-    rows : int
-        Readings written so far.
     """
 
     _file: OutputFile | None = None
@@ -195,17 +167,9 @@ class ReadingsOutput:
         return 0 if self._file is None else self._file.size_bytes
 
     def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading.
+        """Write one reading and ``more`` plain values of the columns that follow.
 
-        Parameters
-        ----------
-        more : mapping of str to plain values, optional
-            Of the columns that follow those of a reading.
-
-        Raises
-        ------
-        OutputError
-            When it, or a reading before it, cannot be written.
+        OutputError when it, or a reading before it, cannot be written.
         """
         self.write_row({**reading.row(), **(more or {})})
 

@@ -23,26 +23,8 @@ class ParquetWriter(ReadingsOutput):
 
     The former content of a file is kept until the first reading, :meth:`begin` or :meth:`close`.
     The file is valid once it is closed. As a context manager it ends the file, also after an error.
-
-    Parameters
-    ----------
-    inputs : iterable of str or Path, optional
-        Files that the readings are made from, none of which may be written to.
-    also : sequence of str
-        Columns that follow those of a reading: those of a surface, and others of text that each
-        ``write`` is given.
-    metadata : mapping of str to str, optional
-        Stored in the file's schema.
-
-    Attributes
-    ----------
-    rows : int
-        Readings written so far.
-
-    Raises
-    ------
-    InputError
-        When pyarrow is missing, the path cannot be written to, or is an input.
+    ``also`` are columns that follow those of a reading: those of a surface, and others of text;
+    ``metadata`` is stored in the file's schema.
     """
 
     def __init__(
@@ -69,16 +51,8 @@ class ParquetWriter(ReadingsOutput):
         self._failure: OutputError | None = None
 
     def begin(self) -> "ParquetWriter":
-        """Replace the content of the file, unless that has been done.
-
-        Returns ParquetWriter: itself.
-
-        Raises
-        ------
-        InputError
-            When the file cannot be opened, or another process is writing to it.
-        OutputError
-            When it cannot be written to.
+        """Replace the content of the file, unless that has been done; errors as of
+        :class:`OutputFile`.
         """
         if self._file is None:
             kept = "without its end, it cannot be read"
@@ -92,13 +66,7 @@ class ParquetWriter(ReadingsOutput):
         return self
 
     def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row of a file.
-
-        Raises
-        ------
-        OutputError
-            As :meth:`write`.
-        """
+        """Write one reading given as a row of a file."""
         self.begin()
         if self._failure is not None:
             raise self._failure
@@ -108,13 +76,7 @@ class ParquetWriter(ReadingsOutput):
             self._flush()
 
     def close(self) -> None:
-        """Write the rows that wait, and the end of the file.
-
-        Raises
-        ------
-        OutputError
-            When something could not be written.
-        """
+        """Write the rows that wait, and the end of the file."""
         self.begin()
         if self._file is None or self._file.closed:
             return

@@ -23,24 +23,10 @@ _BATCH_ROWS = 4096
 
 
 class ReadingsFile:
-    """A file of readings of any length.
+    """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
-    Parameters
-    ----------
-    path : str or Path
-        ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
-
-    Attributes
-    ----------
-    also : tuple of str
-        Columns besides those of a reading; of JSON lines and MCAP, those of any row.
-    metadata : dict of str to str
-        What a Parquet file says of its readings.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or is none of readings.
+    ``also`` are columns besides those of a reading; of JSON lines and MCAP, those of any row.
+    ``metadata`` is what a Parquet file says of its readings.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -92,12 +78,7 @@ class ReadingsFile:
     def rows(self) -> Iterator[dict[str, Any]]:
         """All rows, with the columns of a reading followed by those of `also`.
 
-        Yields dict: unknown values are None, flags one text.
-
-        Raises
-        ------
-        InputError
-            For a row that is none of readings.
+        Unknown values are None, flags one text.
         """
         for number, row in enumerate(self._read(), 1):
             try:

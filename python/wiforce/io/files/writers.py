@@ -31,30 +31,8 @@ class ReadingsWriter(ReadingsOutput):
     The previous content of a file is kept until the first row is written, the writer is closed
     without one, or :meth:`begin` is called: a run that is refused or fails before that loses
     nothing. As a context manager it closes the file after success, and otherwise keeps what has
-    been written.
-
-    Parameters
-    ----------
-    path : str or Path, optional
-        Standard output by default.
-    form : callable
-        From a reading's ``row()`` to a line of text.
-    header : str
-        First line.
-    inputs : iterable of str or Path, optional
-        Files that the readings are made from, none of which may be written to.
-    append : bool
-        Keep the previous content, which must have the same header.
-
-    Attributes
-    ----------
-    rows : int
-        Readings written so far.
-
-    Raises
-    ------
-    InputError
-        When the path cannot be written to, or is an input.
+    been written. ``form`` makes a line of text from a reading's ``row()``; ``append`` keeps the
+    previous content, which must have the same header. Standard output without a path.
     """
 
     def __init__(
@@ -75,30 +53,13 @@ class ReadingsWriter(ReadingsOutput):
                 self.begin()
 
     def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row.
-
-        Parameters
-        ----------
-        row : mapping
-            All columns, in their order.
-
-        Raises
-        ------
-        OutputError
-            As :meth:`write`.
-        """
+        """Write one reading given as a row: all columns, in their order."""
         self.begin()
         self._put(self._form(row))
         self.rows += 1
 
     def close(self) -> None:
-        """Close the file; one without readings holds its header only.
-
-        Raises
-        ------
-        InputError, OutputError
-            As :meth:`begin`.
-        """
+        """Close the file; one without readings holds its header only."""
         self.begin()
         if self._file is not None:
             self._file.close()
@@ -106,15 +67,7 @@ class ReadingsWriter(ReadingsOutput):
     def begin(self) -> ReadingsWriter:
         """Empty the file except for its header, or prepare to append, unless that has been done.
 
-        Returns ReadingsWriter: itself.
-
-        Raises
-        ------
-        InputError
-            When the file cannot be opened, another process is writing to it, or it has other
-            columns than those that are appended.
-        OutputError
-            When it cannot be written to.
+        Refuses a file that another process is writing to, or whose columns are not those appended.
         """
         if self._begun:
             return self
@@ -216,21 +169,9 @@ def open_writer(
 
 
 def prepare_append(path: str | Path, header: str) -> int:
-    """Check that a file can be appended to, and cut off a last row that is incomplete.
+    """Size of a regular file that is appended to, once a last row that is incomplete was cut off.
 
-    Returns int: size of the file in bytes, 0 when it does not exist or is empty.
-
-    Parameters
-    ----------
-    path : str or Path
-        A regular file.
-    header : str
-        First line that the file must have, with its newline; empty when there is none.
-
-    Raises
-    ------
-    InputError
-        When the file begins with another line.
+    0 when it does not exist or is empty; refuses one that does not begin with ``header``.
     """
     if not Path(path).exists():
         return 0
@@ -262,21 +203,11 @@ _LIMIT = re.compile(rf"([1-9][0-9]{{0,8}})({'|'.join([*_SECONDS, *_BYTES])})")
 
 @dataclass(frozen=True)
 class Rotation:
-    """When a file of readings is renamed, and how many renamed files are kept.
+    """When a file of readings is renamed, and how many renamed files are kept."""
 
-    Attributes
-    ----------
-    every_s : int or None
-        At whole multiples of so many seconds, counted from midnight UTC of 1970-01-01.
-    size_bytes : int or None
-        Once the file has reached this size.
-    keep : int or None
-        Number of renamed files that are kept; None keeps all.
-    """
-
-    every_s: int | None = None
-    size_bytes: int | None = None
-    keep: int | None = None
+    every_s: int | None = None  # at whole multiples of it, counted from midnight UTC of 1970-01-01
+    size_bytes: int | None = None  # once the file has reached this size
+    keep: int | None = None  # renamed files that are kept; None keeps all
 
     @classmethod
     def of(
@@ -284,17 +215,7 @@ class Rotation:
     ) -> Rotation:
         """A rotation from texts like ``15min``, ``6h``, ``1d``, ``500kB``, ``100MB``.
 
-        Parameters
-        ----------
-        limits : iterable of str
-            At most one of time and one of size.
-        option : str
-            Name of the option, for messages.
-
-        Raises
-        ------
-        InputError
-            For other texts, two of a kind, and files to be kept without a limit.
+        At most one of time and one of size; ``keep`` needs one of them.
         """
         every_s = size_bytes = None
         for text in limits:
@@ -324,20 +245,6 @@ class RotatingWriter:
 
     ``OUT.csv`` becomes ``OUT-20260131T235959.964Z.csv``, by the time of its last row. A run
     continues the file that the previous one left.
-
-    Parameters
-    ----------
-    inputs : iterable of str or Path, optional
-        Files that the readings are made from, none of which may be written to.
-    also : sequence of str
-        Columns that follow those of a reading, and that each ``write`` is given.
-    now : callable
-        Unix time in seconds.
-
-    Raises
-    ------
-    InputError
-        When the path, or its folder, cannot be written to, or the path is an input.
     """
 
     def __init__(
@@ -373,15 +280,7 @@ class RotatingWriter:
         self._writer.__exit__(kind, error, traceback)
 
     def begin(self) -> RotatingWriter:
-        """Continue the file, or begin another when its time is over.
-
-        Returns RotatingWriter: itself.
-
-        Raises
-        ------
-        InputError, OutputError
-            As :meth:`ReadingsWriter.begin`.
-        """
+        """Continue the file, or begin another when its time is over."""
         if not self._begun:
             self._begun = True
             if self._path.exists() and self._path.stat().st_size:
@@ -392,17 +291,8 @@ class RotatingWriter:
         return self
 
     def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading.
-
-        Parameters
-        ----------
-        more : mapping of str to plain values, optional
-            Of the columns that follow those of a reading.
-
-        Raises
-        ------
-        OutputError
-            When it cannot be written, or the file cannot be renamed.
+        """Write one reading, as :meth:`ReadingsOutput.write`; OutputError when the file cannot
+        be renamed.
         """
         self.begin()
         if reading.time_s != self._last_s and self._last_s is not None and self._is_due():
@@ -465,21 +355,9 @@ def open_rotating(
     append: bool = False,
     metadata: Mapping[str, str] | None = None,
 ) -> ReadingsWriter | ParquetWriter | RotatingWriter:
-    """A writer of readings, which renames its file where that is wanted.
+    """A writer of readings as :func:`open_writer`, which renames its file where that is wanted.
 
-    Parameters
-    ----------
-    path : str or Path, optional
-        As for :func:`open_writer`.
-    inputs, also, metadata
-        As for :func:`open_writer`.
-    append : bool
-        Continue an existing file; a file that is renamed is always continued.
-
-    Raises
-    ------
-    InputError
-        As :func:`open_writer`, and where standard output is to be renamed or appended to.
+    A file that is renamed is always continued; standard output cannot be.
     """
     if append and path is None:
         raise InputError("--append", "needs a file as output: -o OUT.csv or OUT.jsonl")

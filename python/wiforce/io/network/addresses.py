@@ -11,25 +11,9 @@ _BROADCAST = "255.255.255.255"
 
 
 def host_and_port(text: str, option: str) -> tuple[str, int]:
-    """Where to listen, from ``PORT`` (on loopback) or ``ADDRESS:PORT``.
+    """Where to listen, from ``PORT`` (on loopback) or ``ADDRESS:PORT``; ``*`` are all addresses.
 
-    Parameters
-    ----------
-    text : str
-        ``*`` stands for all addresses; an IPv6 address is in brackets.
-    option : str
-        Name of the option, for the message.
-
-    Returns
-    -------
-    host : str
-        An IP address, without brackets.
-    port : int
-
-    Raises
-    ------
-    InputError
-        For anything else.
+    The address is an IP address, in brackets for IPv6, and returned without them.
     """
     host, _, port = text.rpartition(":")
     host = _NAMES.get(host, host)

@@ -24,19 +24,7 @@ _BACKLOG = 256
 class FoxgloveServer:
     """Serves the messages of an MCAP file while they are made; never waits for a client.
 
-    Parameters
-    ----------
-    address : str
-        As for :func:`host_and_port`.
-    sensors : iterable of str
-        Clients learn of their topics when they connect, before there is a message.
-    option : str
-        Name of the option, for messages.
-
-    Raises
-    ------
-    InputError
-        When a package is missing, or the address cannot be bound.
+    Clients learn of the sensors' topics when they connect, before there is a message.
     """
 
     def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
@@ -63,13 +51,7 @@ class FoxgloveServer:
             raise InputError(option, f"cannot be bound ({reason})", address) from error
 
     def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
-        """Send one reading.
-
-        Parameters
-        ----------
-        more : mapping of str to plain values
-            ``run``, ``time_utc`` and ``device_time_s``.
-        """
+        """Send one reading, with ``run``, ``time_utc`` and ``device_time_s``."""
         for message in reading_messages({**reading.row(), **more}):
             self._send(message)
 

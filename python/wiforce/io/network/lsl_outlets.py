@@ -49,24 +49,8 @@ class LslOutlets:
 
     LSL's clock is that of this machine since its start. A sample has the time of its reading's
     centre on that clock, by UTC: both clocks of the machine are compared for each reading.
-
-    Parameters
-    ----------
-    period_s : float
-        Time between readings.
-    network : bool
-        Offer the streams to other machines as well, by liblsl's own settings.
-    details : mapping of str to str, optional
-        Stored in the description of each stream.
-    option : str
-        Name of the option, for messages.
-    surfaces : iterable of str
-        Names of surfaces, whose streams have more channels.
-
-    Raises
-    ------
-    InputError
-        When pylsl is missing.
+    ``network`` offers the streams to other machines as well, by liblsl's own settings; ``details``
+    are stored in the description of each stream; those of surfaces have more channels.
     """
 
     def __init__(
@@ -95,10 +79,7 @@ class LslOutlets:
     def push(self, reading: Reading, time_utc: str) -> None:
         """Send one reading; never waits for a peer.
 
-        Parameters
-        ----------
-        time_utc : str
-            At its centre; empty when unknown, and then the time of this call counts.
+        The time of this call counts where ``time_utc`` is empty.
         """
         row = reading.row()
         row["flags"] = flag_bits(reading.flags)
@@ -143,13 +124,7 @@ class LslOutlets:
 
 
 def lsl_offset_s(local_clock: Callable[[], float], utc: Callable[[], float] = time.time) -> float:
-    """Offset of LSL's clock from UTC, by the quickest of three comparisons.
-
-    Parameters
-    ----------
-    local_clock, utc : callable
-        Return seconds.
-    """
+    """Offset of LSL's clock from UTC, by the quickest of three comparisons."""
     best = (math.inf, 0.0)
     for _ in range(_COMPARISONS):
         before = local_clock()

@@ -28,12 +28,8 @@ _OPTION = "--zmq-keys"
 class ServerKeys:
     """Keys of a socket that others connect to, and the folder of the clients that may.
 
-    Attributes
-    ----------
-    public, secret : bytes
-    clients : Path
-        Folder of the public keys of authorised clients, ``*.key``. It is read whenever a client
-        connects, so keys may be added and removed at any time.
+    Public keys of clients, ``*.key``, are read whenever a client connects, so they may be added and
+    removed at any time.
     """
 
     public: bytes
@@ -44,11 +40,7 @@ class ServerKeys:
     def load(cls, folder: str | Path) -> ServerKeys:
         """The keys in a folder that :func:`create_keys` has made.
 
-        Raises
-        ------
-        InputError
-            When a file is missing, is no certificate or can be read by others, or when no client
-            is authorised.
+        Refuses files that are missing, no certificates or readable by others, and no client at all.
         """
         public, secret = _load_secret(Path(folder) / f"{SERVER}{_SECRET}")
         clients = Path(folder) / _CLIENTS
@@ -83,27 +75,14 @@ class ServerKeys:
         return authenticator
 
     def callback(self, domain: str, key: bytes) -> bool:
-        """Whether a client with this public key is authorised now.
-
-        Parameters
-        ----------
-        domain : str
-            Of the socket.
-        key : bytes
-            In Z85.
-        """
+        """Whether a client with this public key, in Z85, is authorised now."""
         return key in _public_keys(self.clients)
 
 
 @dataclass(frozen=True)
 class ClientKeys:
-    """Keys of a socket that connects to one with :class:`ServerKeys`.
-
-    Attributes
-    ----------
-    public, secret : bytes
-    server : bytes
-        Public key of the server.
+    """Keys of a socket that connects to one with :class:`ServerKeys`; ``server`` is its public
+    key.
     """
 
     public: bytes
@@ -112,18 +91,9 @@ class ClientKeys:
 
     @classmethod
     def load(cls, path: str | Path) -> ClientKeys:
-        """The keys of a client.
+        """The keys of a client: ``NAME.key_secret`` with ``server.key`` beside it, or their folder.
 
-        Parameters
-        ----------
-        path : str or Path
-            ``NAME.key_secret``, with ``server.key`` beside it; or their folder, if it holds one
-            client's secret key.
-
-        Raises
-        ------
-        InputError
-            When a file is missing, is no certificate or can be read by others.
+        Refuses files that are missing, no certificates or readable by others.
         """
         path = Path(path)
         if path.is_dir():
@@ -150,23 +120,9 @@ class ClientKeys:
 def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
     """Make the keys of a server, unless it has them, and those of a client that it accepts.
 
-    Files are certificates as pyzmq makes and reads them. Only their owner can read them.
-
-    Returns list of Path: the files that were made.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Is made if it does not exist. Gets ``server.key``, ``server.key_secret``,
-        ``NAME.key_secret`` and ``clients/NAME.key``.
-    client : str
-        NAME of the client: letters, digits, ``-`` and ``_``.
-
-    Raises
-    ------
-    InputError
-        For another name or one that is taken, when pyzmq is missing or knows no CURVE, and when
-        the folder cannot be written to. Nothing is overwritten.
+    Files are certificates as pyzmq makes and reads them, which only their owner can read:
+    ``server.key``, ``server.key_secret``, ``NAME.key_secret`` and ``clients/NAME.key``. Returns
+    those that were made; nothing is overwritten. NAME has letters, digits, ``-`` and ``_``.
     """
     folder = Path(folder)
     if not _NAME.fullmatch(client) or client == SERVER:

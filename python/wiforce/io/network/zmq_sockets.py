@@ -20,16 +20,6 @@ def endpoint_of(text: str, option: str) -> str:
     """A ZMQ endpoint from ``PORT`` (on loopback), ``tcp://ADDRESS:PORT`` or ``ipc:///PATH``.
 
     ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
-
-    Parameters
-    ----------
-    option : str
-        Name of the option, for the message.
-
-    Raises
-    ------
-    InputError
-        For anything else.
     """
     if text.startswith("ipc:///"):
         return text
@@ -42,13 +32,7 @@ def endpoint_of(text: str, option: str) -> str:
 
 
 def is_loopback(endpoint: str) -> bool:
-    """Whether only programs of this machine can connect to an endpoint.
-
-    Parameters
-    ----------
-    endpoint : str
-        As :func:`endpoint_of` gives it.
-    """
+    """Whether only programs of this machine can connect to an endpoint (:func:`endpoint_of`)."""
     if endpoint.startswith("ipc://"):
         return True
     host = endpoint.removeprefix("tcp://").rpartition(":")[0].strip("[]")
@@ -124,21 +108,8 @@ class _Endpoint:
 class ReadingsPublisher(_Endpoint):
     """Readings and other messages as JSON for SUB sockets; may be used by several threads.
 
-    More than 1000 subscriptions disconnect all peers, which may connect again.
-
-    Parameters
-    ----------
-    endpoint : str
-        As for :func:`endpoint_of`.
-    option : str
-        Name of the option, for messages.
-    keys : ServerKeys, optional
-        Encrypt, and accept authorised clients only.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing or the endpoint cannot be bound.
+    More than 1000 subscriptions disconnect all peers, which may connect again. With keys it
+    encrypts, and accepts authorised clients only.
     """
 
     kind = "XPUB"
@@ -195,13 +166,7 @@ class ReadingsPublisher(_Endpoint):
 
 
 class Later:
-    """An answer that another thread gives later.
-
-    Attributes
-    ----------
-    text : str or None
-        None until it is known.
-    """
+    """An answer that another thread gives later; ``text`` is None until then."""
 
     def __init__(self) -> None:
         self.text: str | None = None
@@ -212,26 +177,10 @@ class Later:
 
 
 class Replies(_Endpoint):
-    """Requests of REQ sockets, each answered with a string.
+    """Requests of REQ sockets, each answered with a string, or a :class:`Later`.
 
     A ROUTER socket: a REP socket waits where a message is none that a REQ socket sends, and then
-    loses an answer to another.
-
-    Parameters
-    ----------
-    endpoint : str
-        As for :func:`endpoint_of`.
-    answer : callable
-        From the text of a request to that of its answer, or to a :class:`Later`.
-    option : str
-        Name of the option, for messages.
-    keys : ServerKeys, optional
-        Encrypt, and accept authorised clients only.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing or the endpoint cannot be bound.
+    loses an answer to another. With keys it encrypts, and accepts authorised clients only.
     """
 
     kind = "ROUTER"
@@ -290,15 +239,7 @@ class Replies(_Endpoint):
 def answer_words(
     handlers: Mapping[str, Callable[[], dict[str, Any] | Later]],
 ) -> Callable[[str], str | Later]:
-    """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
-
-    Returns callable: from the text of a request to that of its answer.
-
-    Parameters
-    ----------
-    handlers : mapping of str to callable
-        Handler of each word.
-    """
+    """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns."""
 
     def answer(word: str) -> str | Later:
         if word not in handlers:
@@ -314,15 +255,7 @@ _OPTION = "--zmq-keys"
 
 
 class _Handshake:
-    """Observes the connection of a client's socket.
-
-    Parameters
-    ----------
-    socket : zmq.Socket
-        Not connected yet.
-    has_keys : bool
-        Whether it has keys.
-    """
+    """Observes the connection of a client's socket that is not connected yet."""
 
     def __init__(self, socket: Any, has_keys: bool) -> None:
         import zmq
@@ -336,12 +269,8 @@ class _Handshake:
         self._cut_off = False
 
     def look(self) -> None:
-        """Take the events so far.
-
-        Raises
-        ------
-        InputError
-            When the server does not accept the client, and has said why.
+        """Take the events so far; InputError when the server has refused the client, and has
+        said why.
         """
         import zmq
         from zmq.utils.monitor import recv_monitor_message
@@ -358,12 +287,9 @@ class _Handshake:
             self._cut_off = True
 
     def explain(self) -> None:
-        """What a silence means, once the time to wait is over.
+        """What a silence means, once the time to wait is over:
 
-        Raises
-        ------
-        InputError
-            When the server ended the connection during the handshake.
+        InputError if the handshake was cut off.
         """
         self.look()
         if self._cut_off and self._has_keys:
@@ -385,25 +311,9 @@ def request(
     option: str = "ENDPOINT",
     keys: ClientKeys | None = None,
 ) -> str | None:
-    """Ask a :class:`zmq_sockets.Replies` for something.
+    """The answer of :class:`Replies` to a word; None when there is none in time.
 
-    Returns str or None: the answer; None when there is none in time.
-
-    Parameters
-    ----------
-    endpoint : str
-        As for :func:`zmq_sockets.endpoint_of`.
-    timeout_s : float
-        Time to wait for the answer.
-    option : str
-        Name of the parameter, for messages.
-    keys : ClientKeys, optional
-        Where the server has keys.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing, the endpoint is none, or the server does not accept the keys.
+    InputError when pyzmq is missing, the endpoint is none, or the server does not accept the keys.
     """
     address = endpoint_of(endpoint, option)
     zmq = optional_module("zmq", option)

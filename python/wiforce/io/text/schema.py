@@ -31,14 +31,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Derived:
-    """A default that follows from other values of the file.
+    """A default that follows from other values of the file:
 
-    Parameters
-    ----------
-    text : str
-        For the documentation.
-    of : callable
-        Scope to value; None where no default follows, so that the key is required.
+    ``text`` for the documentation, and a function of the scope, None where no default follows, so
+    that the key is required.
     """
 
     text: str
@@ -87,18 +83,9 @@ def key(
 ) -> Any:
     """Declare a key of a mapping, as a field of a class decorated with :func:`declared`.
 
-    Parameters
-    ----------
-    doc : str
-        What the value means, as a sentence.
-    default : object, optional
-        The converted value where the key is absent.
-    derived : Derived, optional
-        A default that depends on other values. Without any default the key is required, unless
-        its type allows null.
-    check : callable, optional
-        A further rule, which may involve other values: value and scope to the text of the rule
-        that is broken, or None.
+    ``doc`` says what the value means, as a sentence. Without ``default`` (the converted value) and
+    ``derived`` the key is required, unless its type allows null. ``check`` is a further rule, which
+    may involve other values: value and scope to the text of the rule that is broken, or None.
     """
     metadata = {"key": Key(type, doc, default, derived, check)}
     return dataclasses.field(default=default, metadata=metadata)
@@ -126,26 +113,11 @@ def keys(cls: type) -> dict[str, Key]:
 
 
 def read(cls: type[T], values: Any, where: KeyPath, scope: Scope | None = None, **more: Any) -> T:
-    """Read a mapping that a class declares.
+    """Read a mapping, as the YAML loader returns it, that a class declares.
 
-    Parameters
-    ----------
-    cls : type
-        A class decorated with :func:`declared`.
-    values : dict
-        As the YAML loader returns it.
-    where : KeyPath
-        Where the mapping is, for messages.
-    scope : Scope, optional
-        Values of the enclosing mappings that were read before.
-    **more
-        Further fields of the class, which are not keys of the file.
-
-    Raises
-    ------
-    InputError
-        For an unknown key, or a value that breaks its rule; names file, dotted key, rule and
-        value.
+    ``scope`` are values of the enclosing mappings that were read before, ``more`` further fields of
+    the class, which are not keys of the file. InputError for an unknown key, or a value that breaks
+    its rule, names file, dotted key, rule and value.
     """
     if not isinstance(values, dict):
         raise where.error("must be a mapping of keys to values", values)
@@ -172,26 +144,14 @@ def _reject_unknown_keys(cls: type, values: dict[Any, Any], where: KeyPath) -> N
 
 
 def plain(cls: type, source: Any) -> dict[str, Any]:
-    """Write a mapping with plain values, as YAML and JSON can hold them.
-
-    Parameters
-    ----------
-    cls : type
-        A class decorated with :func:`declared`.
-    source : object
-        An instance of it, or any object with attributes of the same names.
+    """Write an instance of a declared class, or what has its attributes, with plain values for
+    YAML and JSON.
     """
     return {name: each.type.plain(getattr(source, name)) for name, each in keys(cls).items()}
 
 
 def json_schema(cls: type) -> dict[str, Any]:
-    """Describe a mapping as JSON Schema, draft 7.
-
-    Parameters
-    ----------
-    cls : type
-        A class decorated with :func:`declared`.
-    """
+    """Describe a declared mapping as JSON Schema, draft 7."""
     properties = {}
     for name, each in keys(cls).items():
         described = each.type.json_schema() | {"description": each.doc}
@@ -211,11 +171,6 @@ class Mapping(ValueType):
     """A mapping that a class declares.
 
     Where it is absent, all its keys have their defaults; an ``optional`` one is then None.
-
-    Parameters
-    ----------
-    of : type
-        A class decorated with :func:`declared`.
     """
 
     of: type
@@ -247,14 +202,9 @@ class Mapping(ValueType):
 
 @dataclass(frozen=True, kw_only=True)
 class ListOf(ValueType):
-    """A list of mappings that a class declares, read as a tuple.
+    """A list of ``least`` to ``most`` mappings that a class declares, read as a tuple.
 
-    Parameters
-    ----------
-    of : type
-        A class decorated with :func:`declared`.
-    least, most : int
-        Number of mappings. The list may be absent where ``least`` is 0.
+    It may be absent where ``least`` is 0.
     """
 
     of: type

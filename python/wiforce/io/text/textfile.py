@@ -18,18 +18,7 @@ MAX_CSV_BYTES = 32_000_000
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:
-    """Read a file that must not be larger than a limit.
-
-    Parameters
-    ----------
-    limit : int
-        In bytes.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or is larger.
-    """
+    """Read a file, or refuse one that is larger than a limit."""
     try:
         with open(path, "rb") as stream:
             data = stream.read(limit + 1)
@@ -43,20 +32,10 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 
 
 def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
-    """Read a CSV file in UTF-8.
+    """Columns of a CSV file in UTF-8 of at most 32 MB, and its rows with their line numbers.
 
-    Returns
-    -------
-    header : tuple of str
-        Names of the columns.
-    rows : list of (int, dict)
-        Line number and cells by column, None where a row is short; empty rows are left out.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, is larger than 32 MB, is not CSV or has no rows; when two columns
-        have one name, or a row has more fields than there are columns.
+    Cells are by column, None where a row is short; empty rows are left out. Refuses a file without
+    rows, columns of one name, and rows with more fields than there are columns.
     """
     data = read_bytes(path, MAX_CSV_BYTES)
     try:
@@ -86,15 +65,7 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
 def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a path that cannot be written to, before any work is done for it.
 
-    Parameters
-    ----------
-    inputs : iterable of str or Path, optional
-        Files that the work reads. The output must be none of them, by any of its names or links.
-
-    Raises
-    ------
-    InputError
-        For a folder that does not exist, a file that cannot be written, or an input.
+    Nor may it be one of the inputs, by any of its names or links.
     """
     path = Path(path)
     folder = path.absolute().parent
@@ -115,13 +86,7 @@ def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 
 
 def write_whole(path: str | Path, text: str) -> None:
-    """Write a file in UTF-8, or replace it; the previous content is kept when that fails.
-
-    Raises
-    ------
-    OSError
-        When the system refuses to write.
-    """
+    """Write a file in UTF-8, or replace it; OSError when that fails keeps the previous content."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -130,18 +95,8 @@ def write_whole(path: str | Path, text: str) -> None:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give the path of a file beside another, which it replaces if the block ends without error.
 
-    Yields Path: with the same suffix; a file there is removed after an error. A device or a pipe
-    cannot be replaced, and is given itself.
-
-    Parameters
-    ----------
-    path : str or Path
-        The target of a symbolic link is replaced, and not the link.
-
-    Raises
-    ------
-    OSError
-        When the system refuses to replace the file.
+    It has the same suffix, and is removed after an error. The target of a symbolic link is
+    replaced, and not the link. A device or a pipe cannot be replaced, and is given itself.
     """
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
@@ -163,21 +118,7 @@ _LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees, s
 def require_columns(
     path: str | Path, header: Sequence[str], needed: Sequence[str], hint: str = ""
 ) -> None:
-    """Refuse a table that lacks columns.
-
-    Parameters
-    ----------
-    path : str or Path
-        The table, for the message.
-    header : sequence of str
-        Names of its columns.
-    hint : str
-        What to do about it; the missing columns are listed where it is empty.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a table that lacks columns; ``hint`` says what to do, or else they are listed."""
     missing = [name for name in needed if name not in header]
     if missing:
         reason = hint or f"missing: {', '.join(missing)}"
@@ -192,22 +133,9 @@ def cell_number(
     empty: float | None = None,
     largest: float = _LARGEST,
 ) -> float:
-    """The number in a cell.
+    """The number in a cell, of a magnitude of at most ``largest``.
 
-    Parameters
-    ----------
-    row : mapping
-        Cells by column (``textfile.read_csv``).
-    where : str
-        File and row, for the message.
-    empty : float, optional
-        Value of an empty cell, which is refused unless this is given.
-    largest : float
-        Largest magnitude; a million by default.
-
-    Raises
-    ------
-    InputError
+    ``where`` is file and row, ``empty`` the value of an empty cell, which is refused without one.
     """
     text = (row.get(column) or "").strip()
     if not text and empty is not None:
@@ -264,12 +192,8 @@ def _check_structure(data: bytes) -> None:
 def read_yaml(path: str | Path) -> dict[Any, Any]:
     """Read the mapping at the top of a YAML file.
 
-    Raises
-    ------
-    InputError
-        When the file cannot be read, is larger than 2 MB, is nested deeper than 16 levels, is not
-        YAML, contains aliases or repeated keys, or has no mapping at the top. The message is one
-        line with the file and, where known, line and column.
+    Refuses more than 2 MB, nesting deeper than 16 levels, aliases and repeated keys, with file and,
+    where known, line and column.
     """
     data = read_bytes(path, MAX_BYTES)
     try:
@@ -291,21 +215,10 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
 
 
 def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> None:
-    """Write a YAML file, whole or not at all; keys stay in their order.
+    """Write plain values to a YAML file below a heading, whole or not at all; keys stay in their
+    order.
 
-    Parameters
-    ----------
-    content : dict
-        Plain values.
-    heading : str
-        Text before them, such as a comment.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    OutputError
-        When the disk is full.
+    InputError when it cannot be written, OutputError when the disk is full.
     """
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     try:

@@ -25,14 +25,9 @@ _NUMBER_AS_TEXT = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
 
 
 def as_number(value: Any) -> float | None:
-    """Convert a value from a YAML file to a finite float.
+    """A value from a YAML file as a float; None when it is not a finite number.
 
-    Returns float or None: None when the value is not a finite number.
-
-    Parameters
-    ----------
-    value : object
-        Text such as ``900e6`` counts as a number, because PyYAML reads it as text.
+    Text such as ``900e6`` counts as a number, because PyYAML reads it as text.
     """
     if isinstance(value, str) and re.match(_NUMBER_AS_TEXT, value):
         value = float(value)
@@ -47,14 +42,8 @@ def as_number(value: Any) -> float | None:
 
 @dataclass(frozen=True)
 class KeyPath:
-    """Where a value is, as error messages name it: file and dotted key.
-
-    Parameters
-    ----------
-    source : str
-        Name of the file, or of whatever supplied the mapping.
-    dotted : str
-        Dotted key within the source; empty for its top.
+    """Where a value is, as error messages name it: file (or source) and dotted key, empty for
+    its top.
     """
 
     source: str
@@ -78,13 +67,7 @@ class KeyPath:
 
 @dataclass(frozen=True, kw_only=True)
 class ValueType(ABC):
-    """A type of value and its rule.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether ``null`` is allowed.
-    """
+    """A type of value and its rule; ``optional`` allows ``null``."""
 
     optional: bool = False
 
@@ -104,21 +87,9 @@ class ValueType(ABC):
         return self.optional
 
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
-        """Check and convert a value from a file.
+        """Check and convert a value as the YAML loader returns it; None where it is missing.
 
-        Returns object: the converted value; None for null where the type is optional.
-
-        Parameters
-        ----------
-        value : object
-            As the YAML loader returns it; None where it is missing.
-        scope : Scope
-            Values read before this one.
-
-        Raises
-        ------
-        InputError
-            When the value breaks the rule.
+        ``scope`` are values read before; InputError when the value breaks the rule.
         """
         if value is None and self.optional:
             return None
@@ -156,17 +127,7 @@ class ValueType(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Number(ValueType):
-    """A finite number between two limits.
-
-    Parameters
-    ----------
-    unit : str
-        Empty for a pure number.
-    low, high : float
-        Least and largest value.
-    above : bool
-        Whether ``low`` itself is excluded.
-    """
+    """A finite number between two limits in a unit; ``above`` excludes ``low`` itself."""
 
     unit: str = ""
     low: float
@@ -335,14 +296,8 @@ LARGEST = 1e12  # of any number: squares and ratios of such numbers are still fi
 
 @dataclass(frozen=True)
 class Size:
-    """A length that follows from other values of the file.
-
-    Parameters
-    ----------
-    symbol : str
-        For the documentation.
-    of : callable
-        Scope to length.
+    """A length that follows from other values of the file: its symbol, and a function of the
+    scope.
     """
 
     symbol: str
@@ -353,14 +308,8 @@ class Size:
 class Array(ValueType):
     """Nested lists of numbers of a given shape.
 
-    Parameters
-    ----------
-    shape : tuple
-        Per axis an int, a :class:`Size`, or None for any length above 0.
-    low, high : float
-        Least and largest number.
-    as_tuple : bool
-        Whether the value, which has one axis, is read as a tuple of floats instead of an array.
+    Per axis ``shape`` has an int, a :class:`Size`, or None for any length above 0. ``as_tuple``
+    reads one axis as a tuple of floats instead of an array.
     """
 
     shape: tuple[int | Size | None, ...]
