@@ -24,10 +24,7 @@ from .plan import plan as plan_of
 
 
 def outside_band(scene: Scene) -> Iterator[str]:
-    """A warning when the signal leaves the band that the scene states.
-
-    Yields str: a sentence; nothing when the signal lies inside, or no band is stated.
-    """
+    """A warning when the signal lies outside the band that the scene states; else nothing."""
     name = scene.environment.band
     if name is None:
         return
@@ -63,15 +60,7 @@ _HIGHEST_SNR_DB = 0.0
 
 
 def packet_warnings(plan: Plan) -> Iterator[str]:
-    """What the times of packets, lamps and the static paths may do to readings.
-
-    Yields str: a sentence each.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene with packets.
-    """
+    """What the times of packets, lamps and the static paths may do to readings, a sentence each."""
     scene = plan.require_scene()
     mains_hz = scene.environment.possible_mains_hz
     near_hz = _NEAR_BINS / plan.group_period_s
@@ -107,9 +96,8 @@ def _alias_warnings(plan: Plan) -> Iterator[str]:
 
 
 def recommendation(plan: Plan) -> str | None:
-    """The clocks recommended for a scene with packets, as a sentence.
-
-    Returns str or None: None for a scene of samples, and where no clock is usable.
+    """The clocks recommended for a scene with packets, as a sentence; None for samples, or
+    without any.
     """
     scene = plan.require_scene()
     if scene.packets is None:
@@ -153,13 +141,8 @@ _WORTHWHILE_NOISE, _WORTHWHILE_TIME = 0.97, 0.9
 class Proposal:
     """A change to a scene and its effect.
 
-    Attributes
-    ----------
-    change : str
-        Key of the scene file and its new value.
-    reason : str
-    phase_std_deg, time_resolution_s : tuple of float, length 2
-        Noise of the worst end and length of a phase group, now and after the change.
+    ``change`` is the key of the scene file and its new value; ``phase_std_deg`` (noise of the worst
+    end) and ``time_resolution_s`` are now and after the change.
     """
 
     change: str
@@ -169,15 +152,7 @@ class Proposal:
 
 
 def warnings(plan: Plan) -> list[str]:
-    """What may go wrong in a scene.
-
-    Returns list of str: a sentence each.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the scene.
-    """
+    """What may go wrong in a scene, a sentence each."""
     scene = plan.require_scene()
     if scene.packets is not None:
         return [
@@ -308,9 +283,8 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
 
 
 def accepted_suspicions(scene: Scene) -> list[str]:
-    """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
-
-    Returns list of str: a sentence each.
+    """Likely mistakes in the calibrations of a scene's sensors that were accepted, a sentence
+    each.
     """
     return [
         f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
@@ -342,13 +316,7 @@ def _sensor_warnings(scene: Scene) -> Iterator[str]:
 
 
 def improve(plan: Plan) -> list[Proposal]:
-    """Changes to a scene that would make its readings better, each by itself.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the scene.
-    """
+    """Changes to a scene that would make its readings better, each by itself."""
     now = float(phase_std_deg(plan).max())
     found = []
     for change, reason, better in _changes(plan.require_scene(), plan):

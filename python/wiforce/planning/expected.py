@@ -37,15 +37,10 @@ _DITHER_STEPS, _FEW_STEPS = 0.3, 10
 class ReceivedLevels:
     """What reaches the receiver.
 
-    Attributes
-    ----------
-    noise, quantisation : float
-        Variance in H, in units of a tag's rho^2, of the noise that the scene's ``snr_db`` states
-        and of the ADC's rounding; per subcarrier and snapshot.
-    tag_steps : float
-        Amplitude of the first tag's line +1, in ADC steps.
-    noise_steps : float
-        Standard deviation of a component of a sample's noise, in ADC steps.
+    ``noise`` and ``quantisation`` are variances in H, in units of a tag's rho^2, of the noise that
+    the scene's ``snr_db`` states and of the ADC's rounding, per subcarrier and snapshot. In ADC
+    steps, ``tag_steps`` is the amplitude of the first tag's line +1 and ``noise_steps`` the
+    standard deviation of a component of a sample's noise.
     """
 
     noise: float
@@ -83,17 +78,7 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
 
 
 def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
-    """Why a sensor of a simulated scene cannot be read.
-
-    Returns str or None: None when it can be read.
-
-    Parameters
-    ----------
-    index : int
-        Of the sensor.
-    levels : ReceivedLevels, optional
-        Those of the scene, when they are known already.
-    """
+    """Why a sensor of a simulated scene cannot be read; None when it can."""
     tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
     if levels.out_of_range:
         return (
@@ -130,24 +115,14 @@ _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected errors of one sensor.
-
-    Attributes
-    ----------
-    sensor : str
-        Its name.
-    phase_std_deg : tuple of float, length 2
-        Standard deviation of the phases of a reading while nothing changes.
-    phase_error_deg : tuple of float, length 2, or None
-        Median error of the phases' changes against the untouched sensor; None, as all below, for a
-        sensor that is not readable.
-    force_error_n, location_error_mm : float or None
-        Median error while touched, from noise and from the reader's sensor model.
-    """
+    """Expected errors of one sensor."""
 
     sensor: str
-    phase_std_deg: tuple[float, ...]
+    phase_std_deg: tuple[float, ...]  # of a reading while nothing changes
+    # median, of changes against the untouched sensor; None if not readable
     phase_error_deg: tuple[float, ...] | None
+    # median error while touched, from noise and from the reader's sensor model; so is
+    # ``location_error_mm``
     force_error_n: float | None
     location_error_mm: float | None
 
@@ -165,14 +140,9 @@ class Expected:
 def expect(plan: Plan) -> tuple[Expected, ...]:
     """Expected errors of every sensor of a plan.
 
-    Returns tuple of Expected: one per sensor.
-
-    Parameters
-    ----------
-    plan : Plan
-        The ``simulation`` of its scene gives noise, clutter, presses, moves and the sensor that is
-        pressed. Where nothing is pressed, the calibrated span of force and location counts, with
-        the errors that the calibration itself states.
+    The ``simulation`` of its scene gives noise, clutter, presses, moves and the sensor that is
+    pressed. Where nothing is pressed, the calibrated span of force and location counts, with the
+    errors that the calibration itself states.
     """
     scene = plan.require_scene()
     levels = receive_levels(scene)
@@ -193,15 +163,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
 
 
 def phase_std_deg(plan: Plan) -> np.ndarray:
-    """Noise of the phases alone, without the errors of force and location.
-
-    Returns ndarray of float, shape (S, 2): as ``Expected.phase_std_deg`` of every sensor.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    """
+    """Noise of the phases alone as ``Expected.phase_std_deg`` of every sensor, (S, 2)."""
     scene = plan.require_scene()
     return _phase_std(plan, _pressed_points(scene), receive_levels(scene))
 

@@ -29,18 +29,10 @@ def losses_db(
     clutter_hz: float,
     times_s: np.ndarray | None = None,
 ) -> dict[int, np.ndarray]:
-    """Loss of each end for several numbers of harmonics, of which a group resolves the lines.
+    """Loss of each end as :func:`line_loss_db` for several numbers of harmonics, rising.
 
-    Returns dict of int to ndarray: by the number of harmonics.
-
-    Parameters
-    ----------
-    choices : sequence of int
-        Numbers of harmonics, rising; the first one counts in any case.
-    clocks, group_length, snapshot_period_s, averaging_s, clutter_hz
-        As for :func:`line_loss_db`.
-    times_s : ndarray, shape (N,), optional
-        Times of the snapshots from the group's centre, in s; None on a grid.
+    Those of which a group resolves the lines, and the first one in any case. ``times_s`` (N,) are
+    irregular times of the snapshots from the group's centre.
     """
     clocks_hz, period_s = [clock.clock_hz for clock in clocks], group_length * snapshot_period_s
     losses: dict[int, np.ndarray] = {}
@@ -61,15 +53,7 @@ def losses_db(
 
 
 def timed_loss_db(clocks: Sequence[TagClock], table: TimedTable, averaging_s: float) -> np.ndarray:
-    """Loss of each end from using only the lines of a table for irregular times.
-
-    Returns ndarray of float, shape (2S,): as :func:`line_loss_db`.
-
-    Parameters
-    ----------
-    averaging_s : float
-        Ta, in s.
-    """
+    """As :func:`line_loss_db`, for the lines of a table of irregular times."""
     times_s = table.times_s
     clutter = np.linalg.qr(clutter_at(times_s, table.group_period_s, table.clutter_hz))[0]
     upper = [tone.frequency_hz for tone in table.tones if tone.frequency_hz > 0]
@@ -84,20 +68,12 @@ def line_loss_db(
     clutter_hz: float,
     harmonics: int,
 ) -> np.ndarray:
-    """Loss of each end from using only lines +-1..+-``harmonics``, clocks off by their tolerance.
+    """Loss (2S,) in dB of each end from using only lines +-1..+-``harmonics``, clocks off by their
+    tolerance.
 
-    Returns ndarray of float, shape (2S,): in dB: ratio of an end's variance to that of least
-    squares over all snapshots of the same group, [s1, s2, clutter]; the mean over some clock phases
-    and both signs of the clocks' errors.
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per phase group, N.
-    snapshot_period_s, averaging_s : float
-        T and Ta, in s.
-    clutter_hz : float
-        Highest Doppler frequency of anything that moves.
+    Ratio of an end's variance to that of least squares over all snapshots of the same group, [s1,
+    s2, clutter]; the mean over some clock phases and both signs of the clocks' errors. N snapshots
+    of period T average over Ta; what moves has Doppler frequencies up to ``clutter_hz``.
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
     group_length = min(group_length, _LONGEST)
@@ -132,19 +108,11 @@ def _loss_db(
 def end_variances(
     clocks: Sequence[TagClock], times_s: np.ndarray, averaging_s: float, clutter: np.ndarray
 ) -> np.ndarray:
-    """Variances of the ends by least squares over all snapshots of a group, clutter projected out.
+    """Variances (2S,) of the ends by least squares over all snapshots of a group, clutter projected
+    out.
 
-    Returns ndarray of float, shape (2S,): in units of the noise in H; the sum over some clock
-    phases.
-
-    Parameters
-    ----------
-    times_s : ndarray, shape (N,)
-        Of the snapshots, from the group's centre.
-    averaging_s : float
-        Ta, in s.
-    clutter : ndarray of float, shape (N, order)
-        Orthonormal.
+    In units of the noise in H; the sum over some clock phases. ``clutter`` (N, order) is
+    orthonormal.
     """
     total = np.zeros(2 * len(clocks))
     for phase in _PHASES:
@@ -181,20 +149,11 @@ ACCEPTED_COST_DB = 0.1
 def automatic_band_hz(
     clocks: Sequence[TagClock], group_length: int, snapshot_period_s: float, averaging_s: float
 ) -> float:
-    """Widest clutter band that costs every end at most 0.1 dB.
+    """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB.
 
     Rejecting a wide band from the start makes a room in which something begins to move as good as
-    one in which it moved all the time, and costs nothing per sample.
-
-    Returns float: in Hz, at most 250; 0 for groups that are too short to reject anything but the
-    mean.
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per phase group, N.
-    snapshot_period_s, averaging_s : float
-        T and Ta, in s.
+    one in which it moved all the time, and costs nothing per sample. 0 for groups that are too
+    short to reject anything but the mean.
     """
     group_length = min(group_length, _LONGEST)
     resolution_hz = 1 / (group_length * snapshot_period_s)
@@ -212,10 +171,7 @@ def automatic_band_hz(
 
 
 def clutter_band_hz(scene: Scene, clocks: Sequence[TagClock]) -> float:
-    """The scene's clutter band, or one that costs hardly anything where it states none.
-
-    Returns float: in Hz.
-    """
+    """The scene's clutter band in Hz, or one that costs hardly anything where it states none."""
     stated_hz = scene.environment.moving_clutter_hz
     if stated_hz is not None:
         return stated_hz

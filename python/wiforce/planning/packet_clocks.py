@@ -18,15 +18,7 @@ _SEED = 1
 
 
 def typical_times_s(scene: Scene) -> np.ndarray:
-    """Times of the packets of a typical phase group, from its centre.
-
-    Returns ndarray of float, shape (N,): in s, rising.
-
-    Parameters
-    ----------
-    scene : Scene
-        With packets.
-    """
+    """Rising times (N,) of the packets of a typical phase group, from its centre."""
     count, period_s = scene.phase_group.snapshots, scene.group_period_s
     if scene.packets is not None and scene.packets.gaps == "regular":
         return (np.arange(count) + 0.5) * (period_s / count) - period_s / 2

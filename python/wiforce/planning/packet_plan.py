@@ -29,26 +29,10 @@ _FEW = 0.5
 def fitted_plan(
     plan: Plan, subcarrier_hz: np.ndarray, time_s: np.ndarray, packets: DividedPackets
 ) -> Plan:
-    """Fit a plan to the times and channels of packets.
+    """Fit a plan to the times (n,) and channels of packets without an oscillator's phase.
 
-    Returns Plan: designed for the group of the untouched reference with the median number of
-    packets.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene with packets.
-    subcarrier_hz : ndarray, shape (K,)
-        Against the carrier.
-    time_s : ndarray, shape (n,)
-        Since the first packet, rising, in s.
-    packets : DividedPackets
-        Without an oscillator's phase.
-
-    Raises
-    ------
-    InputError
-        When the reference holds too few packets to read the tags.
+    It is designed for the group of the untouched reference with the median number of packets, and
+    refused when the reference holds too few packets to read the tags.
     """
     scene = plan.require_scene()
     period_s = scene.group_period_s
@@ -83,23 +67,9 @@ def solved_tags(
     groups: int,
     response: Callable[[np.ndarray], np.ndarray],
 ) -> SolvedTags:
-    """The tags in packets, and their part in what packets are divided by.
+    """The tags in packets, and their part in what packets are divided by (:func:`.solve_tags`).
 
-    Parameters
-    ----------
-    plan : Plan
-        Fitted to the packets.
-    source : PacketGroups
-        Groups of the packets, whose channels are in units of the static paths.
-    packets : DividedPackets
-        Of the same recording.
-    time_s : ndarray, shape (n,)
-        Of each packet since the start of the first group, rising, in s.
-    groups : int
-        Groups of the recording.
-    response : callable
-        What packets are divided by because of tags along the static paths.
-
+    ``plan`` is fitted to the packets; ``source`` has their groups, in units of the static paths.
     """
     table = plan.table
     assert isinstance(table, TimedTable)

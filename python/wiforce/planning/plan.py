@@ -32,26 +32,14 @@ ACCEPTED_LOSS_DB = 0.1
 
 @dataclass(frozen=True)
 class PlannedSensor:
-    """A sensor to read.
-
-    Attributes
-    ----------
-    name : str
-    model : SensorModel
-        Loaded.
-    off_reflection : ndarray of complex, shape (2,)
-        G_off / rho per switch.
-    drift_deg_per_sqrt_s : float or None
-        Stated random walk of the untouched phases; None where it is learned.
-    turns_per_s : float or None
-        Stated rate of turns of the tag or an antenna; None where it is learned.
-    """
+    """A sensor to read."""
 
     name: str
     model: SensorModel = field(repr=False)
-    off_reflection: np.ndarray
+    off_reflection: np.ndarray  # (2,), G_off / rho per switch
+    # stated random walk of the untouched phases; None: learned
     drift_deg_per_sqrt_s: float | None = None
-    turns_per_s: float | None = None
+    turns_per_s: float | None = None  # stated rate of turns of the tag or an antenna; None: learned
 
 
 @dataclass(frozen=True)
@@ -175,13 +163,7 @@ class Plan:
         return skin_of(self.require_scene())
 
     def require_scene(self) -> Scene:
-        """The scene that was planned.
-
-        Raises
-        ------
-        ValueError
-            When there is none.
-        """
+        """The scene that was planned, or a ValueError."""
         if self.scene is None:
             raise ValueError("a plan without a scene has no sensors to read")
         return self.scene
@@ -204,13 +186,7 @@ class Plan:
         )
 
     def check_clocks(self) -> None:
-        """Refuse clocks that are known too roughly to be read.
-
-        Raises
-        ------
-        InputError
-            When a tolerance exceeds 1000 ppm and no survey has measured the clock.
-        """
+        """Refuse clocks off by more than 1000 ppm that no survey has measured."""
         for tag, clock in enumerate(self.clocks):
             if clock.tolerance_ppm > WIDEST_PPM:
                 key = f"sensors[{tag}].clock_tolerance_ppm"
@@ -226,21 +202,8 @@ class Plan:
         return InputError(_key_of(self.require_scene(), key), rule, value)
 
     def with_clocks(self, clocks: tuple[TagClock, ...]) -> "Plan":
-        """The plan for other clocks of the scene's tags.
-
-        Parameters
-        ----------
-        clocks : tuple of TagClock, length S
-
-        Returns
-        -------
-        Plan
-
-        Raises
-        ------
-        InputError
-            When the lines of two of these clocks nearly coincide; the message names the scene's
-            file and key.
+        """The plan for other clocks of the scene's tags; refuses clocks whose lines nearly
+        coincide.
         """
         scene = self.require_scene()
         changed = replace(self, clocks=clocks, clutter_hz=clutter_band_hz(scene, clocks))
@@ -255,11 +218,8 @@ class Plan:
     def check_lines(self) -> None:
         """Refuse settings whose lines nearly coincide.
 
-        Raises
-        ------
-        InputError
-            When the weights cannot be designed, or the lines that a tag has to itself determine
-            neither its clock's phase nor its ends: a group too short, or clocks too much alike.
+        When the weights cannot be designed, or the lines that a tag has to itself determine neither
+        its clock's phase nor its ends: a group too short, or clocks too much alike.
         """
         table = self.table
         if self.estimator == "harmonic":
@@ -280,18 +240,7 @@ PlanOrScene = Plan | str | Path | dict[str, Any] | Scene
 
 
 def as_plan(plan_or_scene: PlanOrScene) -> Plan:
-    """A plan as it is, or that of a scene.
-
-    Parameters
-    ----------
-    plan_or_scene : Plan, or str, Path, dict or Scene
-        A scene is planned with its own settings.
-
-    Raises
-    ------
-    InputError
-        As for :func:`plan`.
-    """
+    """A plan as it is, or that of a scene with its own settings."""
     return plan_or_scene if isinstance(plan_or_scene, Plan) else plan(plan_or_scene)
 
 

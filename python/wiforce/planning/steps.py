@@ -19,33 +19,16 @@ MORE_LINES = "more lines"
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the receiver.
+    """A step of the receiver."""
 
-    Attributes
-    ----------
-    name : str
-        The stage, or a part of its work.
-    needed : bool
-        False for a step that this scene skips.
-    reason : str
-    operations : float
-        Real additions and multiplications per second of signal, spent or saved.
-    """
-
-    name: str
-    needed: bool
+    name: str  # the stage, or a part of its work
+    needed: bool  # False for a step that this scene skips
     reason: str
-    operations: float
+    operations: float  # real additions and multiplications per second of signal, spent or saved
 
 
 def steps(plan: Plan) -> tuple[Step, ...]:
-    """The steps of a plan, in the order of the signal path.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    """
+    """The steps of a plan, in the order of the signal path."""
     if plan.times_s is not None:
         return (*_packet_steps(plan), *list(_group_steps(plan))[1:])
     return (*_snapshot_steps(plan), *_group_steps(plan))
@@ -197,42 +180,19 @@ _LONGEST_MONITORED = 131072
 
 @dataclass(frozen=True)
 class WaveformLimits:
-    """Figures of a waveform.
-
-    Attributes
-    ----------
-    name : str
-    symbol_length : int
-        In samples.
-    repetitions_averaged : int
-    averaging_s : float
-        Time over which a snapshot averages, in s.
-    subcarriers : int
-        Those used.
-    used_share : float
-        Part of the symbol's energy that lies on them.
-    bandwidth_hz : float
-        From the lowest to the highest of them.
-    peak_to_average_db : float
-        PAPR of the analogue signal while the symbol repeats.
-    clock_below_hz : float
-        Nyquist: 4 fs must lie below half the snapshot rate.
-    clock_half_power_hz : float
-        fs at which averaging halves the power of the line at 4 fs.
-    averaging_loss_db : tuple of tuple of float
-        Loss of the lines at fs and 4 fs by averaging, for each sensor.
-    """
+    """Figures of a waveform."""
 
     name: str
-    symbol_length: int
+    symbol_length: int  # in samples
     repetitions_averaged: int
-    averaging_s: float
-    subcarriers: int
-    used_share: float
-    bandwidth_hz: float
-    peak_to_average_db: float
-    clock_below_hz: float
-    clock_half_power_hz: float
+    averaging_s: float  # that a snapshot averages over
+    subcarriers: int  # those used
+    used_share: float  # part of the symbol's energy that lies on them
+    bandwidth_hz: float  # from the lowest to the highest of them
+    peak_to_average_db: float  # PAPR of the analogue signal while the symbol repeats
+    clock_below_hz: float  # Nyquist: 4 fs must lie below half the snapshot rate
+    clock_half_power_hz: float  # fs at which averaging halves the power of the line at 4 fs
+    # of the lines at fs and 4 fs by averaging, for each sensor
     averaging_loss_db: tuple[tuple[float, float], ...]
 
 

@@ -20,17 +20,10 @@ _LEAST_SHARE = 0.25
 class SurfaceExpected:
     """Expected median errors of a press at one point.
 
-    Attributes
-    ----------
-    x_mm, y_mm, force_n : float
-        The press.
-    strip : str
-        Sensor of the strip beneath; empty between strips.
-    force_error_n, x_error_mm, y_error_mm : float
-        From noise, the calibrations of the strips and the spreading law.
-    force_error_n_by_noise, x_error_mm_by_noise, y_error_mm_by_noise : float or None
-        The Cramer-Rao bound of the noise of the phases alone, as a median; None where a single
-        strip is touched, which does not determine y.
+    ``strip`` is the sensor beneath, empty between strips. Errors come from noise, the calibrations
+    of the strips and the spreading law; those ``by_noise`` are the Cramer-Rao bound of the noise of
+    the phases alone, as a median, and None where a single strip is touched, which does not
+    determine y.
     """
 
     x_mm: float
@@ -46,15 +39,10 @@ class SurfaceExpected:
 
 
 def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
-    """Expected errors on the strips of a surface and halfway between them.
+    """Expected errors on the strips of a surface and halfway between them, in the order of y.
 
-    Returns tuple of SurfaceExpected: in the order of y, for a press in the middle along x with half
-    of the force that the strips' calibrations reach. Empty without a surface.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene with a surface; its ``simulation`` gives the noise.
+    For a press in the middle along x with half of the force that the strips' calibrations reach;
+    the scene's ``simulation`` gives the noise.
     """
     skin = plan.skin
     if skin is None:
@@ -113,13 +101,7 @@ def _bound(skin: Skin, force: float, x: float, y: float, noise: np.ndarray) -> l
 
 
 def surface_warnings(plan: Plan) -> list[str]:
-    """What a user of a surface should know before a measurement.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    """
+    """What a user of a surface should know before a measurement."""
     surface = plan.require_scene().surface
     if surface is None:
         return []

@@ -32,28 +32,14 @@ _PIECE = 32768
 class AirChannel:
     """The received samples of a scene, as a stream.
 
-    Sounding frames of the stated amplitude give the scene's ``snr_db`` and clutter levels, and a
-    receive peak 3 dB below full scale (1.0).
+    Sounding frames of the stated amplitude (root of the mean preamble power) give the scene's
+    ``snr_db`` and clutter levels, and a receive peak 3 dB below full scale (1.0). ``through`` makes
+    the static path the input itself at unit gain and without delay, for use behind another channel;
+    levels are then relative to it. Each receive ``antenna`` has its own paths and noise; tags,
+    moving objects and the receiver's oscillator are common.
 
-    Parameters
-    ----------
-    scene : Scene
-        Everything random in it follows from ``scene.simulation.seed``.
-    amplitude : float
-        Root of the mean preamble power of the transmit samples.
-    through : bool
-        The static path is the input itself at unit gain and without delay, for use behind
-        another channel; levels are then relative to it.
-    antenna : int
-        Receive antenna, from 0: each has its own paths and noise; tags, moving objects and the
-        receiver's oscillator are common.
-
-    Attributes
-    ----------
-    sensors : dict of str to SwitchedTag
-        Tags by sensor name, to change them while running.
-    scale : float
-        Received amplitude per unit of the signal model's rho.
+    ``sensors`` are tags by sensor name, to change them while running; ``scale`` is the received
+    amplitude per unit of the signal model's rho.
     """
 
     def __init__(
@@ -104,24 +90,12 @@ class AirChannel:
         self.restart(0)
 
     def restart(self, first_sample: int) -> None:
-        """Continue at another sample, with silence before it.
-
-        Parameters
-        ----------
-        first_sample : int
-            Index of the next sample, counted from time 0 of the scene.
-        """
+        """Continue at another sample, counted from time 0 of the scene, with silence before it."""
         self._next = int(first_sample)
         self._history = np.zeros(self._memory, np.complex64)
 
     def set_snr_db(self, snr_db: float) -> None:
-        """Change the noise.
-
-        Parameters
-        ----------
-        snr_db : float
-            As in a scene; signal levels stay.
-        """
+        """Change the noise to the ``snr_db`` of a scene; signal levels stay."""
         self._noise = self._levels.noise(float(snr_db))
 
     @property
@@ -130,35 +104,15 @@ class AirChannel:
         return self._noise * self.scale
 
     def touch_state(self, time_s: ArrayLike) -> dict[str, TouchState]:
-        """State of every sensor at given times.
-
-        Returns dict of str to TouchState: by sensor name.
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
-            In s since sample 0.
-        """
+        """State of every sensor, by name, at times in s since sample 0."""
         time_s = np.asarray(time_s, float)
         return {name: tag.pressed.state(time_s) for name, tag in self.sensors.items()}
 
     def process(self, samples: ArrayLike, first_sample: int) -> np.ndarray:
-        """Receive while samples are sent.
+        """Receive (n,) while samples (n,) are sent; full scale is 1 per component, not clipped.
 
-        Returns ndarray of complex64, shape (n,): full scale is 1 per component; not clipped.
-
-        Parameters
-        ----------
-        samples : array_like of complex, shape (n,)
-            Transmit samples.
-        first_sample : int
-            Index of the first, counted from time 0 of the scene; each call continues where the
-            previous one ended (see :meth:`restart`).
-
-        Raises
-        ------
-        ValueError
-            When ``first_sample`` does not continue the stream.
+        Each call continues where the previous one ended (see :meth:`restart`), or raises
+        ValueError.
         """
         if first_sample != self._next:
             raise ValueError(f"first_sample: must continue at {self._next}, got {first_sample}")

@@ -30,27 +30,15 @@ class Transmitter:
     """A transmitter that is on the air now and then, as received.
 
     Its signal is Gaussian noise, as that of OFDM nearly is, over the whole band or over a part of
-    it that is drawn anew for each transmission.
+    it (``bandwidth``, a share of the sample rate) that is drawn anew for each transmission.
+    ``gain`` is amplitude and phase: root of the power per sample that it would have with the whole
+    band.
 
-    Parameters
-    ----------
-    share : float
-        Share of the time in which it transmits.
-    shortest_s, longest_s : float
-        Range of the duration of a transmission.
-    gain : complex
-        Amplitude and phase as received: root of the power per sample that it would have with the
-        whole band as its bandwidth.
-    bandwidth : float
-        As a share of the sample rate; 1 means the whole band.
-
-    Notes
-    -----
-    Durations are spread evenly over their range. The pauses are exponentially distributed with
-    the mean that gives the stated share. Narrow-band noise is the sum of blocks that overlap by
-    half, each windowed by half a period of a sine: the squares of the windows add up to 1 and the
-    blocks are independent, so that the power is constant. The window spreads the edges of the band
-    by about 2 / 8192 of the sample rate.
+    It transmits for ``share`` of the time. Durations are spread evenly over their range. The pauses
+    are exponentially distributed with the mean that gives the stated share. Narrow-band noise is
+    the sum of blocks that overlap by half, each windowed by half a period of a sine: the squares of
+    the windows add up to 1 and the blocks are independent, so that the power is constant. The
+    window spreads the edges of the band by about 2 / 8192 of the sample rate.
     """
 
     def __init__(
@@ -74,15 +62,7 @@ class Transmitter:
         self._blocks: dict[tuple[int, int], np.ndarray] = {}
 
     def add(self, first_sample: int, received: np.ndarray) -> None:
-        """Add what is received.
-
-        Parameters
-        ----------
-        first_sample : int
-            Index of the first sample since time 0.
-        received : ndarray of complex64, shape (n,)
-            Changed in place.
-        """
+        """Add what is received to samples."""
         for start, stop, centre in self._during(first_sample, first_sample + len(received)):
             position = start
             while position < stop:
@@ -157,17 +137,7 @@ class Transmitter:
 def transmitters(
     simulation: "Simulation", sources: RandomSources, sample_rate_hz: float, noise_std: float
 ) -> list[Transmitter]:
-    """The other transmitters of a scene.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        Of the scene.
-    sources : RandomSources
-        Of the scene.
-    noise_std : float
-        Standard deviation of the receiver's noise in a sample.
-    """
+    """The other transmitters of a scene, whose receiver has ``noise_std`` in a sample."""
     found = []
     for name, bandwidth in _others(simulation):
         stated = getattr(simulation, name)

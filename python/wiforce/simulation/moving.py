@@ -37,18 +37,6 @@ _POINTS = 4096
 class FanBlades:
     """The path by way of a fan's blades.
 
-    Parameters
-    ----------
-    stated : Fan
-        The keys of the scene.
-
-    Attributes
-    ----------
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
-
-    Notes
-    -----
     Each of three blades at the angle a has the gain (1 + 0.7 cos 2a) exp(j b cos a): it reflects
     best while it faces the antennas, and its distance oscillates. With b = f_d / f_r, for the
     revolutions per second f_r, its Doppler frequency reaches f_d. Blades are alike, so that only
@@ -65,14 +53,7 @@ class FanBlades:
         self._scale = np.exp(2j * np.pi * rng.random()) / np.sqrt(np.mean(np.abs(period) ** 2))
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """The path's gain, of unit mean power.
-
-        Returns ndarray of complex, shape of ``time_s``.
-
-        Parameters
-        ----------
-        time_s : ndarray of float, any shape
-        """
+        """The path's gain, of unit mean power."""
         return self._scale * self._sum((self._turns_hz * time_s + self._start) % 1)
 
     def _sum(self, turns: np.ndarray) -> np.ndarray:
@@ -91,17 +72,8 @@ _LAMP_POINTS = 16384
 
 
 class MainsLamps:
-    """A path by way of lamps: a waveform with lines at all harmonics of twice the mains frequency.
-
-    Parameters
-    ----------
-    stated : Lamps
-        The keys of the scene.
-
-    Attributes
-    ----------
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
+    """A path by way of lamps: a waveform with lines at all harmonics of twice the mains
+    frequency.
     """
 
     def __init__(self, stated: "Lamps", seeds: Seeds) -> None:
@@ -117,14 +89,7 @@ class MainsLamps:
         self._wander = RandomWalk(stated.wander_hz_per_sqrt_s, rng, most)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """The path's gain; the amplitude of each of the lines +-1 is 1.
-
-        Returns ndarray of complex, shape of ``time_s``.
-
-        Parameters
-        ----------
-        time_s : ndarray of float, any shape
-        """
+        """The path's gain; the amplitude of each of the lines +-1 is 1."""
         cycles = self._line_hz * time_s + 2 * self._wander.integral(time_s)
         return self._waveform[np.rint(cycles % 1 * _LAMP_POINTS).astype(int)]
 
@@ -147,19 +112,6 @@ _DRAWN = 64
 class Person:
     """Trunk, legs and arms of a person, as paths with a common way.
 
-    Parameters
-    ----------
-    stated : Walker
-        The keys of the scene.
-    center_frequency_hz : float
-        Carrier, which gives the length of a stride in wavelengths.
-
-    Attributes
-    ----------
-    limbs : list of Limb
-
-    Notes
-    -----
     Walks and pauses alternate. The direction of each walk is opposite to that of the one before,
     and its speed is 0.6 to 1 of the highest. Limbs swing by the way that was walked, so that they
     stop with the person; only breathing remains.
@@ -184,15 +136,7 @@ class Person:
         ]
 
     def way(self, time_s: np.ndarray) -> np.ndarray:
-        """Way of the trunk towards the antennas.
-
-        Returns ndarray of float, shape of ``time_s``: in cycles of the carrier, counted both ways.
-
-        Parameters
-        ----------
-        time_s : ndarray of float, any shape
-            Not negative.
-        """
+        """Way of the trunk towards the antennas, in cycles of the carrier, counted both ways."""
         self._extend(float(np.max(time_s, initial=0.0)))
         latest = np.searchsorted(self._walks[:, 0], time_s, "right") - 1
         start, end, hertz, before = np.moveaxis(self._walks[latest], -1, 0)
@@ -234,24 +178,9 @@ class Person:
 class Limb:
     """A part of a person that reflects, and that swings about the trunk.
 
-    Parameters
-    ----------
-    swing : float
-        Highest speed about the trunk relative to that of the trunk.
-    stride_cycles : float
-        Length of two steps, both ways, in cycles of the carrier.
-    phase : float
-        Of the swing, in strides.
-    delay : float
-        Of the path, in samples.
-    start : float
-        Phase of the path at time 0, in cycles.
-
-    Attributes
-    ----------
-    amplitude : float
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
+    ``swing`` is its highest speed relative to that of the trunk, ``stride_cycles`` the length of
+    two steps, both ways, in cycles of the carrier, ``phase`` that of the swing in strides,
+    ``delay`` in samples, ``start`` the phase of the path at time 0 in cycles.
     """
 
     def __init__(
@@ -270,14 +199,7 @@ class Limb:
         self.taps = delay_taps(delay, 4)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """The path's gain, of magnitude 1.
-
-        Returns ndarray of complex, shape (n,).
-
-        Parameters
-        ----------
-        time_s : ndarray of float, shape (n,)
-        """
+        """The path's gain, of magnitude 1."""
         way = self._person.way(time_s)
         strides = way / self._stride + self._phase
         swing = self._swing * self._stride / (2 * np.pi) * np.sin(2 * np.pi * strides)
@@ -297,24 +219,8 @@ _SWAY_HZ = 0.7
 class NearHand:
     """Gain of the path between tag and reader that goes by way of the hand.
 
-    Parameters
-    ----------
-    stated : Hand
-        The keys of the scene.
-    tag : SwitchedTag
-        Of the sensor that is pressed.
-    rng : numpy.random.Generator
-        For the phase of the path.
-
-    Attributes
-    ----------
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
-
-    Notes
-    -----
-    The gain is p exp(-j 4 pi d / lambda). p rises from 0 to 1 while the hand comes, and its
-    distance d falls to what it sways by.
+    p exp(-j 4 pi d / lambda). p rises from 0 to 1 while the hand comes, and its distance d falls to
+    what it sways by.
     """
 
     def __init__(
@@ -327,14 +233,7 @@ class NearHand:
         self.taps = delay_taps(BASE_DELAY + delay, 4)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """The path's gain relative to that with the hand on the sensor.
-
-        Returns ndarray of complex, shape (n,).
-
-        Parameters
-        ----------
-        time_s : ndarray of float, shape (n,)
-        """
+        """The path's gain relative to that with the hand on the sensor."""
         near = self._pressed.near(time_s, self._stated.reach_s)
         swing = np.sin(2 * np.pi * (_SWAY_HZ * time_s + self._sway))
         distance_mm = self._stated.travel_mm * (1 - near) + self._stated.sway_mm * swing
@@ -343,21 +242,7 @@ class NearHand:
 
 
 class UnlistedTag:
-    """A tag whose sensor nobody presses: both ends reflect with constant phases.
-
-    Parameters
-    ----------
-    stated : OtherTag
-        The keys of the scene.
-    rng : numpy.random.Generator
-        For the clock's start and the phases.
-
-    Attributes
-    ----------
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
-    clock : SwitchingClock
-    """
+    """A tag whose sensor nobody presses: both ends reflect with constant phases."""
 
     def __init__(self, stated: "OtherTag", scene: "Scene", rng: np.random.Generator) -> None:
         self._rate = scene.radio.sample_rate_hz
@@ -370,29 +255,15 @@ class UnlistedTag:
             self.taps = delay_taps(delay, 4)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
-        """Reflection during some samples.
-
-        Returns ndarray of complex64, shape (count,): r / rho.
-
-        Parameters
-        ----------
-        first, count : int
-            First sample and their number.
-        """
+        """Reflection r / rho during ``count`` samples."""
         states = switch_states(self.clock, SWITCHES["pulses"], 0.0, first, count, self._rate)
         return self._ends[0] * states[0] + self._ends[1] * states[1]
 
 
 @dataclass(frozen=True)
 class ModulatedPath:
-    """A path with a gain of its own at every sample.
-
-    Attributes
-    ----------
-    taps : ndarray, shape (n,)
-        FIR taps, float or complex.
-    gain : callable
-        First sample and count to ndarray of complex64, shape (count,).
+    """A path with FIR taps, and a gain of its own from first sample and count to complex64
+    (count,).
     """
 
     taps: np.ndarray
@@ -402,17 +273,7 @@ class ModulatedPath:
 def modulated_paths(
     scene: "Scene", levels: Levels, sources: RandomSources, ramp: Ramp
 ) -> list[ModulatedPath]:
-    """The paths by way of everything but the scene's tags.
-
-    Parameters
-    ----------
-    levels : Levels
-        Of the scene.
-    sources : RandomSources
-        Of the scene.
-    ramp : Ramp
-        Knots at which slow gains are computed.
-    """
+    """The paths by way of everything but the scene's tags; slow gains at the knots of ``ramp``."""
     simulation = scene.simulation
 
     def slow(taps: np.ndarray, amplitude: float, gain: Callable) -> ModulatedPath:
@@ -452,19 +313,7 @@ def modulated_paths(
 def tag_paths(
     scene: "Scene", levels: Levels, sources: RandomSources, ramp: Ramp
 ) -> tuple[dict[str, SwitchedTag], list[ModulatedPath]]:
-    """The scene's tags, and the paths by way of them.
-
-    Parameters
-    ----------
-    scene, levels, sources, ramp
-        As for :func:`modulated_paths`.
-
-    Returns
-    -------
-    tags : dict of str to SwitchedTag
-        By sensor name.
-    paths : list of ModulatedPath
-    """
+    """The scene's tags by sensor name, and the paths by way of them."""
     simulation = scene.simulation
     tags, paths = {}, []
     for index, tag in enumerate(simulation.tags):

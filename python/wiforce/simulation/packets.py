@@ -40,23 +40,12 @@ _SUFFIXES = (".npz", ".truth.csv")
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPackets:
-    """Channel snapshots of a scene.
+    """Channel snapshots of a scene."""
 
-    Attributes
-    ----------
-    time_s : ndarray, shape (n,)
-        Of each packet as the card reports it, the first one at about 0, in s.
-    channel : ndarray of complex64, shape (n, K, antennas)
-    subcarrier_hz : ndarray, shape (K,)
-        Against the carrier.
-    tags : dict of str to SwitchedTag
-        By sensor name.
-    """
-
-    time_s: np.ndarray
-    channel: np.ndarray
-    subcarrier_hz: np.ndarray
-    tags: dict[str, SwitchedTag]
+    time_s: np.ndarray  # (n,), as the card reports them, from about 0
+    channel: np.ndarray  # (n, K, antennas), complex64
+    subcarrier_hz: np.ndarray  # (K,), against the carrier
+    tags: dict[str, SwitchedTag]  # by sensor name
 
     def touch_state(self, times_s: np.ndarray) -> dict[str, TouchState]:
         """State of each sensor at some times, by name."""
@@ -69,28 +58,9 @@ def simulate_packets(
     progress: Callable[[int], object] | None = None,
     overwrite: bool = True,
 ) -> list[Path]:
-    """Write the channel snapshots of a scene with packets, and their truth.
+    """Write the channel snapshots of a scene with packets to ``NAME.npz``, and their truth.
 
-    Returns list of Path: ``NAME.npz`` and ``NAME.truth.csv``.
-
-    Parameters
-    ----------
-    scene : str, Path, dict or Scene
-        With ``packets``.
-    name : str or Path
-        Path of the capture; ``.npz`` at its end is left out.
-    progress : callable, optional
-        Called with the number of packets simulated since the last call.
-    overwrite : bool
-        Replace existing files; otherwise they are refused.
-
-    Raises
-    ------
-    InputError
-        For a mistake in the scene, a scene without packets, or files that cannot be written or
-        exist already.
-    OutputError
-        When the disk is full.
+    As :func:`.simulator.simulate` for samples; ``progress`` is called with the number of packets.
     """
     scene = load_scene(scene)
     stem = os.fspath(name).removesuffix(".npz")
@@ -120,20 +90,7 @@ def simulate_packets(
 
 
 def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) -> SimulatedPackets:
-    """Simulate the channel snapshots of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``packets``.
-    progress : callable, optional
-        Called with the number of packets simulated since the last call.
-
-    Raises
-    ------
-    InputError
-        For a scene without packets.
-    """
+    """Simulate the channel snapshots of a scene, or refuse one without packets."""
     if scene.packets is None:
         rule = "must be a mapping in a scene whose channel snapshots are simulated"
         raise InputError("packets", rule)

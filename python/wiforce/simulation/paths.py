@@ -20,20 +20,10 @@ MOVING_PATHS = 4
 
 
 def delay_taps(delay: float, count: int) -> np.ndarray:
-    """FIR taps that delay a signal by a fraction of a sample.
+    """FIR taps of a Kaiser-windowed sinc (beta = 5) that delay a signal by a fraction of a sample.
 
-    Returns ndarray of float, shape (floor(delay) + count / 2 + 1,).
-
-    Parameters
-    ----------
-    delay : float
-        In samples, ``count / 2 - 1`` or more.
-    count : int
-        Number of non-zero taps, even.
-
-    Notes
-    -----
-    A Kaiser-windowed sinc (beta = 5) about the delay.
+    (floor(delay) + count / 2 + 1,) with an even ``count`` of non-zero taps, for a delay in samples
+    of ``count / 2 - 1`` or more.
     """
     n = np.arange(int(delay) - count // 2 + 1, int(delay) + count // 2 + 1)
     u = (n - delay) / (count / 2)
@@ -44,45 +34,24 @@ def delay_taps(delay: float, count: int) -> np.ndarray:
 
 
 def random_taps(rng: np.random.Generator) -> np.ndarray:
-    """FIR taps of a path with a random delay, as that of anything that reflects in a room.
-
-    Returns ndarray of float, shape (n,): as from :func:`delay_taps`.
-    """
+    """FIR taps of a path with a random delay, as that of anything that reflects in a room."""
     return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
 
 
 def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
-    """Frequency response of FIR taps on the occupied subcarriers.
-
-    Returns ndarray of complex, shape (K,).
-
-    Parameters
-    ----------
-    taps : ndarray, shape (n,)
-        Float or complex.
-    """
+    """Frequency response (K,) of FIR taps on the occupied subcarriers."""
     cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / waveform.symbol_length
     return np.exp(-2j * np.pi * cycles) @ taps
 
 
 def mean_power(taps: np.ndarray, waveform: Waveform) -> float:
-    """Mean of |H|^2 over the occupied subcarriers.
-
-    Parameters
-    ----------
-    taps : ndarray, shape (n,)
-        Float or complex.
-    """
+    """Mean of |H|^2 of FIR taps over the occupied subcarriers."""
     return float(np.mean(np.abs(response(taps, waveform)) ** 2))
 
 
 def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
-    """A direct path and weaker, later echoes.
+    """A direct path and weaker, later echoes: complex FIR taps, not normalised.
 
-    Returns ndarray of complex, shape (n,): FIR taps, not normalised.
-
-    Notes
-    -----
     The echoes' delays are exponentially distributed with 60 ns, the order of delay spreads in
     rooms.
     """
@@ -99,15 +68,10 @@ def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
 def tag_taps(
     rng: np.random.Generator, waveform: Waveform, coherence_hz: float | None
 ) -> np.ndarray:
-    """The air path by way of a tag.
+    """The air path by way of a tag: FIR taps with unit mean power over the subcarriers.
 
-    Returns ndarray, shape (n,): FIR taps with unit mean power over the subcarriers: a single real
-    tap, or complex taps with an exponential profile of rms delay spread 1 / (2 pi coherence_hz).
-
-    Parameters
-    ----------
-    coherence_hz : float or None
-        Coherence bandwidth of Rayleigh fading; None for a single path.
+    A single real tap, or with the coherence bandwidth of Rayleigh fading complex taps with an
+    exponential profile of rms delay spread 1 / (2 pi coherence_hz).
     """
     if coherence_hz is None:
         taps = np.r_[np.zeros(BASE_DELAY), 1.0]
@@ -123,23 +87,10 @@ def tag_taps(
 class MovingPath:
     """A path whose length changes: gain exp(j phi(t)) with an oscillating Doppler shift.
 
-    Parameters
-    ----------
-    doppler_hz : float
-        Highest Doppler frequency.
-    sweeps : bool
-        Whether the Doppler shift sweeps the whole range, like that of a fan's blade or an arm;
-        otherwise it oscillates about a constant, like that of a walking person.
-
-    Attributes
-    ----------
-    taps : ndarray of float, shape (n,)
-        FIR taps of the path's delay.
-
-    Notes
-    -----
     The rate of phi is f_c + f_d cos(2 pi nu t + alpha) with |f_c| + |f_d| = 0.8 ``doppler_hz`` at
-    most and nu slow enough that all but -60 dB of the power lies within +-``doppler_hz``.
+    most and nu slow enough that all but -60 dB of the power lies within +-``doppler_hz``. It
+    ``sweeps`` the whole range, like that of a fan's blade or an arm, or oscillates about a
+    constant, like that of a walking person.
     """
 
     def __init__(self, rng: np.random.Generator, doppler_hz: float, sweeps: bool) -> None:
@@ -152,14 +103,7 @@ class MovingPath:
         self.taps = random_taps(rng)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """exp(j phi) at the given times.
-
-        Returns ndarray of complex, shape of ``time_s``.
-
-        Parameters
-        ----------
-        time_s : ndarray of float, any shape
-        """
+        """exp(j phi) at the given times."""
         swing = 2 * np.pi * self._swing_rate_hz * time_s + self._phases[0]
         index = self._swing_hz / self._swing_rate_hz
         phi = 2 * np.pi * self._steady_hz * time_s + index * np.sin(swing) + self._phases[1]
@@ -173,10 +117,7 @@ NOISE_PEAK = 4.5
 class Levels:
     """Converts the levels that a scene states to amplitudes.
 
-    Parameters
-    ----------
-    amplitude : float
-        Root of the mean preamble power of the transmit samples.
+    ``amplitude`` is the root of the mean preamble power of the transmit samples.
     """
 
     def __init__(self, scene: "Scene", amplitude: float) -> None:
@@ -202,14 +143,10 @@ class Levels:
         return self._sent * float(np.abs(self._waveform.frame()).max())
 
     def peak(self, paths: Sequence[np.ndarray], noise_std: float) -> float:
-        """Largest expected magnitude while the scene's own frame is sent.
+        """Largest expected magnitude while the scene's own frame is sent over paths with these FIR
+        taps.
 
-        Parameters
-        ----------
-        paths : sequence of ndarray
-            FIR taps of all paths.
-        noise_std : float
-            Of a sample, of everything that is like noise.
+        ``noise_std`` is that of a sample, of everything that is like noise.
         """
         frame = self._sent * np.tile(self._waveform.frame(), 2)
         longest = max(len(taps) for taps in paths)

@@ -21,14 +21,7 @@ TREMOR_HZ = (8.3, 9.7, 11.4)
 
 
 def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
-    """Force of a press at times within it, with the tremor of a hand that holds it.
-
-    Returns ndarray of float, shape (n,): in N.
-
-    Parameters
-    ----------
-    time_s : ndarray of float, shape (n,)
-    """
+    """Force in N of a press at times (n,) within it, with the tremor of a hand that holds it."""
     force = np.interp(time_s, *_profile(press))
     if press.tremor_n:
         cycles = np.outer(TREMOR_HZ, time_s - press.start_s)
@@ -39,17 +32,8 @@ def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
 
 
 def shown_force(press: "Press", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
-    """Force that an elastic beam would need for the same contact.
+    """Force in N that an elastic beam would need for the same contact, at times within a press.
 
-    Returns ndarray of float, shape (n,): in N.
-
-    Parameters
-    ----------
-    time_s : ndarray of float, shape (n,)
-        Within the press.
-
-    Notes
-    -----
     After the largest force P so far, the contact shows F + 4 h F (P - F) / P: it opens later than
     it closed, most at half of P, by h P. Creep adds c times the force, low-pass filtered with the
     stated time constant (a standard linear solid). The filter starts at zero with each press.
@@ -96,46 +80,18 @@ _MEAN_POINTS = 32
 
 @dataclass(frozen=True)
 class TouchState:
-    """State of a sensor at n times.
+    """State of a sensor at n times."""
 
-    Attributes
-    ----------
-    touch : ndarray of bool, shape (n,)
-        Whether the line is shorted.
-    force_n : ndarray, shape (n,)
-        Force that is applied, whatever the beam makes of it.
-    location_mm : ndarray, shape (n,)
-        NaN where nothing presses.
-    phases_deg : ndarray, shape (n, 2)
-        psi_1, psi_2 in (-180, 180].
-    """
-
-    touch: np.ndarray
-    force_n: np.ndarray
-    location_mm: np.ndarray
-    phases_deg: np.ndarray
+    touch: np.ndarray  # (n,), whether the line is shorted
+    force_n: np.ndarray  # (n,), applied, whatever the beam makes of it
+    location_mm: np.ndarray  # (n,), NaN where nothing presses
+    phases_deg: np.ndarray  # (n, 2), psi_1, psi_2 in (-180, 180]
 
 
 class PressedSensor:
-    """One sensor of a scene, pressed as the scene states or as set while running.
+    """One sensor of a scene, pressed and moved as the scene states or as set while running.
 
-    Parameters
-    ----------
-    model : SensorModel
-        The sensor that is pressed.
-    presses : sequence of Press
-        Of this sensor.
-    moves : sequence of Move
-        Of this sensor's tag.
-    center_frequency_hz : float
-        Carrier, in Hz.
-    beam : Beam, optional
-        Hysteresis and creep; none for an elastic beam.
-
-    Raises
-    ------
-    InputError
-        For a carrier that the model does not hold.
+    Refuses a carrier that the model does not hold; elastic without a ``beam``.
     """
 
     def __init__(
@@ -162,49 +118,27 @@ class PressedSensor:
         return self._presses
 
     def hold(self, force_n: float | None, location_mm: float | None) -> None:
-        """Press with a constant force from now on, instead of as the scene states.
-
-        Parameters
-        ----------
-        force_n, location_mm : float or None
-            None returns to the scene.
+        """Press with a constant force from now on, instead of as the scene states; None returns
+        to it.
         """
         self._held = None
         if force_n is not None and location_mm is not None:
             self._held = float(force_n), float(location_mm)
 
     def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Force and location over time.
-
-        Returns force_n, location_mm : ndarray of float, shape (n,): location is NaN where nothing
-        presses.
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
-        """
+        """Force and location over time, (n,) each; location is NaN where nothing presses."""
         return self._over_time(np.asarray(time_s, float), press_force)
 
     def state(self, time_s: ArrayLike) -> TouchState:
-        """State over time.
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
-        """
+        """State over time."""
         force, location = self.force(time_s)
         shown = self._shown(time_s)[0]
         touch = shown >= self._model.onset_force_n
         return TouchState(touch, force, location, self._phases_deg(shown, location))
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
-        """G_1 / rho and G_2 / rho over time.
-
-        Returns ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times.
-
-        Parameters
-        ----------
-        time_s : ndarray of float, shape (n,)
+        """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes over these
+        times.
         """
         force, location = self._shown(time_s)
         steady = (force == force[0]).all() and (
@@ -219,15 +153,8 @@ class PressedSensor:
         return self._last[1]
 
     def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
-        """Phases of the mean reflection about each time.
-
-        Returns ndarray of float, shape (n, 2): in degrees.
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
-        period_s : float
-            Length of the mean, such as that of a phase group.
+        """Phases (n, 2) of the mean reflection over ``period_s``, such as a phase group, about
+        each time.
         """
         inside = ((np.arange(_MEAN_POINTS) + 0.5) / _MEAN_POINTS - 0.5) * period_s
         times = np.add.outer(np.asarray(time_s, float), inside)
@@ -236,20 +163,11 @@ class PressedSensor:
         return np.degrees(np.angle(mean))
 
     def through(self, time_s: ArrayLike) -> np.ndarray:
-        """Reflection with both switches on, minus the sum of the two ends alone.
+        """Reflection (n,) with both switches on, minus the sum of the two ends alone.
 
-        Returns ndarray of complex, shape (n,).
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
-
-        Notes
-        -----
-        A press shorts the line, so that the ends are independent. Untouched, both waves run
-        through to the other end, once, instead of to its open end and back: 2 exp(j psi/2)
-        replaces G_1 + G_2. Its sign, which psi/2 leaves open, is that of a line half a wavelength
-        longer or not.
+        A press shorts the line, so that the ends are independent. Untouched, both waves run through
+        to the other end, once, instead of to its open end and back: 2 exp(j psi/2) replaces G_1 +
+        G_2. Its sign, which psi/2 leaves open, is that of a line half a wavelength longer or not.
         """
         untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
         passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
@@ -258,15 +176,8 @@ class PressedSensor:
         return np.where(touch, 0.0, passing - alone)
 
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
-        """How near the hand is that presses: 1 while it does, 0 without a press.
-
-        Returns ndarray of float, shape (n,).
-
-        Parameters
-        ----------
-        time_s : ndarray of float, shape (n,)
-        reach_s : float
-            Time in which it comes and goes.
+        """How near the hand is that presses, and comes and goes in ``reach_s``: 1 while it does,
+        else 0.
         """
         if self._held is not None:
             return np.full(time_s.shape, float(self._held[0] > 0))
@@ -278,13 +189,8 @@ class PressedSensor:
         return nearest
 
     def motion(self, time_s: ArrayLike) -> np.ndarray | float:
-        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda).
-
-        Returns ndarray of complex, shape (n,), or 1.0 for a tag that never moves.
-
-        Parameters
-        ----------
-        time_s : array_like of float, shape (n,)
+        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda); 1.0 for one that
+        never moves.
         """
         if not self._moves:
             return 1.0

@@ -15,20 +15,9 @@ if TYPE_CHECKING:
 class FreeOscillators:
     """Phase of the transmitter's oscillator relative to the receiver's.
 
-    A constant carrier offset, and a random walk of the phase.
-
-    Parameters
-    ----------
-    offset_hz, linewidth_hz : float
-        Carrier offset, and width of the oscillator's Lorentzian line, in Hz.
-    ramp : Ramp
-        Knots of the walk.
-
-    Notes
-    -----
-    The variance of a Lorentzian oscillator's phase grows by 2 pi ``linewidth_hz`` per second
-    (A. Demir, A. Mehrotra, J. Roychowdhury, "Phase noise in oscillators", IEEE Trans. Circuits
-    and Systems I 47 (2000)).
+    A constant carrier offset, and a random walk of the phase. The variance of a Lorentzian
+    oscillator's phase grows by 2 pi ``linewidth_hz`` per second (A. Demir, A. Mehrotra, J.
+    Roychowdhury, "Phase noise in oscillators", IEEE Trans. Circuits and Systems I 47 (2000)).
     """
 
     def __init__(
@@ -46,14 +35,7 @@ class FreeOscillators:
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
     def rotate(self, first_sample: int, samples: np.ndarray) -> None:
-        """Rotate samples in place.
-
-        Parameters
-        ----------
-        first_sample : int
-            Index of the first sample.
-        samples : ndarray of complex64, shape (n,)
-        """
+        """Rotate samples in place."""
         count = len(samples)
         if self._cycles_per_sample:
             start = first_sample * self._cycles_per_sample % 1
@@ -78,28 +60,14 @@ class FreeOscillators:
 
 
 class Adc:
-    """An analogue-to-digital converter: rounds, clips, and left-justifies its codes in 16 bits.
-
-    Parameters
-    ----------
-    bits : int or None
-        Resolution; None means 16 bits.
-    """
+    """An analogue-to-digital converter: rounds, clips, and left-justifies its codes in 16 bits."""
 
     def __init__(self, bits: int | None) -> None:
         self.bits = bits or 16
         self._half = 2 ** (self.bits - 1)
 
     def codes(self, samples: ArrayLike) -> np.ndarray:
-        """Convert samples.
-
-        Returns ndarray of int16, shape (2 n,): I and Q in turn.
-
-        Parameters
-        ----------
-        samples : array_like of complex, shape (n,)
-            Full scale is 1 per component.
-        """
+        """Convert samples (n,) of full scale 1 per component to int16 (2 n,), I and Q in turn."""
         parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
         np.rint(parts, out=parts)
         np.minimum(parts, self._half - 1, out=parts)
@@ -110,19 +78,10 @@ class Adc:
 def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:
     """mu and nu of y = mu x + nu conj(x) for a mixer whose I and Q differ.
 
-    Parameters
-    ----------
-    gain_db : float
-        Of Q relative to I.
-    phase_deg : float
-        Deviation of their angle from 90 degrees.
-
-    Notes
-    -----
-    I stays as it is, and Q becomes g (Q cos phi + I sin phi), so that
-    mu = (1 + g exp(j phi)) / 2 and nu = (1 - g exp(-j phi)) / 2. See M. Valkama, M. Renfors,
-    V. Koivunen, "Advanced methods for I/Q imbalance compensation in communication receivers",
-    IEEE Trans. Signal Processing 49 (2001).
+    I stays as it is, and Q becomes g (Q cos phi + I sin phi), with ``phase_deg`` the deviation of
+    their angle from 90 degrees, so that mu = (1 + g exp(j phi)) / 2 and nu = (1 - g exp(-j phi)) /
+    2. See M. Valkama, M. Renfors, V. Koivunen, "Advanced methods for I/Q imbalance compensation in
+    communication receivers", IEEE Trans. Signal Processing 49 (2001).
     """
     rotated = 10 ** (gain_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
     return complex(1 + rotated) / 2, complex(1 - np.conj(rotated)) / 2
@@ -131,18 +90,9 @@ def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:
 class AnalogueFrontEnd:
     """Mixers of transmitter and receiver, and the receiver's amplifier.
 
-    Parameters
-    ----------
-    stated : FrontEnd
-        The keys of the scene.
-    peak : float
-        Peak of the received signal, to which compression and DC offset refer.
-
-    Notes
-    -----
-    The amplifier comes before the mixer: x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), the third-order
-    polynomial up to where its slope would be negative. Then follow the mixer's image and the DC
-    offset.
+    Compression and DC offset refer to the ``peak`` of the received signal. The amplifier comes
+    before the mixer: x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), the third-order polynomial up to
+    where its slope would be negative. Then follow the mixer's image and the DC offset.
     """
 
     def __init__(self, stated: "FrontEnd", peak: float, seeds: Seeds) -> None:
@@ -153,24 +103,11 @@ class AnalogueFrontEnd:
         self._dc = np.complex64(stated.dc_offset * peak * np.exp(1j * angle))
 
     def transmit(self, samples: np.ndarray) -> np.ndarray:
-        """What the transmitter sends instead of some samples.
-
-        Returns ndarray of complex64, shape (n,).
-
-        Parameters
-        ----------
-        samples : ndarray of complex64, shape (n,)
-        """
+        """What the transmitter sends instead of some samples."""
         return _with_image(samples, *self._sent)
 
     def receive(self, samples: np.ndarray) -> None:
-        """Apply the receiver's amplifier and mixer.
-
-        Parameters
-        ----------
-        samples : ndarray of complex64, shape (n,)
-            Changed in place.
-        """
+        """Apply the receiver's amplifier and mixer in place."""
         if self._curvature:
             power = samples.real**2 + samples.imag**2
             lost = np.minimum(np.float32(self._curvature) * power, np.float32(1 / 3))
@@ -187,30 +124,14 @@ def _with_image(samples: np.ndarray, mu: complex, nu: complex) -> np.ndarray:
 
 
 class GainRipple:
-    """Amplitude modulation 1 + a cos(2 pi f t + phi) of all that is received.
-
-    Parameters
-    ----------
-    stated : Ripple
-        The keys of the scene.
-    ramp : Ramp
-        Knots between which the gain is interpolated.
-    """
+    """Amplitude modulation 1 + a cos(2 pi f t + phi) of all that is received."""
 
     def __init__(self, stated: "Ripple", ramp: Ramp, seeds: Seeds) -> None:
         self._amplitude, self._hz, self._ramp = stated.percent / 100, stated.hz, ramp
         self._start = seeds.generator().random()
 
     def modulate(self, first_sample: int, samples: np.ndarray) -> None:
-        """Modulate samples.
-
-        Parameters
-        ----------
-        first_sample : int
-            Index of the first since time 0.
-        samples : ndarray of complex64, shape (n,)
-            Changed in place.
-        """
+        """Modulate samples in place."""
         times = self._ramp.knots(first_sample, len(samples))
         gain = 1 + self._amplitude * np.cos(2 * np.pi * (self._start + self._hz * times))
         samples *= self._ramp.interpolate(gain, first_sample, len(samples))

@@ -26,30 +26,17 @@ EFFECTS = (
 
 
 class Seeds:
-    """Generators of one effect, by counter.
+    """Generators of one effect (:data:`EFFECTS`), by counter.
 
     What is drawn for a counter, such as the index of a block of samples, does not depend on what
     was drawn before. Effects that draw in this way can start anywhere in the stream.
-
-    Parameters
-    ----------
-    seed : int
-        Of the scene.
-    effect : str
-        One of :data:`EFFECTS`.
     """
 
     def __init__(self, seed: int, effect: str) -> None:
         self._seed, self._key = seed, (_EFFECT_KEY, EFFECTS.index(effect))
 
     def generator(self, *counters: int) -> np.random.Generator:
-        """The generator of these counters.
-
-        Parameters
-        ----------
-        *counters : int
-            Not negative.
-        """
+        """The generator of these counters, which are not negative."""
         key = (*self._key, *counters)
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
 
@@ -59,17 +46,6 @@ class RandomSources:
 
     Antennas other than the first have their own paths and noise, and rotate each path of tags and
     moving objects by a phase of its own.
-
-    Parameters
-    ----------
-    seed : int
-        Of the scene.
-    antenna : int
-        From 0.
-
-    Attributes
-    ----------
-    paths, clocks, movers, noise, oscillators : numpy.random.Generator
     """
 
     def __init__(self, seed: int, antenna: int) -> None:
@@ -100,15 +76,7 @@ _KNOT_SPACING_S = 10e-6
 class Fir:
     """Direct-form FIR filter for a stream of complex64 that carries its own history.
 
-    Parameters
-    ----------
-    taps : ndarray of float or complex, shape (n,)
-        Real taps take half the operations.
-
-    Attributes
-    ----------
-    memory : int
-        Samples of history that the filter needs, n - 1.
+    Real taps take half the operations; ``memory`` is the number of samples of history.
     """
 
     def __init__(self, taps: np.ndarray) -> None:
@@ -118,18 +86,8 @@ class Fir:
         self.memory = len(taps) - 1
 
     def apply(self, extended: np.ndarray, count: int, out: np.ndarray, scratch: np.ndarray) -> None:
-        """Filter the newest samples.
-
-        Parameters
-        ----------
-        extended : ndarray of complex64, shape (memory + count,) or more
-            History, then the new samples.
-        count : int
-            Number of new samples.
-        out : ndarray of complex64, shape (count,)
-            Result.
-        scratch : ndarray of complex64, shape (count,)
-            Overwritten.
+        """Filter the ``count`` newest samples of ``extended``, which follow the history, into
+        ``out``.
         """
         start, size = len(extended) - count, 1
         if not self._complex:  # both components alike, at half the work
@@ -154,25 +112,16 @@ class Ramp:
         self._rate = sample_rate_hz
 
     def knots(self, first_sample: int, count: int) -> np.ndarray:
-        """Times of the knots around some samples.
+        """Times of the knots around some samples, in s since sample 0.
 
-        Returns ndarray of float, shape (n,): in s since sample 0, from the last knot at or before
-        the first sample to the first knot at or after the last.
+        From the last knot at or before the first sample to the first knot at or after the last.
         """
         first = first_sample // self._step
         last = -(-(first_sample + count) // self._step)
         return np.arange(first, last + 1) * (self._step / self._rate)
 
     def interpolate(self, values: np.ndarray, first_sample: int, count: int) -> np.ndarray:
-        """Interpolate to the samples.
-
-        Returns ndarray of complex64, shape (count,).
-
-        Parameters
-        ----------
-        values : ndarray of complex, shape (n,)
-            At the :meth:`knots` of the same samples.
-        """
+        """Interpolate values at the :meth:`knots` of some samples to complex64 (count,)."""
         values = np.asarray(values, np.complex64)
         steps = np.diff(values)
         lines = steps[:, None] * self._weights
@@ -186,22 +135,10 @@ _DRAWN = 4096
 
 
 class RandomWalk:
-    """A random walk from 0 at time 0, and its integral.
+    """A random walk from 0 at time 0, reflected at +-``limit``, and its integral.
 
-    Parameters
-    ----------
-    std_per_sqrt_s : float
-        Standard deviation after 1 s.
-    rng : numpy.random.Generator
-        Of this walk alone.
-    limit : float
-        The walk is reflected at +-``limit``.
-    spacing_s : float
-        Time between knots; between them the walk is linear.
-
-    Notes
-    -----
-    The walk is kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
+    ``std_per_sqrt_s`` is the standard deviation after 1 s. The walk is linear between knots, and
+    kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
     """
 
     def __init__(
@@ -217,27 +154,12 @@ class RandomWalk:
         self._values, self._integrals = np.zeros(1), np.zeros(1)
 
     def at(self, time_s: np.ndarray | float) -> np.ndarray:
-        """The walk at given times.
-
-        Returns ndarray of float, shape of ``time_s``.
-
-        Parameters
-        ----------
-        time_s : array_like of float, any shape
-            Not negative; negative times count as 0.
-        """
+        """The walk at given times; negative times count as 0."""
         knot, inside = self._knots(time_s)
         return self._values[knot] + inside * (self._values[knot + 1] - self._values[knot])
 
     def integral(self, time_s: np.ndarray | float) -> np.ndarray:
-        """Its integral over time, from time 0.
-
-        Returns ndarray of float, shape of ``time_s``.
-
-        Parameters
-        ----------
-        time_s : array_like of float, any shape
-        """
+        """Its integral over time, from time 0."""
         knot, inside = self._knots(time_s)
         start = self._values[knot]
         rise = self._values[knot + 1] - start

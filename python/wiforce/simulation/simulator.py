@@ -113,17 +113,8 @@ def _write_capture(
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
-    """The samples of a scene's capture, in pieces.
-
-    Yields ndarray of int16, shape (2 n,), or of complex64, shape (n,): for ``ci16_le`` I and Q in
-    turn.
-
-    Parameters
-    ----------
-    channel : AirChannel
-        That of the scene, at its first sample.
-    datatype : str
-        As for :func:`simulate`.
+    """The samples of a scene's capture in pieces: int16 (2 n,), I and Q in turn, or complex64
+    (n,).
     """
     sent = np.tile(scene.waveform().frame().astype(np.complex64), _FRAMES_AT_ONCE)
     adc = Adc(scene.simulation.adc_bits)

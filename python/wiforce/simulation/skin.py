@@ -22,24 +22,13 @@ _LEAST_SHARE = 1e-4
 
 
 def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> np.ndarray:
-    """Share of a press that a strip under a plate bears.
+    """Share of a press that a strip under a plate bears; 0 where the plate would lift.
 
-    Returns ndarray: 0 where the plate would lift.
-
-    Parameters
-    ----------
-    distance_mm : array_like
-        Across, from the press to the middle of the strip.
-    reach_mm : float
-        1/k of the plate on its foundation.
-    bearing_mm : float
-        Width over which the strip bears the plate.
-
-    Notes
-    -----
-    The pressure under a point load, summed along the strip, is that of a beam on an elastic
-    foundation, k/2 exp(-k|u|) (cos ku + sin k|u|) (M. Hetenyi, *Beams on Elastic Foundation*,
-    1946). It is integrated over the strip's width.
+    ``distance_mm`` is across, from the press to the middle of the strip, 1/k = ``reach_mm`` that of
+    the plate on its foundation, ``bearing_mm`` the width over which the strip bears it. The
+    pressure under a point load, summed along the strip, is that of a beam on an elastic foundation,
+    k/2 exp(-k|u|) (cos ku + sin k|u|) (M. Hetenyi, *Beams on Elastic Foundation*, 1946). It is
+    integrated over the strip's width.
     """
     distance = np.asarray(distance_mm, float)
 
@@ -52,17 +41,7 @@ def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> n
 
 
 def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
-    """The presses on one strip that those on the surface cause.
-
-    Returns list of Press: they may overlap.
-
-    Parameters
-    ----------
-    skin : Skin
-        Of the scene; its spreading law is not used.
-    strip : int
-        Index of the strip in the skin.
-    """
+    """The presses on one strip that those on the surface cause; they may overlap."""
     plate, own = scene.simulation.plate, skin.strips[strip]
     bearing_mm = plate.bearing_mm or skin.spacing_mm
     found = []
@@ -91,12 +70,7 @@ def _scaled(press: "SurfacePress", sensor: str, share: float, location_mm: float
 def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> PressedSensor:
     """One sensor of a scene, with what is pressed on it and on the surface above it.
 
-    Parameters
-    ----------
-    index : int
-        Of the sensor.
-    elastic : bool
-        Without the hysteresis and creep that the scene may state.
+    ``elastic`` leaves out the hysteresis and creep that the scene may state.
     """
     simulation, name = scene.simulation, scene.sensors[index].name
     tag = simulation.tags[index]
@@ -128,14 +102,10 @@ def _layers(presses: Sequence[Press]) -> list[list[Press]]:
 
 
 class PressedTwice(PressedSensor):
-    """A strip that several presses touch at a time, each at its own place.
+    """A strip that several presses touch at a time, each at its own place, in layers that do not
+    overlap.
 
     Each end shows the contact that is nearest to it, since the line behind that is shorted.
-
-    Parameters
-    ----------
-    layers : list of PressedSensor
-        The same sensor, each under presses that do not overlap.
     """
 
     def __init__(self, layers: list[PressedSensor]) -> None:
@@ -213,12 +183,7 @@ def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, float | int | str]]]:
     """What is pressed on the surface at given times, as rows of a file of truth.
 
-    Returns list of list of dict: for each time the rows of the surface, in the order of their
-    names: the presses that began first. Unknown values are left out.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
+    For each time the presses that began first, in the order of their names.
     """
     surface = scene.surface
     names = () if surface is None else surface.names

@@ -33,23 +33,10 @@ _REFINEMENTS = 3
 class SwitchingClock:
     """Phase of a crystal clock over time.
 
-    Parameters
-    ----------
-    clock_hz : float
-        Nominal frequency f, in Hz.
-    offset_ppm, drift_ppm_per_s : float
-        Positive when the tag is fast.
-    limit_ppm : float
-        Not below ``abs(offset_ppm)``.
-    phase_cycles : float
-        u(0).
-
-    Notes
-    -----
-    u(t) = u_0 + f (t + integral of o), in cycles. The offset o starts at ``offset_ppm`` and drifts
-    linearly; where it would leave ``+-limit_ppm`` the drift reverses, so that a run of any length
-    stays within the crystal's tolerance. Before that, u is theta/2 pi of the signal model:
-    f (t (1 + o) + d t^2 / 2).
+    u(t) = u_0 + f (t + integral of o), in cycles. The offset o starts at ``offset_ppm``, positive
+    when the tag is fast, and drifts linearly; where it would leave ``+-limit_ppm`` the drift
+    reverses, so that a run of any length stays within the crystal's tolerance. Before that, u is
+    theta/2 pi of the signal model: f (t (1 + o) + d t^2 / 2).
     """
 
     def __init__(
@@ -70,47 +57,20 @@ class SwitchingClock:
     regular = True
 
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
-        """u at the given times.
-
-        Returns ndarray of float, shape of ``time_s``: in cycles.
-
-        Parameters
-        ----------
-        time_s : array_like of float, any shape
-        """
+        """u at the given times, in cycles."""
         return self._steady_cycles(np.asarray(time_s, float))
 
     def early_s(self, periods: np.ndarray) -> np.ndarray:
-        """Time by which the edges of given periods come before u says so.
-
-        Returns ndarray of float, shape (n,).
-
-        Parameters
-        ----------
-        periods : ndarray of int, shape (n,)
-        """
+        """Time by which the edges of given periods come before u says so."""
         return np.zeros(len(periods))
 
     def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
-        """o at the given times.
-
-        Returns ndarray of float, shape of ``time_s``: in ppm.
-
-        Parameters
-        ----------
-        time_s : array_like of float, any shape
-        """
+        """o at the given times, in ppm."""
         elapsed = np.asarray(time_s, float) - self._start_s
         return 1e6 * self._offset_at(elapsed)
 
     def retune(self, time_s: float, offset_ppm: float) -> None:
-        """Change the offset; the phase stays continuous.
-
-        Parameters
-        ----------
-        time_s : float
-            When it changes.
-        """
+        """Change the offset at a time; the phase stays continuous."""
         self._start_cycles = float(self._steady_cycles(np.asarray(time_s, float)))
         self._start_s = float(time_s)
         self._offset = offset_ppm * 1e-6
@@ -149,23 +109,11 @@ def switch_states(
     sample_rate_hz: float,
     rise_s: float = 0.0,
 ) -> list[np.ndarray]:
-    """Part of each sample in which each switch is on.
+    """Part of each of ``count`` samples in which each switch (:data:`SWITCHES`) is on, float32.
 
     Sample n covers the time (n - 1/2 .. n + 1/2) / sample_rate; an edge inside it counts by its
-    exact time.
-
-    Returns list of ndarray of float32, shape (count,): in [0, 1], one per switch.
-
-    Parameters
-    ----------
-    switches : tuple
-        One of :data:`SWITCHES`.
-    delay_s : float
-        Time by which switch 2 lags behind the clock.
-    first_sample, count : int
-        A few milliseconds of samples at most.
-    rise_s : float
-        Time in which a switch goes from off to on and back, centred on the edge.
+    exact time. Switch 2 lags behind the clock by ``delay_s``; a switch goes from off to on and back
+    in ``rise_s``, centred on the edge. A few milliseconds of samples at most.
     """
     edge_s = (first_sample - 0.5) / sample_rate_hz
     span_s = np.array([0, count / sample_rate_hz])
@@ -202,20 +150,8 @@ def states_at(
     times_s: np.ndarray,
     window_s: float,
 ) -> list[np.ndarray]:
-    """Part of a window about each of some times in which each switch is on.
-
-    Returns list of ndarray of float, shape (n,): in [0, 1], one per switch.
-
-    Parameters
-    ----------
-    switches : tuple
-        One of :data:`SWITCHES`.
-    delay_s : float
-        Time by which switch 2 lags behind the clock.
-    times_s : ndarray, shape (n,)
-        In s.
-    window_s : float
-        Length of the window, in s; 0 for an instant.
+    """Part of a window of ``window_s`` about each of some times in which each switch is on; 0
+    for an instant.
     """
     states = []
     for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
@@ -235,15 +171,7 @@ def states_at(
 def with_duty_errors(
     switches: tuple[Switch, Switch], errors: tuple[float, float]
 ) -> tuple[Switch, Switch]:
-    """Switches whose duty cycles deviate.
-
-    Parameters
-    ----------
-    switches : tuple
-        One of :data:`SWITCHES`.
-    errors : tuple of float
-        What is added to the duty cycle of each, one half on either side.
-    """
+    """Switches whose duty cycles deviate by ``errors``, one half on either side."""
     first, second = (
         (rate, (on - error / 2, off + error / 2))
         for (rate, (on, off)), error in zip(switches, errors, strict=True)

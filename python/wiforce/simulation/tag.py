@@ -25,16 +25,9 @@ _PERIODS_AT_ONCE = 1024
 class IrregularClock(SwitchingClock):
     """A clock whose offset is a random walk, and whose periods come early or late.
 
-    Parameters
-    ----------
-    clock_hz, offset_ppm, drift_ppm_per_s, limit_ppm, phase_cycles : float
-        As for :class:`SwitchingClock`.
-    tag : Tag
-        Whose ``clock_wander_ppm_per_sqrt_s``, ``clock_period_jitter_s`` and ``clock_jitter_s``
-        are the standard deviations of the offset's change in 1 s, of the length of a period,
-        which accumulates, and of :meth:`early_s`, which does not.
-    index : int
-        Of the clock, for the seeds.
+    The tag's ``clock_wander_ppm_per_sqrt_s``, ``clock_period_jitter_s`` and ``clock_jitter_s`` are
+    the standard deviations of the offset's change in 1 s, of the length of a period, which
+    accumulates, and of :meth:`early_s`, which does not.
     """
 
     regular = False
@@ -91,23 +84,7 @@ class IrregularClock(SwitchingClock):
 class SwitchedTag:
     """Reflection of a tag, sample by sample, while its clock runs and its sensor is pressed.
 
-    Parameters
-    ----------
-    index : int
-        Of the sensor in the scene.
-    sources : RandomSources
-        Of the scene.
-    ramp : Ramp
-        Knots at which reflections are computed.
-
-    Attributes
-    ----------
-    name : str
-        Of the sensor.
-    clock : SwitchingClock
-    pressed : PressedSensor
-    on : bool
-        False removes the tag.
+    Reflections are computed at the knots of ``ramp``; ``on`` set to False removes the tag.
     """
 
     def __init__(self, scene: "Scene", index: int, sources: RandomSources, ramp: Ramp) -> None:
@@ -128,15 +105,7 @@ class SwitchedTag:
         self.pressed = pressed_sensor(scene, index)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
-        """Reflection during some samples.
-
-        Returns ndarray of complex64, shape (count,): r / rho.
-
-        Parameters
-        ----------
-        first, count : int
-            First sample and their number.
-        """
+        """Reflection r / rho during ``count`` samples, complex64."""
         if not self.on:
             return np.zeros(count, np.complex64)
         first_on, second_on = switch_states(
@@ -161,16 +130,8 @@ class SwitchedTag:
         return self._sum(states, values, first, count)
 
     def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
-        """Reflection at single times, such as those of packets.
-
-        Returns ndarray of complex, shape (n,): r / rho.
-
-        Parameters
-        ----------
-        times_s : ndarray, shape (n,)
-            In s, rising.
-        window_s : float
-            Time about each of them that is averaged, in s.
+        """Reflection r / rho at single rising times (n,), such as those of packets, averaged
+        over ``window_s``.
         """
         first_on, second_on = (
             switch.T

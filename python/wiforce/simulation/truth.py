@@ -28,10 +28,7 @@ def frame_count(scene: Scene) -> int:
 
 
 def group_centers(scene: Scene) -> np.ndarray:
-    """Centres of the whole phase groups of a scene's capture.
-
-    Returns ndarray of float, shape (groups,): in s from the first sample.
-    """
+    """Centres of the whole phase groups of a scene's capture, in s from the first sample."""
     if scene.packets:
         groups = int(scene.simulation.duration_s / scene.group_period_s + 1e-9)
         return (np.arange(groups) + 0.5) * scene.group_period_s
@@ -45,11 +42,6 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
     ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
     0); ``location_mm`` is empty where nothing presses. A surface has rows of its own, with x in
     ``location_mm`` and y in one more column. Numbers are rounded as those of readings.
-
-    Parameters
-    ----------
-    channel : AirChannel or SimulatedPackets
-        That of the scene.
     """
     times = group_centers(scene)
     states = channel.touch_state(times)
@@ -80,13 +72,7 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
 def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
     """Files that appear together when all of them are complete, or not at all.
 
-    Yields list of Path: to write to: they are in a temporary folder beside ``paths``, and moved
-    there in order after success.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        In one folder.
+    They are written to a temporary folder beside ``paths``, and moved there in order after success.
     """
     with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
         temporary = [Path(folder) / path.name for path in paths]
@@ -100,20 +86,9 @@ class Score:
     """Errors over the steady touched groups of one sensor.
 
     A group is steady when the sensor is touched in it and in both neighbouring groups.
-
-    Attributes
-    ----------
-    sensor : str
-    force_error_n, location_error_mm : ndarray of float, shape (n,)
-        Reading minus truth, in steady groups that are read as touched.
-    phase_error_deg : ndarray of float, shape (n, 2)
-        Likewise.
-    flagged : int
-        Number of these groups with a flag.
-    missed : int
-        Number of steady groups that are not read as touched.
-    false : int
-        Number of untouched groups that are read as touched, without a flag.
+    ``force_error_n``, ``location_error_mm`` (n,) and ``phase_error_deg`` (n, 2) are reading minus
+    truth in steady groups that are read as touched, ``flagged`` of which have a flag; ``missed``
+    steady groups are not read as touched, and ``false`` untouched groups are, without a flag.
     """
 
     sensor: str
@@ -136,10 +111,7 @@ class Score:
 
 
 def read_truth(path: str | Path) -> list[dict[str, Any]]:
-    """Read the truth file of a simulated capture.
-
-    Returns list of dict: A row per group and sensor; numbers as float, empty cells as None.
-    """
+    """Read the truth file of a simulated capture; numbers as float, empty cells as None."""
     with open(path, encoding="utf-8", newline="") as stream:
         return [
             {key: value if key == "sensor" else _number(value) for key, value in row.items()}
@@ -162,15 +134,7 @@ def steady_rows(rows: Sequence[Mapping]) -> list[Mapping]:
 
 
 def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) -> Score:
-    """Compare one sensor's readings with the truth.
-
-    Parameters
-    ----------
-    truth : sequence of dict
-        Rows of a truth file (see :func:`read_truth`).
-    sensor : str
-        Its name.
-    """
+    """Compare one sensor's readings with the rows of a truth file."""
     rows = {round(row["time_s"], 4): row for row in truth if row["sensor"] == sensor}
     own = [reading for reading in readings if reading.sensor == sensor]
     steady_times = {round(row["time_s"], 4) for row in steady_rows(list(rows.values()))}

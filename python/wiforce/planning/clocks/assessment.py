@@ -37,49 +37,26 @@ _BATCHES = 8
 
 @dataclass(frozen=True)
 class Line:
-    """A line of an end's spectrum.
+    """A line of an end's spectrum."""
 
-    Attributes
-    ----------
-    harmonic : int
-        Multiple of the tag's clock.
-    frequency_hz, seen_hz : float
-        On the air, and where snapshots show it (folded at half the snapshot rate).
-    level_db : float
-        Against the strongest line of the end.
-    shared_with : tuple of (int, int, int)
-        Tag, end and harmonic of the lines of other ends that a phase group cannot resolve from
-        it.
-    """
-
-    harmonic: int
+    harmonic: int  # multiple of the tag's clock
+    # on the air; ``seen_hz`` where snapshots show it, folded at half their rate
     frequency_hz: float
     seen_hz: float
-    level_db: float
+    level_db: float  # against the strongest line of the end
+    # tag, end and harmonic of lines of other ends that a group cannot resolve from it
     shared_with: tuple[tuple[int, int, int], ...] = ()
 
 
 @dataclass(frozen=True)
 class End:
-    """An end of a tag: its lines, its information, and what the other ends cost it.
+    """An end of a tag: its lines, its information, and what the other ends cost it."""
 
-    Attributes
-    ----------
-    tag, end : int
-        Index of the tag from 0, and number of its end, 1 or 2.
-    information : float
-        q, the worst over relative clock phases and clock errors within tolerance.
-    loss_db : float
-        Against the same switch alone, not aliased, with nothing moving.
-    lines : tuple of Line
-        In ascending order of harmonics.
-    """
-
-    tag: int
+    tag: int  # from 0; ``end`` is 1 or 2
     end: int
-    information: float
-    loss_db: float
-    lines: tuple[Line, ...]
+    information: float  # q, the worst over relative clock phases and clock errors within tolerance
+    loss_db: float  # against the same switch alone, not aliased, with nothing moving
+    lines: tuple[Line, ...]  # in ascending order of harmonics
 
     @property
     def alone(self) -> tuple[Line, ...]:
@@ -89,18 +66,11 @@ class End:
 
 @dataclass(frozen=True)
 class ClockReport:
-    """How well a set of switching clocks can be read.
+    """How well a set of switching clocks can be read."""
 
-    Attributes
-    ----------
-    ends : tuple of End
-        Two per tag.
-    phase_margins : tuple of float
-        Per tag: the part of its signal that distinguishes the right clock phase from the wrong
-        one that resembles it most; 0 when the ends could be swapped.
-    """
-
-    ends: tuple[End, ...]
+    ends: tuple[End, ...]  # two per tag
+    # per tag, the part of its signal that distinguishes the right clock phase from the wrong one
+    # that resembles it most; 0 when the ends could be swapped
     phase_margins: tuple[float, ...]
 
     @property
@@ -152,20 +122,8 @@ def assess_clocks(
 ) -> ClockReport:
     """How well the ends of tags with given clocks can be separated.
 
-    Parameters
-    ----------
-    clocks_hz : sequence of float, length S
-        fs of each tag, in Hz.
-    waveform : Waveform
-        Gives snapshot period and averaging time.
-    group_length : int
-        Snapshots per phase group.
-    pulses : tuple, optional
-        On-intervals of the two switches; by default the paper's, :func:`double_rate_pulses`.
-    tolerance_ppm : float
-        How far each clock may be off.
-    clutter_hz : float
-        Highest Doppler frequency of anything that moves.
+    ``pulses`` are the on-intervals of the two switches, the paper's by default. Clocks may be off
+    by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of anything that moves.
     """
     pulses = double_rate_pulses() if pulses is None else pulses
     lines = _lines(clocks_hz, waveform, group_length, pulses, tolerance_ppm)
@@ -229,15 +187,9 @@ def worst_information(
     tolerance_ppm: float,
     clutter_hz: float,
 ) -> np.ndarray:
-    """Information of every end at the least favourable clock phases and errors.
+    """Information q (2S,) of every end at the least favourable clock phases and errors.
 
-    Returns ndarray of float, shape (2S,): q: power per snapshot of the part of its waveform that no
-    other waveform explains.
-
-    Parameters
-    ----------
-    clocks_hz, waveform, group_length, pulses, tolerance_ppm, clutter_hz
-        As in :func:`assess_clocks`.
+    Power per snapshot of the part of its waveform that no other waveform explains.
     """
     period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
     times_s = centered_times_s(group_length, period_s)
@@ -277,31 +229,15 @@ def _phase_margin(pulses: tuple[Pulses, Pulses], averaging_cycles: float) -> flo
 
 @dataclass(frozen=True)
 class LampLines:
-    """A tag with strong lines that a phase group cannot separate from those of lamps.
-
-    Attributes
-    ----------
-    tag : int
-        Index of the tag.
-    lines : tuple of int
-        Those of its lines 1, 2 and 4 within one bin of a lamp's line.
-    distance_hz : float
-        Least distance of a strong line to a lamp's line.
-    """
+    """A tag with strong lines that a phase group cannot separate from those of lamps."""
 
     tag: int
-    lines: tuple[int, ...]
-    distance_hz: float
+    lines: tuple[int, ...]  # of its lines 1, 2 and 4, those within one bin of a lamp's line
+    distance_hz: float  # least distance of a strong line to a lamp's line
 
 
 def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
-    """Tags of a scene whose strong lines lie within one bin of those of lamps.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    """
+    """Tags of a scene whose strong lines lie within one bin of those of lamps."""
     mains_hz = plan.require_scene().environment.possible_mains_hz
     bin_hz = 1 / plan.group_period_s
     for tag, clock in enumerate(plan.clocks):
@@ -312,37 +248,17 @@ def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
 
 
 def line_numbers(lines: Sequence[int]) -> str:
-    """Lines of a tag in words.
-
-    Parameters
-    ----------
-    lines : sequence of int
-        One or more.
-    """
+    """Lines of a tag in words, one or more."""
     *first, last = map(str, lines)
     return f"lines {', '.join(first)} and {last}" if first else f"line {last}"
 
 
 def lines_lie(lines: Sequence[int], sensor: str) -> str:
-    """Lines of a tag and the verb of a sentence that says where they lie.
-
-    Parameters
-    ----------
-    lines : sequence of int
-        One or more.
-    sensor : str
-        Name of the tag's sensor.
-    """
+    """Lines of a tag and the verb of a sentence that says where they lie."""
     verb = "lies" if len(lines) == 1 else "lie"
     return f"{line_numbers(lines)} of '{sensor}' {verb}"
 
 
 def lamp_multiples(mains_hz: Sequence[float]) -> str:
-    """The lines of lamps in words.
-
-    Parameters
-    ----------
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz.
-    """
+    """The lines of lamps in words, for the mains frequencies that are possible."""
     return f"multiples of {' and '.join(f'{2 * hz:g}' for hz in mains_hz)} Hz"

@@ -68,42 +68,14 @@ def propose_clocks(
     """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
 
     Each costs the weakest end of all tags hardly more than the best candidate would. Among such
-    candidates, it is the one whose strong lines lie farthest from the lines of lamps; among equals
-    of these, the one nearest to the clock that the tag has now.
+    candidates, it is the one whose strong lines lie farthest from the lines of lamps (``mains_hz``
+    is empty without any); among equals of these, the one nearest to the clock that the tag has now
+    (``near_hz``, in whose order clocks are returned). Strong lines keep a bin from ``avoid_hz``.
 
-    Parameters
-    ----------
-    count : int
-        Number of tags to add.
-    waveform : Waveform
-        Gives snapshot period and averaging time.
-    group_length : int
-        Snapshots per phase group.
-    taken : sequence of float
-        Clocks in use, in Hz.
-    tolerance_ppm, clutter_hz
-        As in :func:`.clocks.assess_clocks`.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz; empty in a room without lamps.
-    near_hz : sequence of float
-        Clocks that the tags have now, in Hz; the clocks returned are in their order.
-    avoid_hz : sequence of float
-        Frequencies from which the strong lines keep a bin, in Hz.
+    Every end is readable. At the worst errors of the clocks, lines 1, 2 and 4 of different tags are
+    at least two bins apart, a bin being the inverse of the length of a phase group; 1.5 bins or one
+    where nothing else fits. When so many do not fit, an InputError states how many do.
 
-    Returns
-    -------
-    list of float
-        In Hz, of length ``count``, and the same each time. Every end is readable. At the worst
-        errors of the clocks, lines 1, 2 and 4 of different tags are at least two bins apart, a bin
-        being the inverse of the length of a phase group; 1.5 bins or one where nothing else fits.
-
-    Raises
-    ------
-    InputError
-        When so many do not fit; the message states how many do.
-
-    Notes
-    -----
     Candidates are multiples of 5 Hz, or of half a bin where that is less. As far as the distances
     of lines decide, as many tags as can be found among them are found.
     """
@@ -135,43 +107,22 @@ def _in_order_of_tags(clocks_hz: Sequence[float], near_hz: Sequence[float]) -> l
 
 @dataclass(frozen=True)
 class SceneClocks:
-    """Clocks for the tags of a scene.
-
-    Attributes
-    ----------
-    clocks_hz : list of float
-    line_distance_hz : float or None
-        Least distance of lines 1, 2 and 4 of two tags, clocks off by their tolerance; None for a
-        single tag.
-    lamp_distances_hz : list of float or None
-        Least distance of these lines of each tag to a lamp's line; None where the scene excludes
-        lamps.
-    bin_hz : float
-        Inverse of the length of a phase group.
-    worst_loss_db : float
-        What neighbours, aliases and clutter cost the weakest end.
-    """
+    """Clocks for the tags of a scene."""
 
     clocks_hz: list[float]
+    # least one of lines 1, 2 and 4 of two tags, clocks off by their tolerance
     line_distance_hz: float | None
+    # of these lines of each tag to a lamp's; None where lamps are excluded
     lamp_distances_hz: list[float] | None
-    bin_hz: float
-    worst_loss_db: float
+    bin_hz: float  # inverse of the length of a phase group
+    worst_loss_db: float  # what neighbours, aliases and clutter cost the weakest end
 
 
 def clocks_for(scene: Any, count: int) -> SceneClocks:
-    """Clocks for a number of tags in the frame, the phase groups and the room of a scene.
+    """Clocks for a number of tags in the frame, the groups and the room of a scene
+    (:func:`propose_clocks`).
 
-    Parameters
-    ----------
-    scene : str, Path, dict or Scene
-        Gives also how far clocks may be off, and the clocks that are kept where they are as good
-        as any other.
-
-    Raises
-    ------
-    InputError
-        As for :func:`propose_clocks`.
+    The scene's own clocks are kept where they are as good as any other.
     """
     scene = load_scene(scene)
     mains_hz = scene.environment.possible_mains_hz

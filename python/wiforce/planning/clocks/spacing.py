@@ -20,21 +20,10 @@ Pulses = Sequence[tuple[float, float]]
 
 
 def double_rate_pulses(duty1: float = 0.25, duty2: float = 0.25) -> tuple[Pulses, Pulses]:
-    """Clock 2 at twice the frequency, its pulses midway between those of clock 1.
+    """On-intervals of switch 1 and 2, in cycles of fs: the scheme of the WiForce paper.
 
-    The scheme of the WiForce paper.
-
-    Returns tuple of (tuple of (on, off)): on-intervals of switch 1 and 2, in cycles of fs.
-
-    Parameters
-    ----------
-    duty1, duty2 : float
-        Duty cycles of clock 1 at fs and clock 2 at 2 fs, in (0, 1).
-
-    Raises
-    ------
-    InputError
-        For a duty cycle out of range, or pulses that overlap: both switches on together.
+    Clock 2 at twice the frequency, its pulses midway between those of clock 1. Refuses duty cycles
+    outside (0, 1), and pulses that overlap.
     """
     _check_duties(duty1, duty2)
     if duty1 / 2 + duty2 / 4 > 1 / 4:
@@ -46,23 +35,10 @@ def double_rate_pulses(duty1: float = 0.25, duty2: float = 0.25) -> tuple[Pulses
 def one_rate_pulses(
     duty1: float = 0.25, duty2: float = 0.25, delay: float = 0.5
 ) -> tuple[Pulses, Pulses]:
-    """Both clocks at fs, clock 2 later by ``delay`` cycles.
+    """On-intervals of switch 1 and 2 of clocks at fs, the second later by ``delay`` cycles.
 
-    The ends share all lines; they differ in how a line's phase depends on its number.
-
-    Returns tuple of (tuple of (on, off)): on-intervals of switch 1 and 2, in cycles of fs.
-
-    Parameters
-    ----------
-    duty1, duty2 : float
-        Duty cycles, in (0, 1).
-    delay : float
-        In cycles, in (0, 1).
-
-    Raises
-    ------
-    InputError
-        For a parameter out of range, or pulses that overlap: both switches on together.
+    The ends share all lines; they differ in how a line's phase depends on its number. Refuses
+    parameters outside (0, 1), and pulses that overlap.
     """
     _check_duties(duty1, duty2)
     if not 0 < delay < 1:
@@ -84,21 +60,8 @@ def _pulse(center: float, width: float) -> tuple[float, float]:
 
 
 def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.0) -> np.ndarray:
-    """Fourier coefficients of one switch at harmonics of fs.
+    """Fourier coefficients of one switch at harmonics m of fs, averaged over fs Ta cycles.
 
-    Returns ndarray of complex, shape of ``m``.
-
-    Parameters
-    ----------
-    pulses : sequence of (on, off)
-        In cycles.
-    m : array_like of int, any shape
-        Harmonic numbers.
-    averaging_cycles : float
-        fs Ta: what a snapshot averages over.
-
-    Notes
-    -----
     c[m] = sum over pulses of width sinc(m width) exp(-j 2 pi m center), times sinc(m fs Ta).
     """
     m = np.asarray(m)
@@ -109,18 +72,8 @@ def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.
 
 
 def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> np.ndarray:
-    """Part of each window in which a switch is on.
-
-    Returns ndarray of float, shape (n,): in 0..1.
-
-    Parameters
-    ----------
-    pulses : sequence of (on, off)
-        In cycles.
-    cycles : array_like of float, shape (n,)
-        Clock at the windows' centres, in cycles.
-    window_cycles : float
-        Length of the windows, fs Ta.
+    """Part (n,) of each window, centred at these cycles of the clock and fs Ta long, in which a
+    switch is on.
     """
     cycles = np.asarray(cycles, float)
     total = np.zeros(cycles.shape)
@@ -146,16 +99,9 @@ _HARMONICS = 16
 def line_distances_hz(
     one_hz: np.ndarray, other_hz: np.ndarray, tolerance_ppm: float = 0.0
 ) -> np.ndarray:
-    """Least distance of strong lines of two tags, at the worst errors of both clocks.
+    """Least distance of strong lines of two tags, at the worst errors of both clocks, in Hz.
 
-    Returns ndarray of float: in Hz; 0 where the lines may coincide.
-
-    Parameters
-    ----------
-    one_hz, other_hz : ndarray of float
-        Clocks, in Hz; broadcast against each other.
-    tolerance_ppm : float
-        How far each clock may be off.
+    0 where the lines may coincide; the clocks are broadcast against each other.
     """
     a, b = _PAIRS.T
     ours = np.multiply.outer(one_hz, a)
@@ -166,19 +112,8 @@ def line_distances_hz(
 
 @dataclass(frozen=True)
 class LineTable:
-    """Lines of a list of clocks as snapshots show them.
-
-    Attributes
-    ----------
-    clocks_hz : ndarray of float, shape (C,)
-    waveform : Waveform
-        Gives snapshot period and averaging time.
-    group_length : int
-        Snapshots per phase group.
-    pulses : tuple
-        On-intervals of the two switches.
-    tolerance_ppm : float
-        How far each clock may be off.
+    """Lines of a list of C clocks, which may be off by ``tolerance_ppm``, as snapshots show
+    them.
     """
 
     clocks_hz: np.ndarray
@@ -197,18 +132,11 @@ class LineTable:
         return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
 
     def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Share of an end's power that an end of another tag may explain.
+        """Share of an end's power that an end of another tag may explain, at the worst clock
+        phases.
 
-        Returns ndarray of float, shape (C', 2, 2): at the worst clock phases; by end of each tag
-        and end of the other.
-
-        Parameters
-        ----------
-        index : int
-            The other tag.
-        chosen : ndarray of int, shape (C',), optional
-            Tags to compare with it; all by default. Its overlap with itself is that of its lines
-            of different numbers, where one of them is aliased.
+        (C', 2, 2), by end of each ``chosen`` tag and end of the tag ``index``, whose overlap with
+        itself is that of its lines of different numbers, where one of them is aliased.
         """
         rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
         m = np.arange(1, _HARMONICS + 1)
@@ -223,13 +151,8 @@ class LineTable:
         return np.minimum(total, 1.0) ** 2
 
     def noise_gain(self, frequencies_hz: np.ndarray) -> float:
-        """Noise of the worst tone when tones are separated by least squares.
-
-        Returns float: relative to that of a Fourier sum over a phase group.
-
-        Parameters
-        ----------
-        frequencies_hz : ndarray of float, shape (M,)
+        """Noise of the worst tone when tones are separated by least squares, over that of a
+        Fourier sum.
         """
         cycles = np.subtract.outer(frequencies_hz, frequencies_hz)
         cycles *= np.pi * self.waveform.snapshot_period_s
@@ -250,20 +173,13 @@ class LineTable:
 
 
 def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
-    """How many clocks of one octave can be used together.
+    """How many clocks of one octave can be used together, the first free one after ``start`` among
+    them.
 
-    Returns int: the most that are possible after ``start``: clocks of an octave conflict with their
-    neighbours only, so that the nearest one which is possible is never a wrong choice.
-
-    Parameters
-    ----------
-    conflicts : ndarray of bool, shape (C, C)
-        Which pairs of clocks, ascending within an octave, are too near to each other.
-    free : ndarray of bool, shape (C,)
-        Those that may be used.
-    start : int
-        A clock is taken at the first free one from here on; the octave is a circle, since the
-        lines of its lowest clock lie beside those of its highest.
+    ``conflicts`` (C, C) are pairs of clocks, ascending within an octave, that are too near to each
+    other. Clocks of an octave conflict with their neighbours only, so that the nearest one which is
+    possible is never a wrong choice. The octave is a circle, since the lines of its lowest clock
+    lie beside those of its highest.
     """
     open_ = np.roll(free, -start)
     turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
@@ -275,13 +191,7 @@ def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> i
 
 
 def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
-    """The largest of :func:`count_that_fit` over all starts.
-
-    Parameters
-    ----------
-    conflicts, free
-        As in :func:`count_that_fit`.
-    """
+    """The largest of :func:`count_that_fit` over all starts."""
     if not free.any():
         return 0
     first = int(np.argmax(free))

@@ -32,23 +32,12 @@ _RESERVE = 1.5
 
 
 def adapted(plan: Plan, survey: Survey | None) -> Plan:
-    """Adapt the clocks and weights of a plan to a room.
+    """Adapt the clocks and weights of a plan to a room, by a survey of the untouched sensor.
 
-    Returns Plan: the same plan where the room holds nothing that its weights let through. Clocks of
-    wide tolerance are replaced by what the survey has measured, and the tones designed for them.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    survey : Survey or None
-        Of the untouched sensor's first snapshots.
-
-    Raises
-    ------
-    InputError
-        When the lines of two clocks nearly coincide at their measured frequencies, or two tags lie
-        within the tolerance of one clock.
+    The same plan where the room holds nothing that its weights let through. Clocks of wide
+    tolerance are replaced by what the survey has measured, and the tones designed for them. Refuses
+    clocks whose lines nearly coincide at their measured frequencies, and two tags within the
+    tolerance of one clock.
     """
     if survey is None:
         return plan
@@ -86,15 +75,10 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
-    """State in a plan what a survey expects of the tags: their SNR, and lamps on their lines.
+    """State in an adapted plan what a survey expects of the tags: their SNR, and lamps on their
+    lines.
 
-    Returns Plan: the same one without a survey; without SNR where other tags are solved for, which
-    raise the noise.
-
-    Parameters
-    ----------
-    plan : Plan
-        Adapted to the survey.
+    Without SNR where other tags are solved for, which raise the noise.
     """
     if survey is None:
         return plan
@@ -112,33 +96,12 @@ def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
 def readapted(
     current: Plan, chosen_by: Survey | None, plan: Plan, survey: Survey
 ) -> tuple[Plan, Survey]:
-    """Adapt a plan to a room that was surveyed again.
+    """The plan for a room that was surveyed again, and the survey that it was chosen by.
 
-    Parameters
-    ----------
-    current : Plan
-        In use.
-    chosen_by : Survey or None
-        The one that it was chosen by.
-    plan : Plan
-        Of the scene.
-    survey : Survey
-        The new one.
-
-    Returns
-    -------
-    plan : Plan
-        The current one where the room is still the same to its weights, or where it reads the room
-        as it is about as well as one that is adapted to it: surveys of one room always differ a
-        little.
-    chosen_by : Survey
-        As given where the room is still the same. No weights are designed then, which may take
-        0.3 s; the new survey otherwise.
-
-    Raises
-    ------
-    InputError
-        As by :func:`adapted`.
+    ``current`` was chosen by the survey ``chosen_by`` from the scene's ``plan``. It remains where
+    the room is still the same to its weights, or where it reads the room about as well as one that
+    is adapted to it: surveys of one room always differ a little. ``chosen_by`` remains where the
+    room is still the same; no weights are designed then, which may take 0.3 s.
     """
     if chosen_by is not None and _is_same_room(current, chosen_by, survey):
         return current, chosen_by
@@ -219,10 +182,7 @@ def _clock_of(source: Source, survey: Survey) -> TagClock:
 
 
 def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
-    """Noise that a room adds to each tone, relative to its white noise.
-
-    Returns ndarray, shape (M,).
-    """
+    """Noise (M,) that a room adds to each tone, relative to its white noise."""
     length = table.group_length
     # Autocorrelation of each row: its product with the covariance needs the lags alone.
     spectra = np.fft.fft(table.weights, 2 * length, axis=1)
@@ -259,10 +219,9 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
 
 
 def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
-    """Noise that lines add to each tone, relative to its white noise.
+    """Noise (M,) that lines add to each tone, relative to its white noise.
 
-    Returns ndarray of float, shape (M,): sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being
-    the weights' response at f.
+    sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
     """
     hertz = np.array([line.frequency_hz for line in lines])
     power = np.array([line.power for line in lines])

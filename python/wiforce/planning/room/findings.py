@@ -29,19 +29,12 @@ _HARMONICS = 24
 
 
 def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) -> Source | None:
-    """Ripple of the gain of transmitter or receiver.
+    """Ripple of the gain of transmitter or receiver, with all lines that belong to it.
 
     A gain that varies at f multiplies everything that is received. The static channel then has
     lines at +-f, and line 1 of a tag has lines f above and below it, all in the same ratio to what
-    they belong to. Lamps modulate what they reflect only.
-
-    Returns Source or None: of kind ``ripple``, with all lines that belong to it; None where there
-    is none, or where it is too weak to show around the tags' lines.
-
-    Parameters
-    ----------
-    clocks : sequence of TagClock, length S
-        Of the scene's tags.
+    they belong to. Lamps modulate what they reflect only. None where there is none, or where it is
+    too weak to show around the tags' lines.
     """
     lines = [line for source in survey.sources for line in source.lines]
     rate_hz = 1 / waveform.snapshot_period_s
@@ -135,36 +128,21 @@ _SPURIOUS = "an unknown source: a power supply, another reader or a spurious osc
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a survey has found.
+    """Something that a survey has found."""
 
-    Attributes
-    ----------
-    kind : str
-        ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple``, ``noise`` (a region of
-        raised noise) or ``line``.
-    frequency_hz : float
-        Highest frequency of clutter, mains frequency of lamps, clock of a tag, frequency of ripple
-        or of the line, middle of a region of noise; in Hz.
-    level_db : float
-        Power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
-        source's strongest line, or of all noise of a region.
-    meaning : str
-        What it probably is.
-    handling : str
-        What the plan does about it.
-    matters : bool
-        Whether it changed the plan or cannot be handled.
-    lines_hz : tuple of float
-        The source's visible lines.
-    """
-
+    # ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple``, ``noise`` (a region of raised
+    # noise) or ``line``
     kind: str
+    # highest one of clutter, mains of lamps, clock of a tag, ripple or line, middle of a region of
+    # noise
     frequency_hz: float
+    # power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
+    # source's strongest line, or of all noise of a region
     level_db: float
-    meaning: str
-    handling: str
-    matters: bool
-    lines_hz: tuple[float, ...] = ()
+    meaning: str  # what it probably is
+    handling: str  # what the plan does about it
+    matters: bool  # it changed the plan or cannot be handled
+    lines_hz: tuple[float, ...] = ()  # the source's visible lines
 
     @property
     def name(self) -> str:
@@ -183,12 +161,8 @@ class Finding:
 def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
     """Power that the levels of findings refer to, and its name.
 
-    Returns
-    -------
-    power : float
-        Of line 1 of the first sensor's tag; 1, the white noise of a snapshot, where it does not
-        stand out.
-    name : str
+    That of line 1 of the first sensor's tag; 1, the white noise of a snapshot, where it does not
+    stand out.
     """
     if len(survey.line_power) and survey.line_power[0] > 0:
         return float(survey.line_power[0]), f"line 1 of '{_names(plan)[0]}'"
@@ -196,17 +170,10 @@ def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
 
 
 def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
-    """What a survey has found, and what a plan does about it.
+    """What a survey has found, and what a plan does about it that was ``adapted``.
 
-    Returns list of Finding: clutter first, then ripple, then the other sources, the strongest
-    first; empty in a quiet room and without a survey.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the scene, before it was adapted.
-    adapted : Plan
-        ``room.adapted(plan, survey)``.
+    Clutter first, then ripple, then the other sources, the strongest first; empty in a quiet room
+    and without a survey.
     """
     if survey is None:
         return []

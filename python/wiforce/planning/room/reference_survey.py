@@ -18,15 +18,9 @@ _IN_PLACE, _SAME = 0.7, 0.8
 
 
 def without_slip(folded: Array) -> Array:
-    """The longer part of a run of snapshots in which the frame timing slipped.
+    """The longer part of a run of folded frames (n, 64) in which the frame timing slipped once.
 
-    Returns ndarray: all of them where there was none, or where no static path stands out by which
-    it would be recognised.
-
-    Parameters
-    ----------
-    folded : ndarray of complex, shape (n, 64)
-        Consecutive folded frames, with at most one slip among them.
+    All of them where there was no slip, or no static path stands out by which it is recognised.
     """
     blocks = len(folded) // _BLOCK
     if blocks < 4:
@@ -61,12 +55,7 @@ def _matches(first: Array, second: Array) -> Array:
 def surveyed_snapshots(plan: Plan) -> int:
     """Number of snapshots that the room is surveyed in, from the start of the reference on.
 
-    Returns int: 0 where there is no survey: the reference is shorter than 0.1 s.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
+    0 where there is no survey: the reference is shorter than 0.1 s.
     """
     period_s = plan.waveform.snapshot_period_s
     longest = int(min(plan.require_scene().reference_s, LONGEST_S) / period_s)
@@ -80,17 +69,9 @@ def surveyed_snapshots(plan: Plan) -> int:
 def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> Survey | None:
     """Survey the room in the longest run of the reference's snapshots without a gap or slip.
 
-    Returns Survey or None: None where fewer than 0.1 s are free of gaps.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
-    snapshots : ndarray of int, shape (n,)
-        Indices of snapshots, rising, 0 for the first one of the reference. Those that do not
-        belong to the surveyed part are left out, and so are snapshots that are not finite.
-    folded : ndarray of complex, shape (n, 64)
-        Their folded frames; of two antennas, those of their ratio.
+    ``snapshots`` (n,) rise from 0 for the first one of the reference; those beyond the surveyed
+    part or not finite are left out. ``folded`` (n, 64) are those of the ratio where there are two
+    antennas. None where fewer than 0.1 s are free of gaps.
     """
     count = surveyed_snapshots(plan)
     whole = (snapshots < count) & np.isfinite(folded).all(axis=1)

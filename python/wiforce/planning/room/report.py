@@ -23,15 +23,9 @@ _COLUMNS = f"{'found':<34}{'level':>10}  "
 class MeasuredTag:
     """Measurements of one tag.
 
-    Attributes
-    ----------
-    name : str
-        Of its sensor.
-    clock_offset_ppm : float or None
-        None where the tag was not detected.
-    snr_db, phase_error_deg : list of float or None
-        Of both ends, the expected phase error per group; None where an end is lost in noise, empty
-        where the tag was not detected.
+    ``clock_offset_ppm`` is None where the tag was not detected; ``snr_db`` and ``phase_error_deg``,
+    the expected one per group, are those of both ends: None where an end is lost in noise, empty
+    where the tag was not detected.
     """
 
     name: str
@@ -50,13 +44,7 @@ class MeasuredTag:
 
 
 def measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
-    """Medians over the groups in which the tag's clock was locked.
-
-    Parameters
-    ----------
-    index : int
-        Of the tag among the scene's.
-    """
+    """Medians over the groups in which the clock of tag ``index`` was locked."""
     if not len(groups) or not groups.locked[:, index].any():
         return MeasuredTag(name)
     locked = groups[groups.locked[:, index]]
@@ -84,10 +72,7 @@ def finding_rows(found: Sequence[Finding]) -> list[dict[str, Any]]:
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
-    """Findings as lines of a table.
-
-    Returns list of str: two lines per finding.
-    """
+    """Findings as lines of a table, two each."""
     if not found:
         return ["found nothing besides the tags of the scene"]
     lines = [f"{_COLUMNS}meaning, and what the reader does about it"]
@@ -104,13 +89,7 @@ def finding_line(finding: Finding) -> str:
 
 
 def changes_of(plan: Plan, adapted: Plan) -> list[str]:
-    """What a room changes in a plan.
-
-    Parameters
-    ----------
-    plan, adapted : Plan
-        Before and after.
-    """
+    """What a room changes in a plan."""
     changes = []
     if adapted.clutter_hz != plan.clutter_hz:
         changes.append(
