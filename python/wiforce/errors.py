@@ -50,23 +50,8 @@ class InputError(ValueError):
         return self._what
 
     def renamed(self, names: Mapping[str, str]) -> "InputError":
-        """The same error in the caller's terms.
-
-        Parameters
-        ----------
-        names : mapping of str to str
-            The caller's name of each parameter, such as the key of a scene file. A name that is
-            not in it stays.
-
-        Returns
-        -------
-        InputError
-
-        Examples
-        --------
-        >>> error = InputError("group_length", "must be positive", 0)
-        >>> print(error.renamed({"group_length": "phase_group.snapshots"}))
-        phase_group.snapshots: must be positive, got 0
+        """The same error with the caller's name of each parameter, such as the key of a scene
+        file.
         """
         return type(self)(names.get(self.where, self.where), self._what)
 
@@ -76,20 +61,7 @@ class InputError(ValueError):
 
 
 class OutputError(OSError):
-    """Output that cannot be written to its end: one line that says where, and why.
-
-    Parameters
-    ----------
-    where : str or path
-        The file.
-    rule : str
-        What happened, and what is kept.
-
-    Examples
-    --------
-    >>> str(OutputError("press.csv", "cannot be written (disk full)"))
-    'press.csv: cannot be written (disk full)'
-    """
+    """Output that cannot be written to its end: one line that says where, and why."""
 
     def __init__(self, where: object, rule: str) -> None:
         self._where, self._rule = str(where), rule
@@ -105,49 +77,13 @@ class OutputError(OSError):
 
 
 def unwritable(where: object, error: OSError) -> OutputError | InputError:
-    """The error to raise when the system refuses to write a file.
-
-    Parameters
-    ----------
-    where : str or path
-        The file.
-    error : OSError
-        What the system reported.
-
-    Returns
-    -------
-    OutputError or InputError
-        OutputError when the disk is the cause, InputError when the path is.
-
-    Examples
-    --------
-    >>> unwritable("out.csv", OSError(errno.ENOSPC, "No space left on device"))
-    OutputError('out.csv: cannot be written (No space left on device)')
-    """
+    """The error to raise when the system refuses to write a file: of the disk, or of the path."""
     kind = OutputError if error.errno in _DISK_ERRORS else InputError
     return kind(where, f"cannot be written ({error.strerror or error})")
 
 
 def name_rule(kind: str, known: Iterable[str], given: str) -> str:
-    """The rule that a name of something shipped breaks, with the name that was probably meant.
-
-    Parameters
-    ----------
-    kind : str
-        ``scene`` or ``sensor``.
-    known : iterable of str
-        Names that are shipped.
-    given : str
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> name_rule("scene", ["demo", "fan"], "dome")
-    "must be a .yaml file or a shipped scene (did you mean 'demo'? gr-wiforce list shows all)"
-    """
+    """The rule that a name of something shipped breaks, with the name that was probably meant."""
     near = difflib.get_close_matches(given, list(known), n=1, cutoff=0.5)
     meant = f"did you mean {near[0]!r}? " if near else ""
     return f"must be a .yaml file or a shipped {kind} ({meant}gr-wiforce list shows all)"
@@ -156,21 +92,7 @@ def name_rule(kind: str, known: Iterable[str], given: str) -> str:
 def gnuradio_rule(error: ImportError) -> str | None:
     """The rule that an installation without GNU Radio, or without our blocks, breaks.
 
-    Parameters
-    ----------
-    error : ImportError
-        What an import raised.
-
-    Returns
-    -------
-    str or None
-        None when something else is missing, such as a name in our own package.
-
-    Examples
-    --------
-    >>> gnuradio_rule(ModuleNotFoundError("No module named 'pmt'", name="pmt"))
-    'needs GNU Radio and gr-wiforce built with it, which pip does not install (no module pmt)'
-    >>> gnuradio_rule(ModuleNotFoundError("No module named 'pandas'", name="pandas"))
+    None when something else is missing, such as a name in our own package.
     """
     module = error.name or ""
     # `from gnuradio import gr` finds the namespace package that holds this module.

@@ -165,22 +165,7 @@ class Kept:
 
 
 def enlarge_output_buffer(block: Any, items: int) -> None:
-    """Call ``set_min_output_buffer`` without the line that it prints.
-
-    Parameters
-    ----------
-    block : gr.block
-    items : int
-        Least length of the buffer.
-
-    Examples
-    --------
-    >>> from gnuradio import blocks
-    >>> head = blocks.head(8, 1000)
-    >>> enlarge_output_buffer(head, 4096)
-    >>> head.min_output_buffer(0)
-    4096
-    """
+    """Call ``set_min_output_buffer`` of a block without the line that it prints."""
     level = block.log_level()
     block.set_log_level("warn")
     block.set_min_output_buffer(items)

@@ -18,25 +18,8 @@ LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
 def scene_meant(waveform: WaveformOrScene) -> Scene | None:
     """The scene that is given in place of a waveform, so that its section `sounding` counts.
 
-    Parameters
-    ----------
-    waveform : str, Path, Waveform or Scene
-        A scene, or its ``.yaml`` file: in Companion the ID of a Scene block is both.
-
-    Returns
-    -------
-    Scene or None
-        None for a waveform, by its name or file.
-
-    Raises
-    ------
-    InputError
-        When the scene cannot be loaded.
-
-    Examples
-    --------
-    >>> scene_meant("chirp") is None, scene_meant(load_scene("demo")).sounding.frame_length
-    (True, 720)
+    A scene, or its ``.yaml`` file: in Companion the ID of a Scene block is both. None for a
+    waveform.
     """
     if isinstance(waveform, Scene):
         return waveform
@@ -53,32 +36,9 @@ def frames_of(
     repetitions: int = 0,
     averaged_repetitions: int = 0,
 ) -> Waveform:
-    """The frame of a block.
+    """The frame of a block; a Waveform or a scene states everything itself.
 
-    Parameters
-    ----------
-    waveform : str, Path, Waveform or Scene
-        Name or file; a Waveform or a scene states everything itself.
-    frame_length : int
-        Samples per frame.
-    sample_rate : float
-        Samples per second.
-    symbol_length, repetitions, averaged_repetitions : int
-        As the keys of a scene's ``sounding``; 0 for their defaults.
-
-    Returns
-    -------
-    Waveform
-
-    Raises
-    ------
-    InputError
-        Naming parameter, rule and value.
-
-    Examples
-    --------
-    >>> frames_of("chirp", 1024, 12.5e6, repetitions=8).symbol_length
-    128
+    Of a name or file, the other parameters count, 0 for the defaults of a scene's ``sounding``.
     """
     if isinstance(waveform, Waveform):
         return waveform
@@ -100,26 +60,7 @@ def frames_of(
 def symbol_length_of(waveform: WaveformOrScene, symbol_length: int = 0) -> int:
     """Samples of the symbol of a waveform or of a scene: the length of folded vectors.
 
-    Parameters
-    ----------
-    waveform : str, Path, Waveform or Scene
-        A waveform's name or file, or a scene, by its file as well.
-    symbol_length : int
-        As stated; 0 for the waveform's default.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    InputError
-        Naming parameter, rule and value.
-
-    Examples
-    --------
-    >>> symbol_length_of("wifi"), symbol_length_of("chirp", 256), symbol_length_of("demo")
-    (64, 256, 64)
+    ``symbol_length`` is as stated, 0 for the waveform's default.
     """
     if isinstance(waveform, Waveform):
         return waveform.symbol_length

@@ -22,23 +22,7 @@ _NAMES = [item.name for item in dataclasses.fields(Groups) if item.name not in _
 
 
 def state_to_pmt(group: Groups) -> Any:
-    """Convert a batch of one group to a pmt dict.
-
-    Parameters
-    ----------
-    group : Groups
-        Of length 1.
-
-    Returns
-    -------
-    pmt
-        Dict with a row of each array that is not None, by the names in Groups.
-
-    Examples
-    --------
-    >>> state_from_pmt(state_to_pmt(Groups([7], missing=np.array([3])))).missing.tolist()
-    [3]
-    """
+    """A batch of one group as a pmt dict, with a row of each array that is not None."""
     result = pmt.make_dict()
     for name in _NAMES:
         values = getattr(group, name)
@@ -48,22 +32,7 @@ def state_to_pmt(group: Groups) -> Any:
 
 
 def state_from_pmt(value: Any) -> Groups:
-    """Convert a pmt dict to a batch of one group.
-
-    Parameters
-    ----------
-    value : pmt
-        See :func:`state_to_pmt`.
-
-    Returns
-    -------
-    Groups
-
-    Examples
-    --------
-    >>> len(state_from_pmt(state_to_pmt(Groups([7]))))
-    1
-    """
+    """A batch of one group from :func:`state_to_pmt`."""
     arrays = {}
     for name in _NAMES:
         item = pmt.dict_ref(value, pmt.intern(name), pmt.PMT_NIL)
@@ -99,36 +68,16 @@ def _from_pmt(item: Any) -> Array:
 
 
 def noise_value(noise: Array) -> Any:
-    """Value of the tag ``noise`` for some folded vectors that follow each other.
+    """Value of the tag ``noise`` for folded vectors that follow each other, from (n, 2).
 
-    Parameters
-    ----------
-    noise : ndarray, shape (n, 2)
-        Smallest and largest difference of the repetitions of each, as a power per sample.
-
-    Returns
-    -------
-    pmt
-        f32vector of 2 n values.
-
-    Examples
-    --------
-    >>> pmt.f32vector_elements(noise_value(np.array([[0.5, 1.0]])))
-    [0.5, 1.0]
+    f32vector of the smallest and largest difference of the repetitions of each, as a power per
+    sample.
     """
     return pmt.init_f32vector(noise.size, np.asarray(noise, np.float32).ravel())
 
 
 class NoiseTags:
-    """Reads the tags ``noise`` of one input.
-
-    Examples
-    --------
-    >>> tags = NoiseTags()
-    >>> tags.add(7, noise_value(np.array([[1.0, 2.0], [3.0, 4.0]])))
-    >>> tags.noise(6, 3).tolist()
-    [[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]]
-    """
+    """Reads the tags ``noise`` of one input."""
 
     def __init__(self) -> None:
         self._runs: deque[tuple[int, Array]] = deque()
@@ -153,51 +102,14 @@ class NoiseTags:
 
 
 def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
-    """The occupied subcarriers of vectors.
-
-    Parameters
-    ----------
-    items : ndarray of complex, shape (G, N rows)
-        A spectrum of N subcarriers per row.
-    rows : int
-        Tones or ends.
-    bins : ndarray of int, shape (K,)
-        FFT bins of the occupied subcarriers.
-
-    Returns
-    -------
-    ndarray of complex, shape (G, rows, K)
-        In double precision.
-
-    Examples
-    --------
-    >>> occupied_subcarriers(np.arange(128.0)[None], 2, np.array([1, 63])).real.tolist()
-    [[[1.0, 63.0], [65.0, 127.0]]]
+    """The occupied subcarriers (G, rows, K), by their FFT bins, of vectors (G, N rows) of whole
+    spectra.
     """
     return items.reshape(len(items), rows, -1)[:, :, bins].astype(complex)
 
 
 def whole_spectra(values: Array, bins: Array, symbol_length: int) -> Array:
-    """Vectors of occupied subcarriers, zeros in the others.
-
-    Parameters
-    ----------
-    values : ndarray of complex, shape (G, rows, K)
-    bins : ndarray of int, shape (K,)
-        FFT bins of the occupied subcarriers.
-    symbol_length : int
-        All subcarriers, N.
-
-    Returns
-    -------
-    ndarray of complex, shape (G, N rows)
-
-    Examples
-    --------
-    >>> vectors = whole_spectra(np.ones((5, 2, 1)), np.array([3]), 64)
-    >>> vectors.shape, np.flatnonzero(vectors[0]).tolist()
-    ((5, 128), [3, 67])
-    """
+    """Vectors (G, N rows) of occupied subcarriers (G, rows, K), zeros in the others."""
     items = np.zeros((*values.shape[:2], symbol_length), complex)
     items[:, :, bins] = values
     return items.reshape(len(values), -1)
@@ -222,27 +134,8 @@ class GroupBlock(Kept, gr.basic_block):
     them before it flushes its own.
 
     An exception in ``take``, or one that a message handler passes to ``fail``, ends the flowgraph
-    in order; raised through the scheduler it would hang or abort the process.
-
-    Parameters
-    ----------
-    name : str
-        Of the block.
-    inputs, outputs : int
-        Lengths of the vectors; 0 outputs for a sink.
-
-    Attributes
-    ----------
-    failure : Exception or None
-        The error that ended the flowgraph.
-
-    Examples
-    --------
-    >>> class Counter(GroupBlock):
-    ...     def take(self, items, tags):
-    ...         return len(items), Groups([])
-    >>> Counter("counter", inputs=2, outputs=0).failure is None
-    True
+    in order and remains as ``failure``; raised through the scheduler it would hang or abort the
+    process. 0 outputs make a sink.
     """
 
     def __init__(self, name: str, inputs: int, outputs: int) -> None:
@@ -338,27 +231,9 @@ def _buffered_groups(signature: Any) -> int:
 
 
 def groups_of(tags: Tags) -> Groups:
-    """The batch that the previous stage described in tags.
+    """The batch that the previous stage described in tags of each item, by name.
 
-    Parameters
-    ----------
-    tags : sequence of dict
-        Of each item, by name.
-
-    Returns
-    -------
-    Groups
-
-    Raises
-    ------
-    RuntimeError
-        When an item has no state: the block is not connected after ``end_separation``.
-
-    Examples
-    --------
-    >>> state = state_to_pmt(Groups([7]))
-    >>> groups_of([{names.STATE: state}]).index.tolist()
-    [7]
+    RuntimeError when an item has no state: the block is not connected after ``end_separation``.
     """
     if any(names.STATE not in own for own in tags):
         raise RuntimeError(f"group without a {names.STATE!r} tag: connect after end_separation")
@@ -366,21 +241,5 @@ def groups_of(tags: Tags) -> Groups:
 
 
 def count_of(tags: dict[str, Any], name: str) -> int:
-    """Value of a tag that counts, 0 where an item has none.
-
-    Parameters
-    ----------
-    tags : dict
-        Of one item, by name.
-    name : str
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> count_of({"missing": pmt.from_uint64(3)}, "missing"), count_of({}, "missing")
-    (3, 0)
-    """
+    """Value of a tag that counts, 0 where an item has none."""
     return int(pmt.to_uint64(tags[name])) if name in tags else 0

@@ -54,22 +54,7 @@ def scene_in_companion(file: str) -> _NamedScene:
 
 
 def is_scene(scene: Any) -> bool:
-    """Whether a reader can be built from a scene.
-
-    Parameters
-    ----------
-    scene : object
-        A file, a shipped scene's name or a dict.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_scene("demo"), is_scene("missing.yaml")
-    (True, False)
-    """
+    """Whether a reader can be built from a scene: a file, a shipped scene's name or a dict."""
     from ..planning.plan import plan
 
     def build() -> Any:
@@ -80,46 +65,14 @@ def is_scene(scene: Any) -> bool:
 
 
 def is_sensor(model: Any) -> bool:
-    """Whether a sensor model can be loaded.
-
-    Parameters
-    ----------
-    model : object
-        A file, a shipped sensor's name or a SensorModel.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_sensor("line-900mhz"), is_sensor(7)
-    (True, False)
-    """
+    """Whether a sensor model, or its file or name, can be loaded."""
     from ..sensor import SensorModel, load_sensor
 
     return isinstance(model, SensorModel) or _accepted(lambda: load_sensor(model))
 
 
 def is_carrier_of(model: Any, frequency_hz: float) -> bool:
-    """Whether a sensor model contains a carrier, or can be transferred to it.
-
-    Parameters
-    ----------
-    model : object
-        A file or a shipped sensor's name.
-    frequency_hz : float
-        Carrier, in Hz.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_carrier_of("line-900mhz", 900e6), is_carrier_of("line-900mhz", 5e9)
-    (True, False)
-    """
+    """Whether a sensor model contains a carrier in Hz, or can be transferred to it."""
     from ..sensor import load_sensor
 
     return _accepted(lambda: load_sensor(model, frequency_hz=frequency_hz))
@@ -132,25 +85,9 @@ def is_waveform(
     repetitions: int = 0,
     averaged_repetitions: int = 0,
 ) -> bool:
-    """Whether frames can be made of a waveform.
+    """Whether frames can be made of a waveform by name or ``.npy`` file, or of a scene.
 
-    Parameters
-    ----------
-    waveform : object
-        A shipped waveform's name, the ``.npy`` file of a symbol, or a scene.
-    frame_length : int
-        Samples per frame.
-    symbol_length, repetitions, averaged_repetitions : int
-        As the keys of a scene's ``sounding``; 0 for their defaults.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_waveform("chirp", 720), is_waveform("chirp", 720, symbol_length=256)
-    (True, False)
+    The other parameters are keys of a scene's ``sounding``, 0 for their defaults.
     """
     from .frame_settings import frames_of
 
@@ -159,25 +96,8 @@ def is_waveform(
 
 
 def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> bool:
-    """Whether a sounding frame of some amplitude stays within full scale.
-
-    Parameters
-    ----------
-    waveform : str
-        As for :func:`is_waveform`.
-    amplitude : float
-        Root of the mean preamble power.
-    symbol_length : int
-        As stated; 0 for the waveform's default.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_amplitude_of("repeated", 0.5), is_amplitude_of("repeated", 2.0)
-    (True, False)
+    """Whether a sounding frame of some amplitude (root of the mean power) stays within full
+    scale.
     """
     from .frame_settings import LONGEST_PREAMBLE, frames_of
     from .sounding import largest_amplitude
@@ -189,24 +109,7 @@ def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> 
 
 
 def is_capture(capture: Any, datatype: str | None = None) -> bool:
-    """Whether a recording can be opened.
-
-    Parameters
-    ----------
-    capture : object
-        SigMF pair, by either file's name or their common stem.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_capture("missing")
-    False
-    """
+    """Whether a recording, or a raw file of a ``datatype``, can be opened."""
     from ..io.capture.recordings import open_capture
 
     return _accepted(lambda: open_capture(capture, datatype))

@@ -28,24 +28,8 @@ from ..wiforce_python import rx_time_value
 
 
 def time_value(seconds: int, fraction: float) -> Any:
-    """Value of an ``rx_time`` tag.
-
-    Parameters
-    ----------
-    seconds : int
-        Whole seconds.
-    fraction : float
-        Remaining fraction of a second.
-
-    Returns
-    -------
-    pmt
-        Tuple of uint64 and double, as gr-uhd makes it.
-
-    Examples
-    --------
-    >>> pmt.to_python(time_value(3, 0.25))
-    (3, 0.25)
+    """Value of an ``rx_time`` tag, as gr-uhd makes it: whole seconds (uint64) and the fraction
+    of one.
     """
     return pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(fraction))
 
@@ -53,21 +37,7 @@ def time_value(seconds: int, fraction: float) -> Any:
 class Timeline:
     """Position of a stream's items on the device's count of samples, from its ``rx_time`` tags.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Samples per second.
-
-    Attributes
-    ----------
-    lost : int
-        Samples lost so far.
-
-    Examples
-    --------
-    >>> times = Timeline(sample_rate=1e6)
-    >>> times.note(0, time_value(10, 0.0)), times.note(1000, time_value(10, 0.0015))
-    (0, 500)
+    ``lost`` counts samples lost so far.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -75,23 +45,11 @@ class Timeline:
         self.lost = 0
 
     def note(self, offset: int, value: Any) -> int:
-        """Take the tag of an item.
+        """Take the tag of an item, of a rising index; give the samples lost just before it.
 
         A value that is not a time is ignored. So is an implausible time, one that goes back or
         jumps ahead by more than any gap, unless the next tag continues from it. This is the rule of
         ``preamble_fold``.
-
-        Parameters
-        ----------
-        offset : int
-            The item's index in the stream, rising from call to call.
-        value : pmt
-            Of the tag: tuple of whole seconds (uint64) and the fraction of one (double).
-
-        Returns
-        -------
-        int
-            Samples lost just before the item.
         """
         time = rx_time_value(value)
         if time is None:
@@ -101,17 +59,8 @@ class Timeline:
         return lost
 
     def time_at(self, offset: int) -> tuple[int, float] | None:
-        """Time of an item at or after the last tag.
-
-        Parameters
-        ----------
-        offset : int
-            Item of the stream.
-
-        Returns
-        -------
-        tuple of (int, float) or None
-            Whole seconds and the fraction of one, by the device's clock; None before any tag.
+        """Whole seconds and the fraction of one, by the device's clock, of an item at or after
+        the last tag; None before any.
         """
         return self._timeline.time_at(offset)
 
@@ -130,23 +79,7 @@ _NO_GROUPS = (
 
 
 class SearchWatch:
-    """Watches samples in which no frames have been found, and says once why.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        That is searched.
-    report : callable
-        Called with the sentence.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> watch = SearchWatch(sounding_waveform(), print)
-    >>> watch.take(np.zeros(1000, np.complex64))
-    >>> watch.end()
-    frame_alignment: all samples are 0; check that the source delivers a signal
-    """
+    """Watches samples in which no frames have been found, and reports once why."""
 
     def __init__(self, waveform: Waveform, report: Callable[[str], None]) -> None:
         self._waveform, self._report = waveform, report
@@ -269,13 +202,8 @@ rate of the scene; nothing was read
             self.say(self._problem)
 
     def read(self, readings: Sequence[Reading], problems: Mapping[str, str]) -> None:
-        """Look at readings.
-
-        Parameters
-        ----------
-        readings : sequence of Reading
-        problems : mapping of str to str
-            Why it is not known which phases of a sensor are those untouched, by its name.
+        """Look at readings; ``problems`` say why it is not known which phases of a sensor are
+        the untouched ones.
         """
         for reading in readings:
             if reading.flags == ():
@@ -342,13 +270,7 @@ rate of the scene; nothing was read
         self._stopped.set()
 
     def end(self, problems: Mapping[str, str]) -> None:
-        """Say why a stream that has ended was not read.
-
-        Parameters
-        ----------
-        problems : mapping of str to str
-            As for :meth:`read`.
-        """
+        """Say why a stream that has ended was not read; ``problems`` as for :meth:`read`."""
         self.stop()
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)

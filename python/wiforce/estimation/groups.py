@@ -18,16 +18,8 @@ _CLIPPED_SHARE = 0.01
 
 
 def is_clipped(saturated: Array, group_length: int) -> Array:
-    """Whether groups count as saturated.
-
-    Returns ndarray of bool, shape (G,).
-
-    Parameters
-    ----------
-    saturated : ndarray of int, shape (G,)
-        Snapshots of each group with samples at full scale.
-    group_length : int
-        Snapshots per group, N.
+    """Whether groups of N snapshots count as saturated, by how many have samples at full scale
+    (G,).
     """
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 

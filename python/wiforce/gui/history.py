@@ -18,11 +18,8 @@ _MOST = 20_000
 
 
 class Track:
-    """One sensor's readings over the last ``history_s`` seconds of signal.
-
-    Attributes
-    ----------
-    latest : Reading or None
+    """One sensor's readings over the last ``history_s`` seconds of signal; ``latest`` is the
+    newest.
     """
 
     def __init__(self, history_s: float) -> None:
@@ -40,18 +37,11 @@ class Track:
             self._past.popleft()
 
     def series(self, name: str, flagged: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """One column over time, of the readings that are reliable or of those that are not.
+        """Times and values (n,) of a column, of readings that are reliable or of those that are
+        flagged.
 
-        Returns times and values, shape (n,) each: times in s of all readings. Values are
-        NaN for the other readings and where they are unknown. The force of an untouched sensor is 0
-        N.
-
-        Parameters
-        ----------
-        name : str
-            A column with numbers.
-        flagged : bool
-            True gives the readings with a flag other than ``reference``, False all others.
+        Times are those of all readings; values are NaN for the other readings and where they are
+        unknown. The force of an untouched sensor is 0 N. A flag is one other than ``reference``.
         """
         times = [reading.time_s for reading in self._past]
         values = [
@@ -76,19 +66,11 @@ _LOCATION_STEPS = (1, 2, 4)
 
 
 class History(QWidget):
-    """Force and location of all sensors in two plots over the same time.
+    """Force and location of all sensors in two plots over the same ``history_s``.
 
     Readings with a flag other than ``reference`` are crosses in the colour of the line. They do not
-    stretch the force axis: a value beyond it is marked at its edge.
-
-    Parameters
-    ----------
-    history_s : float
-        Length of the time axis, in s.
-    length_mm : float
-        Upper limit of the location axis.
-    force_span_n : float
-        Upper limit of the force axis while all presses are unreliable.
+    stretch the force axis, whose limit is ``force_span_n`` without any other: a value beyond it is
+    marked at its edge.
     """
 
     def __init__(self, history_s: float, length_mm: float, force_span_n: float) -> None:

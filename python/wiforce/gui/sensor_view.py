@@ -15,15 +15,7 @@ _GAP = 14
 
 
 class SensorView(QWidget):
-    """Draws one sensor.
-
-    Parameters
-    ----------
-    length_mm : float
-        Length of the line.
-    force_span_n : float
-        Force of the longest arrow.
-    """
+    """Draws one sensor; ``force_span_n`` is the force of the longest arrow."""
 
     def __init__(self, name: str, color: str, length_mm: float, force_span_n: float) -> None:
         super().__init__()

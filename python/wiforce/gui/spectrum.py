@@ -17,21 +17,8 @@ _LEAST_POWER = 1e-20
 
 
 class Spectrum(Display):
-    """Power over Doppler frequency, from 0 Hz to half the snapshot rate.
-
-    Parameters
-    ----------
-    snapshot_rate_hz : float
-        Snapshots per second.
-    lines_hz : mapping of str to float
-        Frequency of each line that is marked, by its label.
-
-    Raises
-    ------
-    InputError
-        When the rate is not positive.
-    RuntimeError
-        When there is no QApplication.
+    """Power over Doppler frequency, from 0 Hz to half the snapshot rate, with marked lines by
+    label.
     """
 
     def __init__(

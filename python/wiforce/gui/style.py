@@ -17,13 +17,7 @@ _LEFT_PX = 56
 
 
 def time_plot(label: str) -> pg.PlotWidget:
-    """A plot over time that does not react to the mouse.
-
-    Parameters
-    ----------
-    label : str
-        Of the left axis, with its unit.
-    """
+    """A plot over time that does not react to the mouse; the label is that of the left axis."""
     plot = pg.PlotWidget(background=PAPER)
     plot.setLabel("left", label, **{"font-size": "8pt"})
     plot.showGrid(y=True, alpha=0.25)

@@ -20,16 +20,9 @@ _LABELLED_LINES = 6
 
 
 class SurfaceView(SensorView):
-    """Draws one press on a surface.
+    """Draws one press on a surface, from 0 to ``length_mm`` along x.
 
-    Parameters
-    ----------
-    length_mm : float
-        Of the plane along x, which begins at 0.
-    force_span_n : float
-        Force of the largest dot.
-    strips_y_mm : sequence of float
-        Positions of the strips; empty where they are not known.
+    ``force_span_n`` is the force of the largest dot, ``strips_y_mm`` are empty where not known.
     """
 
     def __init__(
@@ -110,13 +103,8 @@ class SurfaceView(SensorView):
 
 
 def ellipse(reading: SurfaceReading) -> tuple[tuple[float, float] | None, float]:
-    """Half axes in mm of two standard deviations of x and y, and the angle of the first in deg.
-
-    Returns
-    -------
-    semi : (float, float) or None
-        None where the standard deviations are not known.
-    angle : float
+    """Half axes in mm of two standard deviations of x and y, or None, and the angle of the first
+    in deg.
     """
     x_std, y_std = reading.location_std_mm, reading.y_std_mm
     if x_std is None or y_std is None:

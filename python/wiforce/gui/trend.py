@@ -18,27 +18,9 @@ _MOST = 20_000
 
 
 class Trend(Display):
-    """Rolling plot of values that arrive at a steady rate, up to some hundreds per second.
+    """Rolling plot of values that arrive at a steady rate, up to some hundreds per second and line.
 
-    Parameters
-    ----------
-    labels : sequence of str
-        One per line.
-    y_label : str
-        With its unit.
-    rate : float
-        Values per second and line.
-    history_s : float
-        Length of the time axis, in s.
-    y_range : tuple of float, length 2, optional
-        Limits of the vertical axis; by default those of the values.
-
-    Raises
-    ------
-    InputError
-        For a parameter out of range; the message names it.
-    RuntimeError
-        When there is no QApplication.
+    The vertical axis is that of the values unless ``y_range`` is given.
     """
 
     def __init__(

@@ -8,13 +8,7 @@ from ..io.readings import Reading, SurfaceReading
 
 
 def values(reading: Reading, bounds: bool = True) -> str:
-    """Force and location with two standard deviations, or why there are none.
-
-    Parameters
-    ----------
-    bounds : bool
-        False leaves out the standard deviations.
-    """
+    """Force and location, with two standard deviations if ``bounds``, or why there are none."""
     if reading.touch is None:
         return "no reading"
     if reading.touch == 0:
@@ -41,13 +35,7 @@ def warning_flags(reading: Reading) -> list[str]:
 
 
 def end_labels(sensors: Sequence[str]) -> list[str]:
-    """Labels of both ends of every sensor; with its name where there are several.
-
-    Parameters
-    ----------
-    sensors : sequence of str
-        Names.
-    """
+    """Labels of both ends of every sensor; with its name where there are several."""
     prefixes = [f"{name} " if len(sensors) > 1 else "" for name in sensors]
     return [f"{prefix}end {end}" for prefix in prefixes for end in (1, 2)]
 
@@ -59,12 +47,8 @@ def notes(reading: Reading) -> str:
 
 
 def tare_outcome(state: dict[str, Any]) -> str:
-    """What became of a tare; empty while it is measured and when there was none.
-
-    Parameters
-    ----------
-    state : dict
-        As from the port ``tare_state``.
+    """What became of a tare, as from the port ``tare_state``; empty while it is measured, and
+    without.
     """
     outcome, reason = state.get("state", "none"), state.get("reason", "")
     if outcome in ("none", "measuring"):

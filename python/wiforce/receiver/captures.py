@@ -339,27 +339,7 @@ def survey(
 
 
 def survey_room(recording: Capture, settings: Plan) -> RoomSurvey:
-    """Survey the room of an open capture.
-
-    Parameters
-    ----------
-    recording : Capture
-    settings : Plan
-        Of its scene.
-
-    Returns
-    -------
-    RoomSurvey
-
-    Raises
-    ------
-    InputError
-        As :func:`survey`.
-
-    Examples
-    --------
-    >>> survey_room(open_capture("press"), plan_of("demo"))  # doctest: +SKIP
-    """
+    """Survey the room of an open capture (:func:`survey`), by the plan of its scene."""
     batches: list[Groups] = []
     reader = RecordingReader(recording, settings, on_groups=batches.append)
     if reader.survey is None:

@@ -123,12 +123,8 @@ class Receiver:
         return {name: sensor.state for name, sensor in self.readout.sensors.items()}
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
-        """Mistakes that the presses since the last tare suggest, such as another sensor's file.
-
-        Returns
-        -------
-        dict of str to list of Suspicion
-            By the name of the sensor.
+        """Mistakes that the presses since the last tare suggest, by sensor, such as another
+        sensor's file.
         """
         return {name: sensor.suspicions for name, sensor in self.readout.sensors.items()}
 
@@ -197,12 +193,8 @@ class Receiver:
         return self.separation.acquisition_groups
 
     def begin_reference_at(self, group: int) -> None:
-        """Measure the untouched reference from a group on; before the first batch.
-
-        Parameters
-        ----------
-        group : int
-            Index of the group; 0 where this is not called.
+        """Measure the untouched reference from a group on instead of 0; called before the first
+        batch.
         """
         self.reference.begin_at(group)
 
@@ -266,24 +258,7 @@ def make_readout(
     counts: GroupCounts | None = None,
     states: Mapping[str, SensorState] | None = None,
 ) -> Readout:
-    """Make the readout of a plan's sensors.
-
-    Parameters
-    ----------
-    plan, tracked, on_groups, first_group, counts, states
-        As for :class:`Receiver`.
-
-    Returns
-    -------
-    Readout
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> type(make_readout(plan(load_scene("demo")))).__name__
-    'Readout'
-    """
+    """Make the readout of a plan's sensors; parameters as for :class:`Receiver`."""
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     surveyed = plan.surveyed_snr_db or [None] * len(plan.sensors)
     in_lamps = plan.in_lamps or [False] * len(plan.sensors)

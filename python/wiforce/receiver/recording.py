@@ -33,47 +33,13 @@ _COMPRESSION_FRAMES = 1000
 class RecordingReader:
     """Reads a recording batch by batch; iterating gives the readings of each, in order.
 
-    Parameters
-    ----------
-    recording : Capture
-        Must agree with the plan's scene.
-    plan : Plan, or str, Path, dict or Scene
-        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
-    frame_offset : int, optional
-        Samples before the first frame; searched in the samples when not given.
-    tracked : bool
-        Follow each press over time instead of inverting each group by itself.
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read (see ``Receiver``).
-    survey : bool
-        Whether to survey the room first; False reads by the given plan.
-
-    Attributes
-    ----------
-    frame_offset : int
-        Samples before the first frame.
-    plan : Plan
-        Adapted to the room; the given one where the room does not need it.
-    receiver : Receiver
-        Reads the groups.
-    survey : Survey or None
-        Of the room, from the untouched reference; the plan is adapted to it. None for recordings
-        that are too short, and where none was wanted.
-    source : RecordedGroups or RecordedRatio
-        Gives the tones.
-    times_ignored : int
-        Implausible ``rx_time`` tags; 0, since a recording has no tags.
-
-    Raises
-    ------
-    InputError
-        When the capture contradicts the scene, holds no frames or frames of another length, is
-        shorter than the reference and one group, or for a bad ``frame_offset``.
-
-    Examples
-    --------
-    >>> for readings in RecordingReader(open_capture("press"), plan(scene)):  # doctest: +SKIP
-    ...     print(len(readings))
+    ``plan`` may be a scene, with which the capture must agree. ``frame_offset`` are the samples
+    before the first frame, which are searched if not given; ``tracked`` follows each press over
+    time; ``on_groups`` is called with every batch of Groups that has been read. ``survey`` False
+    reads by the given plan; otherwise ``plan`` becomes that which is adapted to the room, and
+    ``survey`` is that of the untouched reference, or None for recordings that are too short.
+    Refuses captures without frames, with frames of another length, or shorter than the reference
+    and one group.
     """
 
     times_ignored = 0
@@ -169,22 +135,7 @@ class RecordingReader:
 def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Survey | None:
     """Survey the room at the start of a recording, while nothing is touched.
 
-    Parameters
-    ----------
-    recording : Capture
-    plan : Plan
-        Of its scene.
-    frame_offset : int
-        Samples before the first frame.
-
-    Returns
-    -------
-    Survey or None
-        None where fewer than 0.1 s of the reference are free of gaps.
-
-    Examples
-    --------
-    >>> survey_recording(open_capture("press"), plan("demo"), 0)  # doctest: +SKIP
+    None where fewer than 0.1 s of the reference are free of gaps.
     """
     count = surveyed_snapshots(plan)
     if not count:

@@ -37,33 +37,10 @@ _OTHER_INTERVAL = 2.0
 class SnapshotReader:
     """Reads channel snapshots batch by batch; iterating gives the readings of each, in order.
 
-    Parameters
-    ----------
-    recording : ChannelSnapshots
-    plan : Plan, or str, Path, dict or Scene
-        Of a scene with ``packets``.
-    tracked : bool
-        Follow each press over time instead of inverting each group by itself.
-
-    Attributes
-    ----------
-    plan : Plan
-        Fitted to the packets of the file.
-    receiver : Receiver
-        Reads the groups.
-    groups : int
-        Whole phase groups that the recording spans.
-
-    Raises
-    ------
-    InputError
-        When the file contradicts the scene, has a single antenna with an oscillator of its own, or
-        is shorter than the reference and one group.
-
-    Examples
-    --------
-    >>> for readings in SnapshotReader(open_snapshots("press.npz"), plan):  # doctest: +SKIP
-    ...     print(len(readings))
+    ``plan`` is that of a scene with ``packets``, and then fitted to those of the file; ``tracked``
+    follows each press over time; ``groups`` are the whole ones that the recording spans. Refuses a
+    file that contradicts the scene, has a single antenna with an oscillator of its own, or is
+    shorter than the reference and one group.
     """
 
     times_ignored = 0

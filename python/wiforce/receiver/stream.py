@@ -31,23 +31,11 @@ _UNSTEADY = {"ambiguous", "gap", "inconsistent", "moved", "saturated", "transiti
 
 
 class SurveyedGroups:
-    """Groups that are kept until they hold a survey's snapshots.
+    """Groups that are kept until they hold the snapshots of a survey, from the start of ``first``
+    on.
 
-    Parameters
-    ----------
-    snapshots : int
-        That the survey needs, from the start of the first group on.
-    group_length : int
-        Snapshots per group, N.
-    first : int, optional
-        Index of the first group; that of the first one received when not given.
-    untouched_groups : int
-        0 where the user takes care that the sensor is not touched. Otherwise so many groups, and
-        three more, must be received without a loss and read as untouched before the survey.
-
-    Attributes
-    ----------
-    groups : list of SnapshotGroup
+    ``untouched_groups`` is 0 where the user takes care that the sensor is not touched. Otherwise so
+    many groups, and three more, must be received without a loss and read as untouched before.
     """
 
     def __init__(
@@ -125,56 +113,16 @@ class StreamReader:
 
     The groups of the untouched reference are kept until the room is surveyed in them. They are then
     read with the weights that suit the room, and so are all that follow. The room is surveyed again
-    after a tare, and every ten seconds as soon as no sensor is touched for the length of a
+    after a tare, and every ``survey_again_s`` as soon as no sensor is touched for the length of a
     reference; reading goes on meanwhile. Where other weights suit the room, they are used from the
     group after the survey on, with a new reference that is computed from the surveyed groups. All
     this depends on the groups alone and not on when they arrive, and no group is lost.
 
-    Parameters
-    ----------
-    plan : Plan, or str, Path, dict or Scene
-        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
-    tracked : bool
-        Follow each press over time instead of inverting each group by itself.
-    survey_again_s : float
-        Time after a survey until the next one, in s.
-
-    Attributes
-    ----------
-    on_groups : callable or None
-        Called with every batch of Groups that has been read (see ``Receiver``). Groups in which a
-        later survey was made may come twice.
-    plan : Plan
-        Adapted to the room; the given one before the survey, and where the room does not need it.
-    survey : Survey or None
-        The latest one of the room. None before the first one, and where none can be made.
-    findings : list of Finding or None
-        What it has found; None without a survey.
-    counts : GroupCounts
-        Group counts by outcome, so far.
-    tares : StreamTares
-        Requests for a new untouched reference.
-    mean_frame : callable or None
-        Returns the mean of the first frames, guards included: complex, shape (n,), empty where it
-        is not known. The receiver's compression is measured in it, and corrected.
-    compression : Compression or None
-        What was measured.
-
-    Raises
-    ------
-    InputError
-        When a clock's tolerance exceeds 1000 ppm and the room cannot be surveyed for it; at the
-        first survey, when two tags lie within the tolerance of one clock.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> import numpy as np
-    >>> reader = StreamReader(plan("demo"))
-    >>> shape = (625, 64)
-    >>> group = SnapshotGroup(0, np.zeros(shape), np.zeros((625, 2)), np.ones(625, bool))
-    >>> reader.process([group]), len(reader.finish())
-    ([], 1)
+    ``on_groups`` is called with every batch that has been read; groups in which a later survey was
+    made may come twice. ``mean_frame`` returns the mean of the first frames (n,), guards included,
+    empty where it is not known: the receiver's compression is measured in it, and corrected.
+    ``plan``, ``survey``, ``findings``, ``counts`` and ``tares`` are those of the moment. A clock
+    whose tolerance exceeds 1000 ppm is refused where the room cannot be surveyed for it.
     """
 
     def __init__(
@@ -205,17 +153,10 @@ class StreamReader:
             self._use(plan)
 
     def process(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
-        """Take the next groups; give the readings that are ready, in order.
+        """Take the next groups, of rising indices; give the readings that are ready, in order.
 
-        Parameters
-        ----------
-        groups : sequence of SnapshotGroup
-            With rising indices. Their arrays may be overwritten after the call.
-
-        Returns
-        -------
-        list of Reading
-            A reading per group and sensor; groups that were not received are flagged ``gap``.
+        Arrays of the groups may be overwritten after the call; groups that were not received are
+        flagged ``gap``.
         """
         readings: list[Reading] = []
         waiting: list[SnapshotGroup] = []

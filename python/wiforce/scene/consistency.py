@@ -25,18 +25,7 @@ _STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
 
 
 def check_scene(scene: Scene, source: str) -> None:
-    """Reject a scene whose keys contradict each other.
-
-    Parameters
-    ----------
-    source : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    InputError
-        Naming file, dotted key, rule and value of the first contradiction.
-    """
+    """Refuse a scene whose keys contradict each other, with the first contradiction."""
     for check in (
         _packets,
         _sounding,
@@ -182,13 +171,11 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
 
 
 def simulation_warnings(scene: Scene) -> list[str]:
-    """What makes a simulation differ from what was probably meant.
+    """What makes a simulation differ from what was probably meant, a sentence each.
 
-    Sensors that are pressed and read with one and the same model are named.
-    Such readings have no calibration error, and are better than those of any real sensor. Presses
-    within the first millimetre, which are probably meant in metres, are named as well.
-
-    Returns list of str: a sentence each.
+    Sensors that are pressed and read with one and the same model are named: such readings have no
+    calibration error, and are better than those of any real sensor. So are presses within the first
+    millimetre, which are probably meant in metres.
     """
     models = {sensor.name: sensor.model for sensor in scene.sensors}
     found = [

@@ -67,14 +67,9 @@ at most 1e+06 Hz, got 0
 
 
 def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
-    """Read and check the scene that a capture's metadata hold.
+    """Read and check the scene that a capture's metadata hold (:func:`load_scene`).
 
     Sensor files are searched relative to the capture.
-
-    Raises
-    ------
-    InputError
-        When there is none, or for a mistake in it (see :func:`load_scene`).
     """
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
@@ -125,13 +120,7 @@ def sampled_scenes() -> list[str]:
 
 
 def about_scene(name: str) -> str:
-    """What a scene shows: the comment that its file begins with, as one line.
-
-    Parameters
-    ----------
-    name : str
-        Name of a shipped scene, or a file.
-    """
+    """What a scene shows: the comment that its file begins with, as one line."""
     lines = _scene_path(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line.lstrip("# ") for line in takewhile(lambda x: x.startswith("#"), lines))
 
@@ -167,22 +156,7 @@ def scene_of(
 ) -> tuple[Scene, list[str]]:
     """The scene to read a capture with: the capture's own unless another is given.
 
-    Parameters
-    ----------
-    scene : str, Path, dict or Scene, optional
-        As for :func:`load_scene`.
-
-    Returns
-    -------
-    scene : Scene
-    differences : list of str
-        One line for each key in which the scene given differs from the capture's own; empty when
-        none is given, or when the capture holds none.
-
-    Raises
-    ------
-    InputError
-        For a mistake in the scene, or when there is none.
+    Also a line for each key in which the scene given differs from the capture's own.
     """
     if scene is None:
         return load_capture_scene(capture), []

@@ -44,13 +44,7 @@ Mains = str | float | None
 
 @dataclass(frozen=True, kw_only=True)
 class MainsFrequency(ValueType):
-    """``auto``, 50 or 60 Hz.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether null, a room without lamps, is allowed.
-    """
+    """``auto``, 50 or 60 Hz; null, where allowed, is a room without lamps."""
 
     @property
     def allowed(self) -> str:
@@ -74,11 +68,6 @@ class OffReflection(ValueType):
     """G_off / rho, complex: one pair [re, im] for both switches, or a pair for each.
 
     Read as a tuple of two complex numbers.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether null is allowed.
     """
 
     @property
@@ -118,13 +107,7 @@ _LONGEST = 255
 
 @dataclass(frozen=True, kw_only=True)
 class WaveformName(ValueType):
-    """The name of a shipped waveform, or the path of a ``.npy`` file with a symbol.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether ``null`` is allowed.
-    """
+    """The name of a shipped waveform, or the path of a ``.npy`` file with a symbol."""
 
     @property
     def allowed(self) -> str:
@@ -408,9 +391,8 @@ class Scene:
 
     @property
     def snapshot_period_s(self) -> float:
-        """Time between two snapshots of the channel, in s: the length of a frame.
-
-        With packets, the mean time between two of them.
+        """Time between two snapshots of the channel: the length of a frame, or the mean between
+        packets.
         """
         if self.packets:
             return self.packets.interval_s

@@ -22,9 +22,8 @@ _DUTY_ERROR = Number(low=-0.1, high=0.1)
 
 
 def sensor_name() -> Any:
-    """Declare the key by which an entry names one of the scene's sensors.
-
-    Returns object: what ``io.schema.key`` returns; by default the name of the only sensor.
+    """Declare the key by which an entry names one of the scene's sensors; by default the only
+    one.
     """
     return key(
         Text(limit=64),
@@ -148,21 +147,8 @@ class Tag:
 def with_all_tags(
     simulation: "Simulation", sensors: Iterable["SceneSensor"], where: KeyPath
 ) -> "Simulation":
-    """Complete the list of tags: one entry per sensor, in the order of the sensors.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        As read from a scene file.
-    sensors : iterable of SceneSensor
-        Of the scene.
-    where : KeyPath
-        Of the simulation in its file, for messages.
-
-    Raises
-    ------
-    InputError
-        When two entries name the same sensor.
+    """Complete the list of tags: one entry per sensor, in their order; refuses two entries of
+    one.
     """
     stated: dict[str, Tag] = {}
     for index, tag in enumerate(simulation.tags):

@@ -76,28 +76,14 @@ class Surface:
         return (self.name, f"{self.name}-2")[: self.presses if self.known else 0]
 
     def law(self, folder: Path) -> SpreadingKeys:
-        """The spreading law, as stated or from its file.
-
-        Parameters
-        ----------
-        folder : Path
-            Of the scene file.
-
-        Raises
-        ------
-        InputError
-            As :func:`~..surface.file.read_spreading`.
-        """
+        """The spreading law, as stated or from its file."""
         if self.spreading is not None:
             return self.spreading
         return read_spreading(folder / str(self.spreading_file))
 
 
 def skin_of(scene: "Scene") -> Skin | None:
-    """The surface of a scene, with its models and its spreading law.
-
-    Returns Skin or None: None for a scene without a surface, or without its spreading law.
-    """
+    """The surface of a scene, with its models and its spreading law; None without one of them."""
     bare = bare_skin(scene)
     if bare is None or scene.surface is None or not scene.surface.known:
         return None
@@ -106,10 +92,7 @@ def skin_of(scene: "Scene") -> Skin | None:
 
 
 def bare_skin(scene: "Scene") -> Skin | None:
-    """The surface of a scene with a spreading law that means nothing.
-
-    Returns Skin or None: None for a scene without a surface.
-    """
+    """The surface of a scene with a spreading law that means nothing; None without a surface."""
     surface = scene.surface
     if surface is None:
         return None
@@ -132,7 +115,7 @@ def bare_skin(scene: "Scene") -> Skin | None:
 def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:
     """What contradicts itself in the surface of a scene and in the presses on it.
 
-    Yields tuple: dotted key, rule and value, where the rule does not state the value itself.
+    Dotted key, rule and value, where the rule does not state the value itself.
     """
     surface = scene.surface
     presses = scene.simulation.surface_presses

@@ -27,16 +27,9 @@ _SLOPE_STEP = 0.01
 
 
 def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndarray) -> np.ndarray:
-    """Slope of a phase over force, by central differences.
+    """Slope in deg/N of a phase over forces (...) above 0, by central differences.
 
-    Returns ndarray: in deg/N, in the shape of the phases.
-
-    Parameters
-    ----------
-    curve : callable
-        Forces in N, shape (...), to phases in degrees, shape (...) or (..., P).
-    force_n : ndarray, shape (...)
-        Above 0.
+    ``curve`` makes phases in degrees, (...) or (..., P), from forces.
     """
     step = _SLOPE_STEP * force_n
     change = curve(force_n + step) - curve(force_n - step)
@@ -109,38 +102,20 @@ _BASES = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
 
 
 def force_basis(form, knots_n=None):
-    """The basis functions of force named ``form``.
-
-    Returns
-    -------
-    callable
-        ``basis(force) -> ndarray (..., size)``.
-    """
+    """The basis functions of force named ``form``: ``basis(force) -> ndarray (..., size)``."""
     return _BASES[form](knots_n)
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """Curves at one carrier.
+    """Curves at one carrier, for J calibrated locations, ascending.
 
-    Attributes
-    ----------
-    frequency_hz : float
-    untouched_deg : (float, float)
-    location_mm : ndarray, shape (J,)
-        Calibrated locations, ascending.
-    force_span_n : ndarray, shape (J, 2)
-        What the calibration covers at each location.
-    coefficients_deg : ndarray, shape (2, J, K)
-    covariance_deg2 : ndarray, shape (2, J, K, K)
-    noise_deg, misfit_deg : (float, float)
-        Scatter of the calibration data about the curves, and the part of it that is not noise
-        but a form that does not fit; one standard deviation, per port.
-    interpolation : tuple of Transition
-        See :class:`~.location.LocationInterpolation`.
-    hysteresis_n : float or None
-        Half of the largest difference between loading and unloading, in N; None where the
-        calibration did not hold both.
+    ``force_span_n`` (J, 2) is what the calibration covers at each location, ``coefficients_deg``
+    (2, J, K) and ``covariance_deg2`` (2, J, K, K) the curves of both ports. ``noise_deg`` and
+    ``misfit_deg`` are, per port, the scatter of the calibration data about the curves and the part
+    of it that is not noise but a form that does not fit, one standard deviation. ``interpolation``
+    is that of :class:`~.location.LocationInterpolation`, ``hysteresis_n`` half of the largest
+    difference between loading and unloading, None where the calibration did not hold both.
     """
 
     frequency_hz: float
@@ -159,16 +134,9 @@ class Carrier:
 class CurveModel(SensorModel):
     """A sensor known by its calibration.
 
-    Attributes
-    ----------
-    form : str
-        ``cubic``, ``power`` or ``spline``.
-    carriers : tuple of Carrier
-    knots_n : ndarray or None
-        Knots of the force basis, where it has any.
-    permittivity : float
-    cross_validation : dict
-        Errors of curves that had not seen what they are compared with.
+    ``form`` is ``cubic``, ``power`` or ``spline``, ``knots_n`` the knots of the force basis where
+    it has any, ``cross_validation`` the errors of curves that had not seen what they are compared
+    with.
     """
 
     form: str = "power"

@@ -63,24 +63,11 @@ _COLUMNS = (
 
 
 def with_present_keys(content: dict[str, Any], top: KeyPath) -> dict[str, Any]:
-    """The content of a sensor file whose keys are those of the present version.
+    """The content of a sensor file of any version, with the keys of the present one.
 
     Rows of numbers under ``interpolation`` become transitions without a spread of their own, which
-    is what each row stood for: the readings are those of the earlier version.
-
-    Returns dict: `content` itself if its keys are those of the present version.
-
-    Parameters
-    ----------
-    content : dict
-        Of a file of any version. It is not changed.
-    top : KeyPath
-        The file, for messages.
-
-    Raises
-    ------
-    InputError
-        For a row that no version wrote.
+    is what each row stood for: the readings are those of the earlier version. Refuses a row that no
+    version wrote; the content given is not changed.
     """
     carriers = content.get("carriers")
     if not isinstance(carriers, list) or not any(map(_has_rows, carriers)):
@@ -466,19 +453,8 @@ def _shipped(path: Path) -> SensorModel:
 
 
 def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> SensorModel:
-    """Build the model that the content of a sensor file describes.
-
-    Parameters
-    ----------
-    content : dict
-        As the YAML loader returns it.
-    where : str or path
-        Name of the file, for messages.
-
-    Raises
-    ------
-    InputError
-        Naming file, dotted key, rule and value.
+    """Build the model that the content of a sensor file describes; errors name ``where`` and
+    key.
     """
     top = KeyPath(str(where))
     if not isinstance(content, dict):
@@ -553,9 +529,8 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
 
 
 def sensor_to_dict(model: SensorModel) -> dict[str, Any]:
-    """The content of a model's file, as plain values that YAML and JSON can hold.
-
-    Returns dict: numbers have nine significant digits, enough for any phase.
+    """The content of a model's file, as plain values with nine significant digits, enough for
+    any phase.
     """
     kind = next(kind for kind, (cls, _) in _MODELS.items() if isinstance(model, cls))
     content: dict[str, Any] = {}

@@ -31,24 +31,9 @@ _MOST_TURNS_DEG2 = 500_000.0
 class ForwardMap:
     """Phases at every carrier asked for, over the domain in which solutions are looked for.
 
-    Phases are not wrapped: they are smooth over the domain.
-
-    Parameters
-    ----------
-    model : SensorModel
-    carriers : sequence of int
-
-    Attributes
-    ----------
-    force_n, location_mm : ndarray
-        Nodes; the domain is between the first and the last.
-    size : int
-        Phases per point, P = 2 per carrier.
-
-    Raises
-    ------
-    InputError
-        When the model's phases are not finite, or turn on and on.
+    ``force_n`` and ``location_mm`` are its nodes, ``size`` is P = 2 phases per carrier. Phases are
+    not wrapped: they are smooth over the domain. Refuses a model whose phases are not finite, or
+    turn on and on.
     """
 
     def __init__(self, model, carriers):
@@ -98,11 +83,8 @@ class ForwardMap:
     def table(self):
         """At every node, what ``lib/kernel/inversion/tabulated_model.h`` interpolates.
 
-        Returns
-        -------
-        ndarray, shape (forces, locations, P, 5)
-            Phases, their derivatives by the logarithm of force, by location and by both, and
-            their variances.
+        (forces, locations, P, 5): phases, their derivatives by the logarithm of force, by location
+        and by both, and their variances.
         """
         axes = self._log_force, self.location_mm
         orders = (0, 0), (1, 0), (0, 1), (1, 1)
@@ -191,19 +173,9 @@ class Inversion:
 
 
 class Inverter:
-    """Inverts one model at one or several carriers.
+    """Inverts one model at one or several of its carriers, by their indices in the order of the
+    phases.
 
-    Parameters
-    ----------
-    carriers : tuple of int
-        Indices of the model's carriers whose phases are given, in this order.
-
-    Attributes
-    ----------
-    forward : ForwardMap
-
-    Notes
-    -----
     The posterior of (force, location) given the phases of a reading, integrated by
     ``lib/kernel/inversion/press_posterior.h``.
     """

@@ -16,14 +16,8 @@ from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 
 def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> float:
-    """2 beta: the round-trip phase of a line in degrees per millimetre.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Carrier, in Hz.
-    permittivity : float
-        Effective relative permittivity; 1 for a line in air.
+    """2 beta: the round-trip phase of a line in degrees per millimetre, by its effective
+    permittivity.
     """
     return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
 
@@ -71,26 +65,14 @@ class ContactLaw:
     """A soft beam pressed onto the line.
 
     The beam is an Euler beam on an elastic foundation (M. Hetenyi, *Beams on Elastic Foundation*,
-    1946): under a point load its deflection falls off as ``exp(-kx) (cos kx + sin kx)``. It touches
-    the line wherever it is deflected by more than the gap, so the half width a of the short solves
-    ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends of the beam are held, which tilts the
-    short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)`` with
-    ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both ends move alike.
-    A wide object (a fingertip) deflects the beam by the average of that profile over its width: the
-    line is touched at a higher force, and then over more of its length.
-
-    Attributes
-    ----------
-    onset_force_n : float
-        Force at which the line is first shorted.
-    decay_length_mm : float
-        1/k of the beam on its foundation.
-    asymmetry : float
-        Tilt far from the middle, in [0, 1).
-    fade_mm : float
-        Distance from the middle over which the tilt builds up.
-    width_mm : float
-        Width of the object that presses, evenly loaded; 0 for a point.
+    1946): under a point load its deflection falls off as ``exp(-kx) (cos kx + sin kx)``, where
+    ``decay_length_mm`` is 1/k. It touches the line wherever it is deflected by more than the gap,
+    so the half width a of the short solves ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends
+    of the beam are held, which tilts the short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 =
+    a (1 - t)`` with ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both
+    ends move alike. ``asymmetry`` is in [0, 1). A wide object (a fingertip, evenly loaded over
+    ``width_mm``) deflects the beam by the average of that profile over its width: the line is
+    touched at a higher force, and then over more of its length.
     """
 
     onset_force_n: float
@@ -102,16 +84,9 @@ class ContactLaw:
     def extents_mm(
         self, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
     ) -> np.ndarray:
-        """Extent of the short towards port 1 and port 2.
+        """Extent (..., 2) of the short towards port 1 and port 2, a_1 and a_2.
 
-        Returns ndarray, shape (..., 2): a_1 and a_2 in mm.
-
-        Parameters
-        ----------
-        force_n, location_mm : array_like, shape (...)
-            Forces below the onset count as the onset, where the short has no width.
-        length_mm : float
-            Of the line.
+        Forces below the onset count as the onset, where the short has no width.
         """
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
@@ -130,16 +105,8 @@ class ContactLaw:
 def shorting_points_mm(
     contact: ContactLaw, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
 ) -> np.ndarray:
-    """Distance of each end from the nearer edge of the short.
-
-    Returns ndarray, shape (..., 2): d_1 and d_2 in mm, not below 0.
-
-    Parameters
-    ----------
-    force_n, location_mm : array_like, shape (...)
-        Of the press.
-    length_mm : float
-        Of the line.
+    """Distances d_1 and d_2, (..., 2), not below 0, of each end from the nearer edge of the
+    short.
     """
     location = np.asarray(location_mm, float)
     extents = contact.extents_mm(force_n, location, length_mm)
@@ -150,34 +117,10 @@ def shorting_points_mm(
 def short_phase_deg(
     distance_mm: ArrayLike, frequency_hz: float, permittivity: float = 1.0
 ) -> np.ndarray:
-    """psi of a short, 180 deg - 2 beta d.
-
-    Returns ndarray, shape (...): in degrees, not wrapped.
-
-    Parameters
-    ----------
-    distance_mm : array_like, shape (...)
-        d, from the port.
-    frequency_hz : float
-        Carrier, in Hz.
-    permittivity : float
-        Effective relative permittivity.
-    """
+    """psi of a short at the distance d from the port, 180 deg - 2 beta d, not wrapped."""
     return 180.0 - round_trip_deg_per_mm(frequency_hz, permittivity) * np.asarray(distance_mm)
 
 
 def open_phase_deg(length_mm: float, frequency_hz: float, permittivity: float = 1.0) -> float:
-    """psi of the untouched line, -2 beta L.
-
-    Returns float: in degrees, not wrapped.
-
-    Parameters
-    ----------
-    length_mm : float
-        L.
-    frequency_hz : float
-        Carrier, in Hz.
-    permittivity : float
-        Effective relative permittivity.
-    """
+    """psi of the untouched line of length L, -2 beta L, in degrees, not wrapped."""
     return -round_trip_deg_per_mm(frequency_hz, permittivity) * length_mm

@@ -54,33 +54,16 @@ _STEP_MM = 0.25
 
 @dataclass(frozen=True)
 class Transition:
-    """One way in which the contact may change along the line.
+    """One way in which the contact may change along the line."""
 
-    Attributes
-    ----------
-    shape : str
-        Of :data:`SHAPES`.
-    probability : float
-        Those of all transitions sum to 1.
-    fade_mm, fade_relative_std : float
-        Length over which the contact changes, and its relative standard deviation.
-    shift_mm, shift_std_mm : float
-        Distance of the change from the line's middle, away from the port, and its standard
-        deviation.
-    residual_length_mm : float
-        Correlation length of what the shape does not explain.
-    residual_variance : float
-        Its variance, relative to the variance over the calibrated locations.
-    """
-
-    shape: str
-    probability: float
-    fade_mm: float
+    shape: str  # of :data:`SHAPES`
+    probability: float  # those of all transitions sum to 1
+    fade_mm: float  # length over which the contact changes
     fade_relative_std: float
-    shift_mm: float
+    shift_mm: float  # distance of the change from the line's middle, away from the port
     shift_std_mm: float
-    residual_length_mm: float
-    residual_variance: float
+    residual_length_mm: float  # correlation length of what the shape does not explain
+    residual_variance: float  # its variance, relative to that over the calibrated locations
 
     def hypotheses(self):
         """Four equally likely (fade, shift), with the mean and covariance of these; (4, 2)."""
@@ -109,15 +92,9 @@ def _kernel(at, length):
 
 @dataclass(frozen=True)
 class LocationInterpolation:
-    """Weights of the calibrated locations at any location, and the variance of the result.
+    """Weights of J calibrated locations at any location, and the variance of the result.
 
     Outside the calibrated span the trends go on, and the variance grows.
-
-    Attributes
-    ----------
-    location_mm : ndarray, shape (J,)
-    length_mm : float
-    transitions : tuple of Transition
     """
 
     location_mm: np.ndarray
@@ -171,13 +148,10 @@ class LocationInterpolation:
         return self._tables[port][0](self._inside(location_mm))
 
     def variance(self, location_mm, port, values):
-        """Variance of the interpolated value, from not knowing how it goes between locations.
+        """Variance of a value at locations (...) by not knowing how it goes between the calibrated
+        ones.
 
-        Parameters
-        ----------
-        location_mm : ndarray, shape (...)
-        values : ndarray, shape (..., J)
-            The values at the calibrated locations.
+        ``values`` (..., J) are those at the calibrated locations.
         """
         _, spread, within = self._tables[port]
         inside = self._inside(location_mm)
@@ -192,23 +166,12 @@ class LocationInterpolation:
 
 
 def learn_interpolation(location_mm, length_mm, values, noise_variance, physical=True):
-    """The transitions that explain calibrated curves, with their probabilities.
+    """The transitions that explain calibrated curves at J locations, with their probabilities.
 
-    Parameters
-    ----------
-    location_mm : ndarray, shape (J,)
-    length_mm : float
-    values : ndarray, shape (2, J, n)
-        What the contact adds to the line's phase (deg), for each port, location and a few forces.
-    noise_variance : float
-        Variance of these values from noise in the calibration (deg^2).
-    physical : bool
-        False where the values cannot come from a contact (their steps are larger than a press is
-        wide): then only slow trends are considered.
-
-    Returns
-    -------
-    LocationInterpolation
+    ``values`` (2, J, n) are what the contact adds to the line's phase (deg), for each port,
+    location and a few forces, with this variance from noise in the calibration (deg^2).
+    ``physical`` is False where the values cannot come from a contact (their steps are larger than a
+    press is wide): then only slow trends are considered.
     """
     at = np.asarray(location_mm, float)
     curves = _Curves(at, float(length_mm), values, noise_variance, physical)

@@ -31,19 +31,7 @@ MAX_PERMITTIVITY = 1000
 
 
 def check_onset(where: object, onset_n: float, highest_n: float) -> None:
-    """Check that the line is shorted within the calibrated forces.
-
-    Parameters
-    ----------
-    where : object
-        Parameter or key, for the message.
-    onset_n, highest_n : float
-        Force at which the line is first shorted, and highest calibrated force, in N.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an onset unless the line is shorted within the calibrated forces."""
     if onset_n >= highest_n:
         rule = f"must be below the highest calibrated force, {highest_n:g}"
         raise InputError(where, rule, onset_n)
@@ -95,13 +83,7 @@ class SensorModel:
     ruler_std_mm: float | None = None
 
     def carrier_index(self, frequency_hz=None):
-        """Index of a carrier; ``None`` stands for the only one.
-
-        Raises
-        ------
-        InputError
-            For a carrier the model does not hold, or None where it holds several.
-        """
+        """Index of a carrier that the model must hold; ``None`` stands for the only one."""
         if frequency_hz is None:
             if len(self.frequencies_hz) > 1:
                 raise InputError(
@@ -121,32 +103,10 @@ class SensorModel:
         return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz{hint}")
 
     def at_carrier(self, frequency_hz: float) -> "SensorModel":
-        """The model for use at one carrier.
+        """The model for use at one carrier, at most 10 % from those it holds.
 
-        Parameters
-        ----------
-        frequency_hz : float
-            In Hz.
-
-        Returns
-        -------
-        SensorModel
-            The model itself where it holds the carrier, else the one that
-            :meth:`transferred` makes of it, kept for reuse.
-
-        Raises
-        ------
-        InputError
-            For a carrier more than 10 % from those the model holds.
-
-        Examples
-        --------
-        >>> from gnuradio.wiforce.sensor import load_sensor
-        >>> sensor = load_sensor("wiforce-900mhz")
-        >>> sensor.at_carrier(900.2e6) is sensor
-        True
-        >>> sensor.at_carrier(915e6).frequencies_hz
-        (915000000.0,)
+        The model itself where it holds the carrier, else the one that :meth:`transferred` makes of
+        it, kept for reuse.
         """
         held = np.asarray(self.frequencies_hz)
         if np.any(np.abs(held - frequency_hz) <= CARRIER_TOLERANCE * held):
@@ -156,33 +116,11 @@ class SensorModel:
         return self._transferred[frequency_hz]
 
     def transferred(self, frequency_hz: float, name: str | None = None) -> "SensorModel":
-        """The model at another carrier, its phases scaled from the nearest one that it holds.
+        """The model at another carrier only, its phases scaled from the nearest one, at most 10 %
+        away.
 
-        Parameters
-        ----------
-        frequency_hz : float
-            The new carrier, in Hz; at most 10 % from that one.
-        name : str, optional
-            Of the result; the model's own by default.
-
-        Returns
-        -------
-        SensorModel
-            With this carrier only. That of a calibrated sensor states the uncertainty of the
-            transfer in ``transfer_std_deg``. A ``line`` model holds no measurement and is
-            evaluated at the new carrier.
-
-        Raises
-        ------
-        InputError
-            For a carrier further away.
-
-        Examples
-        --------
-        >>> from gnuradio.wiforce.sensor import load_sensor
-        >>> moved = load_sensor("line-900mhz-calibrated").transferred(915e6)
-        >>> moved.frequencies_hz, round(moved.transfer_std_deg, 2)
-        ((915000000.0,), 0.55)
+        That of a calibrated sensor states the uncertainty of the transfer in ``transfer_std_deg``.
+        A ``line`` model holds no measurement and is evaluated at the new carrier.
         """
         held = np.asarray(self.frequencies_hz, float)
         nearest = int(np.argmin(np.abs(held - frequency_hz)))
@@ -237,18 +175,8 @@ class SensorModel:
         return float(psi[0]), float(psi[1])
 
     def is_untouched(self, phases_deg, std_deg=None, frequency_hz=None):
-        """Whether phases are those of the untouched sensor.
-
-        Parameters
-        ----------
-        phases_deg : ndarray, shape (n, 2)
-        std_deg : float, optional
-            Of the phases; 1 deg by default.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            Both phases within three standard deviations.
+        """Whether both phases (n, 2) are within three standard deviations (1 deg by default) of
+        the untouched ones.
         """
         change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
         return np.all(np.abs(change) <= 3 * (1.0 if std_deg is None else std_deg), axis=-1)
@@ -355,14 +283,8 @@ class SensorModel:
 
 @dataclass(frozen=True)
 class LineModel(SensorModel):
-    """A sensor evaluated by physics: a line, a contact law, a constant per port.
-
-    Attributes
-    ----------
-    contact : line.ContactLaw
-    permittivity : float
-        Effective relative permittivity of the line.
-    port_offset_deg : (float, float)
+    """A sensor evaluated by physics: a line of some permittivity, a contact law, a constant per
+    port.
     """
 
     contact: line.ContactLaw = None

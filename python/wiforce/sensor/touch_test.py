@@ -18,19 +18,10 @@ def touch_of(
     std_deg: float,
     frequency_hz: float | None = None,
 ) -> np.ndarray:
-    """Tell touched from untouched phases, where their standard deviation allows it.
+    """Tell touched (1) from untouched (0) phases (n, 2), where their standard deviation allows it.
 
-    Returns ndarray of int, shape (n,): 0 for phases within three standard deviations of the
-    untouched ones, 1 for others, -1 for phases that lie within three standard deviations of a press
-    as well.
-
-    Parameters
-    ----------
-    phases_deg : ndarray, shape (n, 2)
-    std_deg : float
-        Standard deviation of the phases.
-    frequency_hz : float, optional
-        Carrier; the model's only one by default.
+    0 for phases within three standard deviations of the untouched ones, 1 for others, -1 for phases
+    that lie within three standard deviations of a press as well.
     """
     phases = np.asarray(phases_deg, float)
     touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)

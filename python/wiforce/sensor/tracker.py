@@ -57,22 +57,10 @@ class _PhaseCurves:
 
 
 class FilterBank:
-    """One filter of the force per location.
+    """One filter of the force per location, of which M rise in equal steps.
 
-    Parameters
-    ----------
-    forward : ForwardMap
-    location_mm : ndarray, shape (M,)
-        Rising, equally spaced.
-    start_n, start_std_n : float
-        Force before the first reading and its standard deviation.
-
-    Attributes
-    ----------
-    mean, variance : ndarray, shape (M,)
-        Of the force, N and N^2.
-    log_weight : ndarray, shape (M,)
-        Of the location; 0 at the likeliest.
+    ``mean`` and ``variance`` (M,) are those of the force, from ``start_n`` and ``start_std_n`` on;
+    ``log_weight`` (M,) is that of the location, 0 at the likeliest.
     """
 
     def __init__(self, forward, location_mm, start_n, start_std_n):
@@ -89,10 +77,8 @@ class FilterBank:
     def update(self, phases_deg, std_deg):
         """Takes one reading; gives how badly the best location explains it (squared, whitened).
 
-        Parameters
-        ----------
-        phases_deg, std_deg : ndarray, shape (P,)
-            Phases of both ends at each carrier, modulo 360, and their noise.
+        ``phases_deg`` (P,) are those of both ends at each carrier, modulo 360, ``std_deg`` their
+        noise.
         """
         low, high = self._forward.force_n[[0, -1]]
         noise = std_deg**2 + self.curves.variance
@@ -179,22 +165,10 @@ _TWO_PLACES_MM = 6.0
 class PressTracker:
     """Follows one sensor's presses, reading by reading.
 
-    Parameters
-    ----------
-    model : SensorModel
-    group_period_s : float
-        Time from one reading to the next.
-    frequency_hz : float, optional
-        Carrier; all carriers of the model together when not given.
-    force_walk_n : float
-        Standard deviation of the change of force in one second; it grows with the root of time.
-    start_force_n, start_std_n : float, optional
-        What is believed of the force at a press's first reading; by default 1.1 N above the onset,
-        give or take 1.1 N.
-
-    Raises
-    ------
-    InputError
+    All carriers of the model are used together unless one is given. ``force_walk_n`` is the
+    standard deviation of the change of force in one second, which grows with the root of time. The
+    force at a press's first reading is ``start_force_n``, by default 1.1 N above the onset, give or
+    take ``start_std_n``.
     """
 
     def __init__(
@@ -230,21 +204,11 @@ class PressTracker:
         self._bank, self._lost = None, 0
 
     def update(self, phases_deg, std_deg, touched=True):
-        """Takes one reading.
+        """Takes phases (2,) or (2 C,), modulo 360, and their noise; gives force, location, stds and
+        flags.
 
-        Parameters
-        ----------
-        phases_deg, std_deg : array_like, shape (2,), or (2 C,) with C carriers
-            Phases, modulo 360, and the standard deviations of their noise.
-        touched : bool
-            Whether the line is shorted; False ends the press.
-
-        Returns
-        -------
-        force_n, force_std_n, location_mm, location_std_mm : float
-            NaN when not touched.
-        flags : tuple of str
-            As those of :class:`~.inversion.Inversion`.
+        ``touched`` False ends the press: then numbers are NaN. Flags are those of
+        :class:`.Inversion`.
         """
         if not touched:
             self.reset()
@@ -335,15 +299,6 @@ def smooth_press(
 
     Parameters are those of :class:`.PressTracker`; ``phases_deg`` (n, 2) or (n, 2 C) and
     ``std_deg`` hold the readings of one press.
-
-    Returns
-    -------
-    Inversion
-        n readings.
-
-    Raises
-    ------
-    InputError
     """
     phases = np.atleast_2d(np.asarray(phases_deg, float))
     if not phases.size:

@@ -25,18 +25,9 @@ CONNECTOR_MM = 30.0
 def transfer_std_deg(
     length_mm: float, permittivity: float, from_hz: float, frequency_hz: float
 ) -> float:
-    """Standard deviation of each phase that a transfer between carriers adds.
+    """Standard deviation of each phase that a transfer between carriers adds, in degrees.
 
-    Returns float: in degrees; 0 at the carrier of the calibration.
-
-    Parameters
-    ----------
-    length_mm : float
-        Of the line.
-    permittivity : float
-        Effective relative permittivity of the line.
-    from_hz, frequency_hz : float
-        Carrier of the calibration and the new one, in Hz.
+    ``permittivity`` is the effective relative one of the line; 0 at the carrier of the calibration.
     """
     way_mm = length_mm * np.sqrt(permittivity) + CONNECTOR_MM
     delay_s = 2e-3 * way_mm / SPEED_OF_LIGHT_M_S
@@ -46,13 +37,7 @@ def transfer_std_deg(
 
 
 def transfer_assumption(from_hz: float, frequency_hz: float) -> str:
-    """What a transferred model assumes, as its provenance states it.
-
-    Parameters
-    ----------
-    from_hz, frequency_hz : float
-        Carrier of the model and the new one, in Hz.
-    """
+    """What a transferred model assumes, as its provenance states it."""
     return (
         f"phases at {frequency_hz / 1e6:g} MHz are those at {from_hz / 1e6:g} MHz times "
         f"{frequency_hz / from_hz:.6g}: the contact touches the line at the same millimetres"

@@ -8,13 +8,7 @@ from .waveform import Waveform
 
 @dataclass(frozen=True)
 class Band:
-    """A frequency band.
-
-    Attributes
-    ----------
-    low_hz, high_hz : float
-        Its edges.
-    """
+    """A frequency band, by its edges."""
 
     low_hz: float
     high_hz: float
@@ -42,30 +36,14 @@ BANDS = {
 
 
 def occupied_band_hz(carrier_hz: float, waveform: Waveform) -> tuple[float, float]:
-    """The frequencies that a sounding signal occupies.
+    """Lowest and highest frequency that a sounding signal occupies, in Hz.
 
-    Returns tuple of float: lowest and highest frequency, in Hz: those of the outermost subcarriers,
-    so 62/64 of the sample rate for the default waveform.
-
-    Parameters
-    ----------
-    carrier_hz : float
-        In Hz.
-    waveform : Waveform
-        The sounding frame.
+    Those of the outermost subcarriers, so 62/64 of the sample rate for the default waveform.
     """
     edges = waveform.outermost_hz
     return carrier_hz + edges[0], carrier_hz + edges[1]
 
 
 def bands_holding(low_hz: float, high_hz: float) -> tuple[str, ...]:
-    """Names of the known bands that hold a signal.
-
-    Returns tuple of str: keys of :data:`BANDS`.
-
-    Parameters
-    ----------
-    low_hz, high_hz : float
-        Frequencies that the signal occupies, in Hz.
-    """
+    """Names of the known bands (:data:`BANDS`) that hold a signal of these frequencies."""
     return tuple(name for name, band in BANDS.items() if band.holds(low_hz, high_hz))

@@ -13,39 +13,15 @@ _TOLERANCE = 1e-3
 
 
 def same_carrier(frequency_hz: ArrayLike, carrier_hz: float) -> np.ndarray:
-    """Whether frequencies lie so close to a carrier that its phases apply.
-
-    Returns ndarray of bool, shape of ``frequency_hz``: True within 0.1 % of the carrier.
-
-    Parameters
-    ----------
-    frequency_hz : array_like of float
-        In Hz, any shape.
-    carrier_hz : float
-        In Hz.
-    """
+    """Whether frequencies lie so close to a carrier, within 0.1 %, that its phases apply."""
     return np.abs(np.asarray(frequency_hz) - carrier_hz) <= _TOLERANCE * carrier_hz
 
 
 def wrap_deg(angle: ArrayLike) -> np.ndarray:
-    """Wrap angles into (-180, 180].
-
-    Returns ndarray of float, shape of ``angle``: in degrees.
-
-    Parameters
-    ----------
-    angle : array_like of float
-        In degrees, any shape.
-    """
+    """Wrap angles in degrees into (-180, 180]."""
     return 180.0 - np.mod(180.0 - np.asarray(angle, float), 360.0)
 
 
 def wrapped(angle: float) -> float:
-    """Wrap a single angle to (-180, 180] deg, faster than :func:`wrap_deg` for arrays.
-
-    Parameters
-    ----------
-    angle : float
-        In degrees.
-    """
+    """Wrap a single angle in degrees to (-180, 180], faster than :func:`wrap_deg` for arrays."""
     return 180.0 - (180.0 - angle) % 360.0

@@ -29,50 +29,21 @@ COINCIDING_BINS = 0.5
 
 @dataclass(frozen=True)
 class Tone:
-    """A frequency of the group's spectrum on which lines of the tags fall.
+    """A frequency of the group's spectrum on which lines of the tags fall."""
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Where the snapshots show it, within half the snapshot rate.
-    owners : tuple of (int, int)
-        Tag index and harmonic number of every line that falls on it.
-    line_hz : float
-        Frequency on the air, before aliasing, of its slowest line.
-    """
-
-    frequency_hz: float
+    frequency_hz: float  # where the snapshots show it, within half the snapshot rate
+    # tag index and harmonic number of every line that falls on it
     owners: tuple[tuple[int, int], ...]
-    line_hz: float
+    line_hz: float  # on the air, before aliasing, of its slowest line
 
 
 def aliased_hz(frequency_hz: float, sample_rate_hz: float) -> float:
-    """Where sampling shows a frequency.
-
-    Returns float: in [-sample_rate_hz / 2, sample_rate_hz / 2).
-
-    Parameters
-    ----------
-    frequency_hz : float
-        On the air, in Hz.
-    sample_rate_hz : float
-        In Hz; of snapshots, one over their period.
-    """
+    """Where sampling shows a frequency on the air: in [-sample_rate_hz / 2, sample_rate_hz / 2)."""
     return (frequency_hz + sample_rate_hz / 2) % sample_rate_hz - sample_rate_hz / 2
 
 
 def centered_times_s(group_length: int, snapshot_period_s: float) -> np.ndarray:
-    """Times of a group's snapshots from the group's centre.
-
-    Returns ndarray of float, shape (N,): (n - (N - 1) / 2) T, in s.
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per phase group, N.
-    snapshot_period_s : float
-        T, in s.
-    """
+    """Times (N,) of a group's snapshots from the group's centre: (n - (N - 1) / 2) T."""
     return (np.arange(group_length) - (group_length - 1) / 2) * snapshot_period_s
 
 
@@ -83,22 +54,10 @@ def tag_lines(
     harmonics: int = 8,
     clutter_hz: float = 0.0,
 ) -> tuple[Tone, ...]:
-    """Tones on which the tags are read.
+    """Tones on which the tags are read, ascending in frequency and symmetric about 0.
 
-    Returns tuple of Tone: ascending in frequency; symmetric about 0.
-
-    Parameters
-    ----------
-    clocks_hz : sequence of float, length S
-        Nominal fs of each tag, in Hz.
-    snapshot_period_s : float
-        T, in s.
-    group_length : int
-        Snapshots per phase group, N.
-    harmonics : int
-        Lines +-1..+-harmonics of each tag.
-    clutter_hz : float
-        Lines that alias into this band are left out.
+    Lines +-1..+-``harmonics`` of each tag in groups of N snapshots of period T, without those that
+    alias into the clutter band.
     """
     rate = 1 / snapshot_period_s
     resolution = rate / group_length
@@ -120,15 +79,7 @@ def tag_lines(
 
 
 def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
-    """Tones of positive frequency, and those at the opposite frequencies before them.
-
-    Returns tuple of Tone: ascending in frequency; symmetric about 0.
-
-    Parameters
-    ----------
-    positive : sequence of Tone
-        Ascending in frequency.
-    """
+    """Tones of positive frequency, ascending, and those at the opposite frequencies before them."""
     negative = [
         Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
         for tone in positive
@@ -137,17 +88,8 @@ def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
 
 
 def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
-    """Distance of a tag's strong lines to the nearest line of a lamp.
-
-    Returns ndarray of float, shape (3,): for lines 1, 2 and 4, in Hz; infinite without mains
-    frequencies.
-
-    Parameters
-    ----------
-    clock_hz : float
-        Clock of the tag, in Hz.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz.
+    """Distances of a tag's lines 1, 2 and 4 to the nearest line of a lamp, in Hz; infinite
+    without mains.
     """
     lines = np.array(STRONG_LINES) * clock_hz
     found = np.full(len(lines), np.inf)
@@ -168,18 +110,8 @@ _EXTRA_SEQUENCES = 10
 
 
 def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float) -> int:
-    """Number of sequences in :func:`clutter_basis`.
-
-    Returns int: 1 when nothing moves, otherwise min(ceil(2 B N T) + 10, N).
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per phase group, N.
-    snapshot_period_s : float
-        T, in s.
-    clutter_hz : float
-        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
+    """Number of sequences in :func:`clutter_basis`: min(ceil(2 B N T) + 10, N), 1 when nothing
+    moves.
     """
     if clutter_hz == 0:
         return 1
@@ -188,25 +120,13 @@ def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float
 
 
 def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float) -> np.ndarray:
-    """Orthonormal basis of everything slower than ``clutter_hz`` in a phase group.
+    """Orthonormal basis (N, order) of everything slower than B = ``clutter_hz`` in a phase group.
 
-    Returns ndarray of float, shape (N, order): the constant alone when nothing moves, otherwise the
-    first ``order`` discrete prolate spheroidal sequences of half-bandwidth NW = B N T.
-
-    Parameters
-    ----------
-    group_length : int
-        Snapshots per phase group, N.
-    snapshot_period_s : float
-        T, in s.
-    clutter_hz : float
-        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
-
-    Notes
-    -----
-    D. Slepian, "Prolate spheroidal wave functions, Fourier analysis, and uncertainty - V: the
-    discrete case", Bell System Technical Journal 57 (1978): about 2NW sequences hold all the
-    energy that signals of N samples can have within the band.
+    The constant alone when nothing moves (B = 0), otherwise the first ``order`` discrete prolate
+    spheroidal sequences of half-bandwidth NW = B N T. D. Slepian, "Prolate spheroidal wave
+    functions, Fourier analysis, and uncertainty - V: the discrete case", Bell System Technical
+    Journal 57 (1978): about 2NW sequences hold all the energy that signals of N samples can have
+    within the band.
     """
     if clutter_hz == 0:
         return np.full((group_length, 1), group_length**-0.5)
@@ -232,27 +152,15 @@ def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.nda
 
 @dataclass(frozen=True, eq=False)
 class RoomNoise:
-    """Autocovariance of what disturbs a group, in units of the receiver's white noise.
+    """Autocovariance (N,) of what disturbs a group, in units of the receiver's white noise.
 
-    Attributes
-    ----------
-    autocovariance : ndarray of float, shape (N,)
-        At lags of 0 to N - 1 snapshots, N being the length of a group. White noise alone is
-        (1, 0, 0, ...).
+    At lags of 0 to N - 1 snapshots; white noise alone is (1, 0, 0, ...).
     """
 
     autocovariance: np.ndarray = field(repr=False)
 
     def covariance(self, mask: np.ndarray | None = None) -> np.ndarray:
-        """Covariance matrix of a group's snapshots.
-
-        Returns ndarray of float, shape (n, n).
-
-        Parameters
-        ----------
-        mask : ndarray of bool, shape (N,), optional
-            The snapshots that are present; all of them when not given.
-        """
+        """Covariance matrix (n, n) of the snapshots of a group that are present in ``mask``."""
         snapshots = np.arange(len(self.autocovariance))
         if mask is not None:
             snapshots = snapshots[mask]
@@ -262,22 +170,11 @@ class RoomNoise:
 def room_noise(
     frequency_hz: np.ndarray, power: np.ndarray, group_length: int, snapshot_period_s: float
 ) -> RoomNoise:
-    """Noise of a room from the power spectrum of its disturbances.
+    """Noise of a room from the power spectrum of its disturbances, at frequencies (L,) of 0 or
+    above.
 
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (L,)
-        0 or above; the mirrored frequencies are disturbed equally.
-    power : ndarray, shape (L,)
-        Mean power at +f and -f, each per subcarrier and snapshot in units of the white noise.
-    group_length : int
-        Snapshots per group, N.
-    snapshot_period_s : float
-        T, in s.
-
-    Notes
-    -----
-    c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T).
+    ``power`` (L,) is the mean at +f and -f, each per subcarrier and snapshot in units of the white
+    noise: c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T).
     """
     lags_s = np.arange(group_length) * snapshot_period_s
     values = 2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))

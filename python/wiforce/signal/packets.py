@@ -17,18 +17,10 @@ _NAME = "packets"
 class PacketWaveform(Waveform):
     """Packets instead of frames: channels are given, samples do not exist.
 
-    Attributes
-    ----------
-    name, frame_length, sample_rate_hz, subcarriers, reference, preamble
-        As those of :class:`.waveform.Waveform`; only the number of subcarriers has a meaning.
-    first_averaged, repetitions, symbol_length, used_share
-        Likewise.
-    interval_s : float
-        Mean time between two packets, in s.
-    window_s : float
-        Time that a channel estimate averages, Ta, in s.
-    frequency_hz : ndarray, shape (K,)
-        Of each channel against the carrier; more than one where several antennas are combined.
+    Of the attributes of :class:`.Waveform` only the number of subcarriers has a meaning.
+    ``interval_s`` is the mean time between two packets, ``window_s`` what a channel estimate
+    averages, Ta, and ``frequency_hz`` (K,) that of each channel against the carrier; more than one
+    where several antennas are combined.
     """
 
     interval_s: float = 1e-3
@@ -67,30 +59,15 @@ class PacketWaveform(Waveform):
 
     @property
     def folding(self) -> dict[str, int]:
-        """Packets have no frames to fold.
-
-        Raises
-        ------
-        InputError
-        """
+        """Packets have no frames to fold; raises InputError, as the two that follow."""
         _refuse()
 
     def frame(self) -> np.ndarray:
-        """Packets have no samples.
-
-        Raises
-        ------
-        InputError
-        """
+        """Packets have no samples."""
         _refuse()
 
     def equalizer(self) -> np.ndarray:
-        """Packets need no equalizer.
-
-        Raises
-        ------
-        InputError
-        """
+        """Packets need no equalizer."""
         _refuse()
 
 
@@ -109,20 +86,11 @@ def packet_waveform(
     spacing_hz: float = 312.5e3,
     channels: int = 1,
 ) -> PacketWaveform:
-    """What the receiver has to know of packets.
+    """What the receiver has to know of packets (:class:`PacketWaveform`).
 
-    Parameters
-    ----------
-    interval_s : float
-        Mean time between two packets, in s.
-    window_s : float
-        Time that a channel estimate averages, in s.
-    subcarriers : int or ndarray
-        Number of subcarriers, centred on the carrier, or their frequencies against it in Hz.
-    spacing_hz : float
-        Distance of the subcarriers where only their number is given.
-    channels : int
-        Channels per subcarrier: one, or one for each combination of antennas.
+    ``subcarriers`` are their number, centred on the carrier and ``spacing_hz`` apart, or their
+    frequencies against it; ``channels`` per subcarrier are one, or one for each combination of
+    antennas.
     """
     if isinstance(subcarriers, np.ndarray):
         hertz = subcarriers.astype(float)

@@ -24,24 +24,12 @@ DUTY = (0.25, 0.25)
 def harmonics(
     m: ArrayLike, averaging_phase: float = 0.0, duty: tuple[float, float] = DUTY
 ) -> np.ndarray:
-    """Fourier coefficients of the two averaged waveforms at harmonics of fs.
+    """Fourier coefficients c1[m] and c2[m], (..., 2), of the two averaged waveforms at harmonics of
+    fs.
 
-    Returns ndarray of float, shape (..., 2): c1[m] and c2[m].
-
-    Parameters
-    ----------
-    m : array_like of int, any shape
-        Harmonic numbers.
-    averaging_phase : float
-        fs Ta, the part of a clock period that a snapshot averages over.
-    duty : (float, float)
-        Duty cycles d1 and d2 of clocks 1 and 2.
-
-    Notes
-    -----
-    c1[m] = d1 sinc(m d1) sinc(m fs Ta);
-    c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m. With duty cycles of
-    1/4 end 1 is alone at m = +-1, end 2 alone at m = +-4.
+    c1[m] = d1 sinc(m d1) sinc(m fs Ta); c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta) for even
+    m, 0 for odd m, with ``averaging_phase`` fs Ta and the duty cycles d1 and d2. With duty cycles
+    of 1/4 end 1 is alone at m = +-1, end 2 alone at m = +-4.
     """
     m = np.asarray(m)
     smear = np.sinc(m * averaging_phase)
@@ -52,19 +40,11 @@ def harmonics(
 
 
 def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarray:
-    """Upper limit of the power that harmonics of a tag have in the snapshots.
+    """Upper limit (M,) of the power that harmonics of a tag, from 1, have in the snapshots.
 
-    A harmonic that is faster than a symbol moves energy from a subcarrier to its neighbours: the
-    average over the symbol suppresses it, except around multiples of the subcarrier spacing.
-
-    Returns ndarray of float, shape (M,): relative to line 1 of end 1, both ends together.
-
-    Parameters
-    ----------
-    m : array_like of int, shape (M,)
-        Harmonic numbers, from 1.
-    clock_hz : float
-        fs, in Hz.
+    Relative to line 1 of end 1, both ends together. A harmonic that is faster than a symbol moves
+    energy from a subcarrier to its neighbours: the average over the symbol suppresses it, except
+    around multiples of the subcarrier spacing.
     """
     m = np.asarray(m)
     spacing_hz = waveform.spacing_hz
@@ -81,20 +61,11 @@ def switch_averages(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> np.ndarray:
-    """Both switching waveforms averaged over a window of clock phase.
+    """Averages (..., n, 2) of s1 and s2, in 0..1, over a window of clock phase.
 
-    Returns ndarray of float, shape (..., n, 2): averages of s1 and s2, each in 0..1.
-
-    Parameters
-    ----------
-    phase : ndarray, shape (..., n)
-        Clock 1's phase in radians at the window's centre.
-    half_window : float or ndarray, shape (...)
-        Half the window, pi fs Ta, in radians; at most pi/8, the half width of the narrower pulse.
-    clock2_delay : float
-        Phase of clock 1, in radians, by which clock 2's pulses come late.
-    duty : (float, float)
-        Duty cycles of clocks 1 and 2, about a quarter.
+    ``phase`` (..., n) is clock 1's in radians at the window's centre, ``half_window`` half the
+    window, pi fs Ta, at most pi/8, the half width of the narrower pulse. Clock 2's pulses come late
+    by ``clock2_delay`` radians of clock 1; duty cycles are about a quarter.
     """
     return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).swapaxes(-1, -2)
 
@@ -105,18 +76,9 @@ def switch_averages_and_slopes(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The averages of :func:`switch_averages` and their derivatives by the clock's phase.
+    """:func:`switch_averages` and their derivatives by the clock's phase, (..., n, 2) per radian.
 
-    Parameters
-    ----------
-    phase, half_window, clock2_delay, duty
-        As in :func:`switch_averages`.
-
-    Returns
-    -------
-    averages : ndarray of float, shape (..., n, 2)
-    slopes : ndarray of float, shape (..., n, 2)
-        Per radian; 0 where the window holds no edge.
+    The slope is 0 where the window holds no edge.
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     averages = _ramps(cycles.copy(), half_window, duty)
@@ -129,24 +91,12 @@ def switch_averages_and_slopes(
 
 @dataclass(frozen=True)
 class SwitchEdges:
-    """Edges of the switching waveforms inside some windows, E of them.
+    """Edges of the switching waveforms inside some windows, E of them."""
 
-    Attributes
-    ----------
-    waveform : ndarray of int, shape (E,)
-        0 for s1, 1 for s2.
-    snapshot : ndarray of int, shape (E,)
-        Index of the window.
-    position : ndarray of float, shape (E,)
-        In the window, from -1 at its start to 1 at its end.
-    step : ndarray of float, shape (E,)
-        1 where the switch closes, -1 where it opens.
-    """
-
-    waveform: np.ndarray
-    snapshot: np.ndarray
-    position: np.ndarray
-    step: np.ndarray
+    waveform: np.ndarray  # (E,), 0 for s1, 1 for s2
+    snapshot: np.ndarray  # (E,), index of the window
+    position: np.ndarray  # (E,), in the window, from -1 at its start to 1 at its end
+    step: np.ndarray  # (E,), 1 where the switch closes, -1 where it opens
 
 
 def switch_edges(
@@ -155,14 +105,8 @@ def switch_edges(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> SwitchEdges:
-    """Edges that windows of clock phase hold, one of each waveform at most.
-
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Clock 1's phase in radians at the windows' centres.
-    half_window, clock2_delay, duty
-        As in :func:`switch_averages`.
+    """Edges that windows of clock phase hold (:func:`switch_averages`), one of each waveform at
+    most.
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     half_duty, half = np.array(duty)[:, None] / 2, half_window * np.array([[0.5], [1.0]]) / np.pi
@@ -177,17 +121,10 @@ def switch_edges(
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:
-    """Derivatives of the averages by the clocks' duty cycles.
+    """Derivatives of s1 by the duty cycle of clock 1, and of s2 by that of clock 2, from the
+    slopes.
 
     A wider pulse moves both of its edges outwards.
-
-    Returns ndarray of float, shape (..., n, 2): of s1 by the duty cycle of clock 1, and of s2 by
-    that of clock 2.
-
-    Parameters
-    ----------
-    slopes : ndarray of float, shape (..., n, 2)
-        By the clock's phase, from :func:`switch_averages_and_slopes`.
     """
     return np.abs(slopes) * (np.pi, np.pi / 2)
 

@@ -35,15 +35,7 @@ _OVERSAMPLING = 8
 
 
 def repeated_symbol(length: int) -> np.ndarray:
-    """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2.
-
-    Returns ndarray of complex, shape (N,).
-
-    Parameters
-    ----------
-    length : int
-        N, in samples.
-    """
+    """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2."""
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
     k = k[k != 0]
     spectrum = np.zeros(length, complex)
@@ -52,17 +44,8 @@ def repeated_symbol(length: int) -> np.ndarray:
 
 
 def up_chirp(length: int) -> np.ndarray:
-    """Up-chirp over the whole sample rate, as LoRa sends in its preamble.
+    """Up-chirp over the whole sample rate, as LoRa sends in its preamble; N = 2^SF samples.
 
-    Returns ndarray of complex, shape (N,).
-
-    Parameters
-    ----------
-    length : int
-        N, in samples; 2^SF for the spreading factor SF.
-
-    Notes
-    -----
     x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), L. Vangelista, Frequency Shift Chirp Modulation: The
     LoRa Modulation, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
     """
@@ -73,15 +56,6 @@ def up_chirp(length: int) -> np.ndarray:
 def fmcw_sweep(length: int) -> np.ndarray:
     """Linear sweep over 80 % of the sample rate, continuous from one repetition to the next.
 
-    Returns ndarray of complex, shape (N,).
-
-    Parameters
-    ----------
-    length : int
-        N, in samples.
-
-    Notes
-    -----
     x[n] = exp(j pi B (n^2 / N - n)), B = 0.8: the sawtooth of A. G. Stove, Linear FMCW radar
     techniques, IEE Proceedings F 139(5), 1992.
     """
@@ -92,15 +66,6 @@ def fmcw_sweep(length: int) -> np.ndarray:
 def zadoff_chu(length: int) -> np.ndarray:
     """Zadoff-Chu sequence: constant envelope at the samples, and a flat spectrum.
 
-    Returns ndarray of complex, shape (N,).
-
-    Parameters
-    ----------
-    length : int
-        N, in samples.
-
-    Notes
-    -----
     x[n] = exp(-j pi u n (n + N mod 2) / N), u coprime to N: D. C. Chu, Polyphase codes with good
     periodic correlation properties, IEEE Transactions on Information Theory 18(4), 1972. u is the
     first such number from 25/63 N on, 25 for the 63 samples of LTE.
@@ -122,15 +87,10 @@ SYMBOLS: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
 
 
 def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
-    """Subcarriers on which a symbol has enough energy to estimate the channel.
+    """Subcarriers (K,), ascending, on which a symbol has enough energy to estimate the channel.
 
-    Returns ndarray of int, shape (K,): ascending, negative ones included. Never 0, where receivers
-    add an offset and the leakage of their oscillator, nor -N/2, where the edges of the band alias
-    into each other.
-
-    Parameters
-    ----------
-    symbol : ndarray of complex, shape (N,)
+    Never 0, where receivers add an offset and the leakage of their oscillator, nor -N/2, where the
+    edges of the band alias into each other.
     """
     length = len(symbol)
     power = np.abs(np.fft.fft(symbol)) ** 2
@@ -139,13 +99,8 @@ def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
 
 
 def peak_to_average_db(symbol: np.ndarray) -> float:
-    """Peak to average power ratio of the analogue signal, while the symbol repeats.
-
-    Returns float: in dB, of the band-limited signal through the samples.
-
-    Parameters
-    ----------
-    symbol : ndarray of complex, shape (N,)
+    """Peak to average power ratio in dB of the band-limited signal through the samples of a
+    symbol that repeats.
     """
     length = len(symbol)
     spectrum, half = np.fft.fft(symbol), (length + 1) // 2
@@ -158,18 +113,8 @@ def peak_to_average_db(symbol: np.ndarray) -> float:
 def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
     """A symbol as it is used: in single precision, its largest component 1.
 
-    Returns ndarray of complex64, shape (N,).
-
-    Parameters
-    ----------
-    where : object
-        Its file or key, for messages.
-
-    Raises
-    ------
-    InputError
-        Unless it is one symbol of 16 to 4096 finite complex samples, with energy on four or more
-        subcarriers that can be used.
+    Refused unless it is one symbol of 16 to 4096 finite complex samples, with energy on four or
+    more subcarriers that can be used.
     """
     if values.dtype.kind != "c":
         raise InputError(where, "must hold complex samples", str(values.dtype))
@@ -197,20 +142,8 @@ def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
 
 
 def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
-    """Read the symbol of a ``.npy`` file.
-
-    Returns ndarray of complex64, shape (N,).
-
-    Parameters
-    ----------
-    where : object, optional
-        The key that names it, for messages.
-
-    Raises
-    ------
-    InputError
-        When there is no such file, it is no ``.npy`` file, or :func:`checked_symbol` refuses it.
-        Objects are never unpickled.
+    """Read the symbol of a ``.npy`` file, or refuse it as :func:`checked_symbol`; objects are
+    not unpickled.
     """
     name = str(path) if where is None else f"{where}: {path}"
     if not Path(path).is_file():
@@ -227,32 +160,12 @@ def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
 
 
 def encode_symbol(symbol: np.ndarray) -> str:
-    """A symbol as text, as captures store it.
-
-    Returns str: little-endian complex64 samples in base64 (RFC 4648).
-
-    Parameters
-    ----------
-    symbol : ndarray of complex64, shape (N,)
-    """
+    """A symbol as text, as captures store it: little-endian complex64 in base64 (RFC 4648)."""
     return base64.b64encode(symbol.astype("<c8").tobytes()).decode("ascii")
 
 
 def decode_symbol(text: str, where: object = "symbol") -> np.ndarray:
-    """The inverse of :func:`encode_symbol`.
-
-    Returns ndarray of complex64, shape (N,).
-
-    Parameters
-    ----------
-    where : object
-        Its key, for messages.
-
-    Raises
-    ------
-    InputError
-        When it is no symbol (see :func:`checked_symbol`).
-    """
+    """The inverse of :func:`encode_symbol`, checked by :func:`checked_symbol`."""
     rule = "must be samples of complex64 in base64"
     try:
         content = base64.b64decode(text, validate=True)

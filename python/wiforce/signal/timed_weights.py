@@ -33,14 +33,8 @@ _WORST_CONDITION = 1e6
 
 @dataclass(frozen=True)
 class TimedWeights(PartialWeights):
-    """Least-squares weights at the times of a group's snapshots.
-
-    Attributes
-    ----------
-    mask, weights, covariance
-        As those of :class:`.partial_weights.PartialWeights`; every snapshot is present.
-    times_s : ndarray, shape (n,)
-        From the group's centre, in s.
+    """Least-squares weights at the times (n,) of a group's snapshots from its centre, all
+    present.
     """
 
     times_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
@@ -50,14 +44,8 @@ class TimedWeights(PartialWeights):
 class TimedTable(ToneTable):
     """Weights of a run whose groups have times of their own: those of a typical group.
 
-    Attributes
-    ----------
-    tones, weights, basis, snapshot_period_s, room
-        As those of :class:`.weights.ToneTable`, on a typical group; without ``basis`` and ``room``.
-    typical_s : ndarray, shape (N,)
-        Times of the typical group from its centre, in s.
-    clutter_hz : float
-        Clutter band, in Hz.
+    Without ``basis`` and ``room`` of :class:`.ToneTable`; ``typical_s`` (N,) are times from the
+    centre of the typical group.
     """
 
     typical_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
@@ -69,16 +57,10 @@ class TimedTable(ToneTable):
         return self.typical_s
 
     def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> TimedWeights | None:
-        """Weights of a group.
+        """Weights of a group at these times (n,) from its centre; None when they do not determine
+        the tones.
 
-        Returns TimedWeights or None: None when these snapshots do not determine the tones.
-
-        Parameters
-        ----------
-        times_s : ndarray, shape (n,)
-            Times of its snapshots from its centre, in s.
-        states : ndarray of int, shape (n,), optional
-            State of the receiver in each of them: each state has a constant of its own.
+        ``states`` (n,) are those of the receiver: each has a constant of its own.
         """
         weights = _solve(self._columns(times_s, states), len(self.tones))
         if weights is None or not len(weights):
@@ -91,17 +73,10 @@ class TimedTable(ToneTable):
     def residual(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
     ) -> float:
-        """What neither tones nor clutter explain of a group.
+        """What neither tones nor clutter explain of a group's channel (n, K): mean power per degree
+        of freedom.
 
-        Returns float: mean power per degree of freedom.
-
-        Parameters
-        ----------
-        times_s : ndarray, shape (n,)
-            Times of its snapshots from its centre, in s; more than tones and clutter together.
-        channel : ndarray of complex, shape (n, K)
-        states : ndarray of int, shape (n,), optional
-            As for :meth:`at`.
+        There must be more snapshots than tones and clutter together; ``states`` as for :meth:`at`.
         """
         basis = np.linalg.qr(self._columns(times_s, states))[0]
         explained = np.sum(np.abs(basis.T @ channel) ** 2)
@@ -127,25 +102,9 @@ def timed_table(
     clutter_hz: float = 0.0,
     harmonics: int = 8,
 ) -> TimedTable:
-    """Weight table for the lines of all tags, at the times of a typical group.
+    """Weight table for the lines of all tags, at the times (N,) of a typical group from its centre.
 
-    Parameters
-    ----------
-    clocks_hz : sequence of float, length S
-        Nominal fs of each tag, in Hz.
-    times_s : ndarray, shape (N,)
-        Times of a typical group's snapshots from its centre, in s.
-    period_s : float
-        Length of a group, in s.
-    clutter_hz : float
-        Highest Doppler frequency of anything that moves; 0 when nothing does.
-    harmonics : int
-        Lines +-1..+-harmonics are used.
-
-    Raises
-    ------
-    InputError
-        When the snapshots of the group do not determine the lines of every tag.
+    As :func:`.design_weights`; refused when these snapshots do not determine the lines.
     """
     tones = timed_lines(clocks_hz, times_s, period_s, clutter_hz, harmonics)
     empty = np.zeros((len(tones), len(times_s)), complex)
@@ -173,15 +132,7 @@ def timed_lines(
     clutter_hz: float = 0.0,
     harmonics: int = 8,
 ) -> tuple[Tone, ...]:
-    """Tones on which tags are read at given times.
-
-    Returns tuple of Tone: ascending in frequency; symmetric about 0.
-
-    Parameters
-    ----------
-    clocks_hz, times_s, period_s, clutter_hz, harmonics
-        As for :func:`timed_table`.
-    """
+    """Tones of :func:`timed_table`, ascending in frequency and symmetric about 0."""
     clutter, _ = np.linalg.qr(clutter_at(times_s, period_s, clutter_hz))
     lines = sorted(
         (m, m * clock_hz, tag)
@@ -207,26 +158,14 @@ def timed_lines(
 
 
 def clutter_at(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
-    """Basis of everything slower than ``clutter_hz``, at given times.
+    """Basis (n, order) of everything slower than B = ``clutter_hz``, at times from the group's
+    centre.
 
-    Returns ndarray of float, shape (n, order): the constant alone when nothing moves, otherwise
-    prolate spheroidal wave functions. Not orthogonal at these times.
-
-    Parameters
-    ----------
-    times_s : ndarray, shape (n,)
-        From the group's centre, in s.
-    period_s : float
-        Length of the group, in s.
-    clutter_hz : float
-        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
-
-    Notes
-    -----
-    The functions whose samples on a grid are the sequences of :mod:`.clutter`: eigenfunctions of
-    the band limit B within the group's length, expanded in Legendre polynomials (H. Xiao,
-    V. Rokhlin, N. Yarvin, "Prolate spheroidal wavefunctions, quadrature and interpolation",
-    Inverse Problems 17 (2001), section 4).
+    The constant alone when nothing moves, otherwise prolate spheroidal wave functions, not
+    orthogonal at these times: the functions whose samples on a grid are the sequences of
+    :func:`.clutter_basis`, eigenfunctions of the band limit B within the group's length, expanded
+    in Legendre polynomials (H. Xiao, V. Rokhlin, N. Yarvin, "Prolate spheroidal wavefunctions,
+    quadrature and interpolation", Inverse Problems 17 (2001), section 4).
     """
     if clutter_hz == 0:
         return np.ones((len(times_s), 1))

@@ -170,12 +170,9 @@ class Waveform:
         return len(self.subcarriers) / used_samples
 
     def equalizer(self) -> np.ndarray:
-        """Factors that turn the FFT of a folded vector into the channel.
+        """Factors (symbol_length,) that turn the FFT of a folded vector into the channel; 0 if
+        unoccupied.
 
-        Returns ndarray of complex, shape (symbol_length,): 0 on unoccupied subcarriers.
-
-        Notes
-        -----
         H[k] = FFT(folded)[k] / (X_k N / sqrt(K)) for N samples and |X_k| = 1.
         """
         factors = np.zeros(self.symbol_length, complex)
@@ -194,10 +191,7 @@ class Waveform:
         }
 
     def frame(self) -> np.ndarray:
-        """Transmit samples of one frame.
-
-        Returns ndarray of complex, shape (frame_length,): unit mean power over the preamble.
-        """
+        """Transmit samples (frame_length,) of one frame, of unit mean power over the preamble."""
         samples = np.zeros(self.frame_length, complex)
         samples[: self.preamble_length] = self.preamble
         return samples

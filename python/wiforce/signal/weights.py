@@ -31,20 +31,11 @@ _LEAST_PIVOT = 1e-8
 
 @dataclass(frozen=True)
 class PartialWeights:
-    """Exact least-squares weights over the snapshots present in an incomplete group.
+    """Exact least-squares weights over the snapshots present in an incomplete group."""
 
-    Attributes
-    ----------
-    mask : ndarray of bool, shape (N,)
-        True where a snapshot is present.
-    weights : ndarray of complex, shape (M, count of present)
-        As those of :class:`~.weights.ToneTable`.
-    covariance : ndarray or None
-        Of the noise of the snapshots present; None where it is white.
-    """
-
-    mask: np.ndarray
-    weights: np.ndarray
+    mask: np.ndarray  # (N,), True where a snapshot is present
+    weights: np.ndarray  # (M, n), as those of :class:`ToneTable`
+    # of the noise of the snapshots present; None where it is white
     covariance: np.ndarray | None = None
 
     @cached_property
@@ -58,26 +49,15 @@ class PartialWeights:
         return int(len(self.mask) - self.mask.sum())
 
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
-        """Compute the tones of a group.
-
-        Returns ndarray of complex, shape (M, n): as :func:`tones_of`.
-
-        Parameters
-        ----------
-        snapshots : ndarray of complex, shape (count of present, n)
-        """
+        """Tones of a group from the snapshots present, as :func:`tones_of`."""
         return tones_of(self.weights, snapshots)
 
 
 class PartialSolver:
     """Solves the weights of incomplete groups of one table.
 
-    Parameters
-    ----------
-    basis : ndarray of complex, shape (N, M + clutter order)
-        Tones in the order of their frequency, symmetric about 0, then clutter, which is real.
-    tones : int
-        M, an even number.
+    ``basis`` (N, M + clutter order) holds M tones in the order of their frequency, symmetric about
+    0, then clutter, which is real.
     """
 
     def __init__(self, basis: np.ndarray, tones: int) -> None:
@@ -90,14 +70,8 @@ class PartialSolver:
         self._gram = self._basis.T @ self._basis
 
     def solve(self, mask: np.ndarray) -> PartialWeights | None:
-        """Weights over the snapshots that are present.
-
-        Returns PartialWeights or None: None when they do not determine the tones.
-
-        Parameters
-        ----------
-        mask : ndarray of bool, shape (N,)
-            True where a snapshot is present.
+        """Weights over the snapshots that are present; None when they do not determine the
+        tones.
         """
         present = self._basis[mask]
         count, columns = present.shape
@@ -136,16 +110,8 @@ class PartialSolver:
 
 
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
-    """Apply weights whose rows of opposite frequency are conjugates of each other.
-
-    Returns ndarray of complex, shape (M, n): ``weights @ snapshots``; tones of opposite frequency
-    share two real products.
-
-    Parameters
-    ----------
-    weights : ndarray of complex, shape (M, N)
-        As those of :class:`~.weights.ToneTable`.
-    snapshots : ndarray of complex, shape (N, n)
+    """``weights @ snapshots``, (M, n): rows of opposite frequency are conjugates, and share two
+    real products.
     """
     upper = weights[len(weights) // 2 :]
     samples = np.ascontiguousarray(snapshots, complex).view(float)
@@ -155,33 +121,19 @@ def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
 
 
 def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
-    """Matrix that makes the noise of tones white.
+    """Matrix (M, M) that makes the noise of tones white: the inverse Cholesky factor of W C W^H.
 
-    Returns ndarray of complex, shape (M, M): the inverse Cholesky factor of W C W^H.
-
-    Parameters
-    ----------
-    weights : ndarray of complex, shape (M, n)
-        W, from snapshots to tones.
-    covariance : ndarray, shape (n, n), optional
-        C, of the noise of the snapshots; the identity when not given.
+    W are the weights (M, n), C the covariance of the noise of the snapshots, the identity if not
+    given.
     """
     colored = weights if covariance is None else weights @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse; by the slower of LAPACK's algorithms where the usual one does not converge.
+    """Pseudo-inverse (n, m); by the slower of LAPACK's algorithms where the usual one does not
+    converge.
 
-    Returns ndarray, shape (n, m).
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (m, n)
-        Real or complex.
-
-    Notes
-    -----
     The divide-and-conquer SVD (gesdd) of OpenBLAS 0.3.21 fails for some nearly singular bases,
     which NumPy reports as LinAlgError or, when LAPACK complains as well, as SystemError.
     """
@@ -203,28 +155,18 @@ WORST_GAIN = 30
 class ToneTable:
     """Weights of a run, with what is needed to interpret them and to redo them for gaps.
 
-    Attributes
-    ----------
-    tones : tuple of Tone, length M
-        Ascending in frequency, symmetric about 0.
-    weights : ndarray of complex, shape (M, N)
-        P_m = sum_n weights[m, n] H[n]; phases count from the group's centre snapshot
-        (N - 1) / 2. Rows of opposite frequency are conjugates of each other. The values are
-        exactly representable in single precision, so that a kernel in floats applies the very
-        table that the mixing matrix is computed with.
-    basis : ndarray of complex, shape (N, M + clutter order), or None
-        Tones, then clutter; None for a plain Fourier sum over the group.
-    snapshot_period_s : float
-        T, in s.
-    room : RoomNoise or None
-        Noise that the weights suppress; None where it is white.
+    P_m = sum_n weights[m, n] H[n]; phases count from the group's centre snapshot (N - 1) / 2. Rows
+    of opposite frequency are conjugates of each other. The values are exactly representable in
+    single precision, so that a kernel in floats applies the very table that the mixing matrix is
+    computed with.
     """
 
-    tones: tuple[Tone, ...]
-    weights: np.ndarray = field(repr=False)
+    tones: tuple[Tone, ...]  # ascending in frequency, symmetric about 0
+    weights: np.ndarray = field(repr=False)  # (M, N), complex
+    # (N, M + clutter order): tones, then clutter; None for a plain Fourier sum
     basis: np.ndarray | None = field(repr=False)
     snapshot_period_s: float
-    room: RoomNoise | None = None
+    room: RoomNoise | None = None  # noise that the weights suppress; None where it is white
 
     @property
     def group_length(self) -> int:
@@ -250,34 +192,19 @@ class ToneTable:
         return whitener_of(self.weights, self.room.covariance() if self.room else None)
 
     def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
-        """Factors that undo each line's rotation within a symbol, applied before the FFT.
+        """Factors (M, symbol_length) that undo each line's rotation within a symbol, before the
+        FFT.
 
         A line at f rotates by 2 pi f / sample_rate from one folded sample to the next and would
         leak into the neighbouring subcarriers.
-
-        Returns ndarray of complex, shape (M, symbol_length).
-
-        Parameters
-        ----------
-        sample_rate_hz : float
-            In Hz.
-        symbol_length : int
-            Samples of the symbol (``Waveform.symbol_length``).
         """
         offset_s = centered_times_s(symbol_length, 1 / sample_rate_hz)
         return np.exp(-2j * np.pi * np.outer(self._lines_hz, offset_s))
 
     def symbol_gain(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
-        """Amplitude that the average over a symbol leaves of each line without derotation.
+        """Amplitude (M,) that the average over a symbol leaves of each line without derotation.
 
-        Returns ndarray of float, shape (M,): sinc(symbol_length f / sample_rate), 1 at best.
-
-        Parameters
-        ----------
-        sample_rate_hz : float
-            In Hz.
-        symbol_length : int
-            Samples of the symbol.
+        sinc(symbol_length f / sample_rate), 1 at best.
         """
         return np.sinc(self._lines_hz * symbol_length / sample_rate_hz)
 
@@ -286,14 +213,8 @@ class ToneTable:
         return np.array([tone.line_hz for tone in self.tones])
 
     def for_present(self, mask: np.ndarray) -> PartialWeights | None:
-        """Weights of a group in which only some snapshots are present.
-
-        Returns PartialWeights or None: None when the snapshots present do not determine the tones.
-
-        Parameters
-        ----------
-        mask : ndarray of bool, shape (N,)
-            True where a snapshot is present.
+        """Weights of a group in which the snapshots of ``mask`` are present; None if these do
+        not determine the tones.
         """
         if self.basis is None:
             weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
@@ -335,32 +256,14 @@ def design_weights(
     rectangular: bool = False,
     room: RoomNoise | None = None,
 ) -> ToneTable:
-    """Weight table for the lines of all tags of a scene.
+    """Weight table for the lines +-1..+-``harmonics``, at least 4, of all tags of a scene.
 
-    Parameters
-    ----------
-    clocks_hz : sequence of float, length S
-        Nominal fs of each tag, in Hz; 4 fs must lie below half the snapshot rate.
-    group_length : int
-        Snapshots per group, N.
-    snapshot_period_s : float
-        T, in s.
-    clutter_hz : float
-        Highest Doppler frequency of anything that moves; 0 when nothing does.
-    harmonics : int
-        Lines +-1..+-harmonics are used; at least 4.
-    rectangular : bool
-        A plain Fourier sum over the group for every line instead, as in the WiForce paper:
-        clutter and the lines themselves then leak into one another.
-    room : RoomNoise, optional
-        Disturbances between the lines, which the weights then suppress as far as this does not
-        cost more than it gains.
-
-    Raises
-    ------
-    InputError
-        When a clock is too fast, the clutter band reaches the first line, or the group is too
-        short to separate the lines from each other and from clutter.
+    For groups of N snapshots of period T, with what moves up to ``clutter_hz``. ``rectangular``
+    makes it a plain Fourier sum over the group for every line, as in the WiForce paper: clutter and
+    the lines themselves then leak into one another. Disturbances of ``room`` between the lines are
+    suppressed as far as this does not cost more than it gains. Refused when a clock is too fast (4
+    fs must lie below half the snapshot rate), the clutter band reaches the first line, or the group
+    is too short to separate the lines from each other and from clutter.
     """
     _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)

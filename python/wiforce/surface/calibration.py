@@ -42,25 +42,15 @@ REACH_SPACINGS, _UNKNOWN = 3, 0.5
 
 @dataclass(frozen=True)
 class SurfaceTaps:
-    """Presses at known points, and what S strips showed of them.
+    """n presses at known points, and what S strips showed of them."""
 
-    Attributes
-    ----------
-    force_n, x_mm, y_mm : ndarray, shape (n,)
-        Of each press.
-    strip_force_n, strip_force_std_n : ndarray, shape (n, S)
-        Force that each strip showed; NaN where it was untouched or not received.
-    strip_x_mm, strip_x_std_mm : ndarray, shape (n, S)
-        Location along x that it showed.
-    untouched : ndarray of bool, shape (n, S)
-    """
-
-    force_n: Array
+    force_n: Array  # (n,), of each press, as ``x_mm`` and ``y_mm``
     x_mm: Array
     y_mm: Array
+    # (n, S), that each strip showed; NaN where it was untouched or not received
     strip_force_n: Array
     strip_force_std_n: Array
-    strip_x_mm: Array
+    strip_x_mm: Array  # (n, S), location along x that it showed
     strip_x_std_mm: Array
     untouched: NDArray[np.bool_]
 
@@ -70,41 +60,21 @@ class SurfaceTaps:
 
 @dataclass(frozen=True)
 class SpreadingFit:
-    """A calibrated spreading law, and how well it explains the taps.
-
-    Attributes
-    ----------
-    law : SpreadingKeys
-    shares, untouched : int
-        Strips that showed a share, and that showed none, over all taps.
-    rms : float
-        Residual of the shares.
-    """
+    """A calibrated spreading law, and how well it explains the taps."""
 
     law: SpreadingKeys
-    shares: int
+    shares: int  # strips that showed a share over all taps; ``untouched`` ones showed none
     untouched: int
-    rms: float
+    rms: float  # residual of the shares
 
 
 def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> SpreadingFit:
-    """Fit a spreading law.
+    """Fit a spreading law ``strips``, ``table`` or ``gaussian``, or refuse taps that do not
+    determine it.
 
-    Returns SpreadingFit: the standard deviations of the law are those of taps that are left out of
-    the fit in turn, less the noise of the strips' own readings; that of the shares is at least that
-    of the fitted taps.
-
-    Parameters
-    ----------
-    skin : Skin
-        Positions of the strips; its law is not used.
-    law : str
-        ``strips``, ``table`` or ``gaussian``.
-
-    Raises
-    ------
-    InputError
-        When the taps do not determine the law.
+    The standard deviations of the law are those of taps that are left out of the fit in turn, less
+    the noise of the strips' own readings; that of the shares is at least that of the fitted taps.
+    Of the skin, positions of the strips count.
     """
     share = taps.strip_force_n / taps.force_n[:, None]
     noise = taps.strip_force_std_n / taps.force_n[:, None]
@@ -342,14 +312,7 @@ _MOST_TAPS = 10_000
 
 @dataclass(frozen=True)
 class KnownPress:
-    """A press at a known point.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        A time in which it was held, in s.
-    force_n, x_mm, y_mm : float
-    """
+    """A press at a known point, held from ``start_s`` to ``end_s``."""
 
     start_s: float
     end_s: float
@@ -359,19 +322,10 @@ class KnownPress:
 
 
 def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[KnownPress]:
-    """Read a table of known presses.
+    """Read a CSV table of known presses, which must lie on the skin where one is given.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns ``start_s``, ``end_s``, ``force_n``, ``x_mm`` and ``y_mm``.
-    skin : Skin, optional
-        The surface, on which the presses must lie.
-
-    Raises
-    ------
-    InputError
-        Naming file, row, rule and value.
+    Columns ``start_s``, ``end_s``, ``force_n``, ``x_mm`` and ``y_mm``; an InputError names file and
+    row.
     """
     header, rows = read_csv(path)
     require_columns(path, header, _COLUMNS)
@@ -412,15 +366,10 @@ def _check_place(skin: Skin, press: KnownPress, where: str) -> None:
 def taps_of(
     skin: Skin, presses: Sequence[KnownPress], rows: Iterable[Mapping[str, Any]]
 ) -> SurfaceTaps:
-    """What the strips showed of known presses.
+    """What the strips showed of known presses: means over the readings of each press.
 
-    Returns SurfaceTaps: means over the readings of each press.
-
-    Parameters
-    ----------
-    rows : iterable of mapping
-        Rows of readings (``io.readings_files.ReadingsFile``). Those with a flag other than
-        ``extrapolated`` and ``force-unobservable`` are left out.
+    Of the rows of readings, those with a flag other than ``extrapolated`` and
+    ``force-unobservable`` are left out.
     """
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)

@@ -58,14 +58,8 @@ def borne_too_much(skin: Skin) -> str | None:
 
 
 def law_violations(skin: Skin, law: SpreadingKeys) -> Iterator[str]:
-    """What contradicts itself between a law and the strips that it is used for.
-
-    Yields str: a rule that is broken, with the values.
-
-    Parameters
-    ----------
-    skin : Skin
-        The strips.
+    """What contradicts itself between a law and the strips that it is used for: rules that are
+    broken.
     """
     count = len(skin.strips)
     for of_strips in (law.strip_shares, law.location_offsets_mm, law.strip_y_mm, law.strip_sensors):
@@ -102,12 +96,9 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:
-    """Presses that a strip farther away bears more of than the nearest one.
+    """Presses, by index, that a strip farther away bears more of than the nearest one, and that
+    strip.
 
-    Returns list of tuple: index of each such press, and of the strip that bears most of it.
-
-    Notes
-    -----
     A skin spreads a press downward with the distance. Half a distance of the strips is allowed,
     since strips near an edge bear more. What is found is a wrong position or order of strips, or a
     wrong row of the table.

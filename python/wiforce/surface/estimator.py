@@ -28,40 +28,21 @@ _STEPS = 2
 
 @dataclass(frozen=True)
 class StripProfile:
-    """Profile likelihood over the force of n readings of one strip.
+    """Profile likelihood over the force of n readings of one strip."""
 
-    Attributes
-    ----------
-    force_n : ndarray, shape (n, k)
-        Equally spaced, from the onset or higher.
-    log_weight : ndarray, shape (n, k)
-        Logarithm of the likelihood integrated over the location and to the next force.
-    location_mm, variance_mm2 : ndarray, shape (n, k)
-        The location that explains the phases best at each force, and its variance.
-    """
-
-    force_n: Array
+    force_n: Array  # (n, k), equally spaced, from the onset or higher
+    # (n, k), of the likelihood integrated over the location and to the next force
     log_weight: Array
-    location_mm: Array
+    location_mm: Array  # (n, k), that explains the phases best at each force, with ``variance_mm2``
     variance_mm2: Array
 
 
 def strip_profile(
     model: SensorModel, frequency_hz: float, phases_deg: Array, std_deg: Array
 ) -> StripProfile:
-    """Profile likelihood of phases over the force on a strip.
+    """Profile likelihood of phases (n, 2) of a touched strip, with their noise, over the force on
+    it.
 
-    Parameters
-    ----------
-    model : SensorModel
-        Of the strip.
-    frequency_hz : float
-        Carrier, in Hz.
-    phases_deg, std_deg : ndarray, shape (n, 2)
-        Of a touched strip, with the standard deviations of their noise.
-
-    Notes
-    -----
     The likelihood is that of the single strip (``sensor/inversion.py``): noise and the model's own
     error are normal. The forces are chosen about the press that the inversion finds.
     """
@@ -116,23 +97,14 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True)
 class SurfaceEvidence:
-    """What n readings of all S strips show.
+    """What n readings of all S strips show."""
 
-    Attributes
-    ----------
-    profiles : StripProfile
-        Of arrays (n, S, k), with the locations along x; rows of strips that are not touched have
-        no meaning.
-    touched, untouched : ndarray of bool, shape (n, S)
-        Neither for strips that are left out.
-    other_n : ndarray, shape (n, S)
-        Force that something else may add to each strip: a standard deviation.
-    """
-
+    # of arrays (n, S, k), with the locations along x; meaningless where untouched
     profiles: StripProfile
+    # (n, S); neither this nor ``untouched`` for strips that are left out
     touched: NDArray[np.bool_]
     untouched: NDArray[np.bool_]
-    other_n: Array
+    other_n: Array  # (n, S), force that something else may add to each strip: a standard deviation
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfaceEvidence:
         p = self.profiles
@@ -152,23 +124,12 @@ class SurfaceEvidence:
 
 @dataclass(frozen=True)
 class SurfacePress:
-    """Presses of n readings.
+    """Presses of n readings."""
 
-    Attributes
-    ----------
-    mean : ndarray, shape (n, 3)
-        Force in N, x and y in mm.
-    covariance : ndarray, shape (n, 3, 3)
-    misfit : ndarray, shape (n,)
-        Squared residual of the strips at the best press, in standard deviations.
-    freedom : ndarray, shape (n,)
-        Of which so much is expected.
-    """
-
-    mean: Array
-    covariance: Array
-    misfit: Array
-    freedom: Array
+    mean: Array  # (n, 3), force in N, x and y in mm
+    covariance: Array  # (n, 3, 3)
+    misfit: Array  # (n,), squared residual of the strips at the best press, in standard deviations
+    freedom: Array  # (n,), of which so much is expected
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfacePress:
         return SurfacePress(
@@ -179,8 +140,6 @@ class SurfacePress:
 class SurfacePosterior:
     """The posterior of force, x and y.
 
-    Notes
-    -----
     All forces up to the largest that the strips can show, and all points of the plane up to one
     spacing beyond the outer strips, are equally likely beforehand. The force on strip i is normal
     about ``share(y - y_i) F`` with ``share_std F``, the location that it shows about x with
@@ -208,26 +167,14 @@ class SurfacePosterior:
         self._log_weights = np.log(np.outer(weights, weights).ravel()) + 0.5 * (grid**2).sum(axis=1)
 
     def __call__(self, evidence: SurfaceEvidence) -> SurfacePress:
-        """The posterior's mean and covariance.
-
-        Parameters
-        ----------
-        evidence : SurfaceEvidence
-            At least one strip of each reading is touched.
-        """
+        """The posterior's mean and covariance; at least one strip of each reading is touched."""
         starts = range(0, len(evidence), _AT_ONCE)
         parts = [self._some(evidence[start : start + _AT_ONCE]) for start in starts]
         names = SurfacePress.__dataclass_fields__
         return SurfacePress(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
     def roughly(self, evidence: SurfaceEvidence) -> SurfacePress:
-        """The least-squares press, without a covariance: much faster.
-
-        Parameters
-        ----------
-        evidence : SurfaceEvidence
-            At least one strip of each reading is touched.
-        """
+        """The least-squares press of such evidence, without a covariance: much faster."""
         summary = _Summary.of(evidence)
         y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
         mean = self._conditional(summary, evidence, y)[0]
@@ -418,43 +365,24 @@ _LIKELY = 2.0
 
 @dataclass(frozen=True)
 class SurfaceFound:
-    """Presses of G groups, up to P at a time.
+    """Presses of G groups, up to P at a time."""
 
-    Attributes
-    ----------
-    touch : ndarray of int, shape (G, P)
-        1, 0, or -1 where it is not known.
-    mean : ndarray, shape (G, P, 3)
-        Force in N, x and y in mm; NaN where not touched.
-    covariance : ndarray, shape (G, P, 3, 3)
-    inconsistent : ndarray of bool, shape (G, P)
-        Whether no press explains what the strips show.
-    outside : ndarray of bool, shape (G, P)
-        Whether the press lies beyond what the strips cover, or may by two standard deviations of y.
-    main : ndarray of int, shape (G, P)
-        The strip that bears most of the press.
-    """
-
-    touch: NDArray[np.intp]
-    mean: Array
-    covariance: Array
-    inconsistent: Flags
+    touch: NDArray[np.intp]  # (G, P), 1, 0, or -1 where it is not known
+    mean: Array  # (G, P, 3), force in N, x and y in mm; NaN where not touched
+    covariance: Array  # (G, P, 3, 3)
+    inconsistent: Flags  # (G, P), no press explains what the strips show
+    # (G, P), beyond what the strips cover, or may be by two standard deviations of y
     outside: Flags
-    main: NDArray[np.intp]
+    main: NDArray[np.intp]  # (G, P), the strip that bears most of the press
 
 
 class SurfaceEstimator:
-    """Reads the presses on a skin.
+    """Reads the presses on a skin, 1 or 2 at a time.
 
     A second press is looked for where one press does not explain the strips. The strips are then
     divided into those below and those above some y, and each part is read by itself. This is
     accepted where no press makes a contact of its own on a strip of the other one; what it adds to
     the force there is an error of that strip.
-
-    Parameters
-    ----------
-    presses : int
-        1 or 2.
     """
 
     def __init__(self, skin: Skin, presses: int = 1) -> None:
@@ -466,14 +394,9 @@ class SurfaceEstimator:
     def read(
         self, phases_deg: Array, std_deg: Array, usable: Flags, touched: Flags
     ) -> SurfaceFound:
-        """Presses of a batch.
+        """Presses of a batch, from phases and their noise (G, S, 2) in the order of the skin.
 
-        Parameters
-        ----------
-        phases_deg, std_deg : ndarray, shape (G, S, 2)
-            Of the strips in the order of the skin.
-        usable, touched : ndarray of bool, shape (G, S)
-            Strips that are not usable are left out.
+        ``usable`` and ``touched`` are (G, S); strips that are not usable are left out.
         """
         count, presses = len(usable), self._presses
         none_touched = np.where(usable.all(axis=1), 0, -1)

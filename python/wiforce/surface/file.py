@@ -24,15 +24,7 @@ _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers(ValueType):
-    """A list of finite numbers, read as a tuple.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether null is allowed.
-    low, high : float
-        Limits of each.
-    """
+    """A list of finite numbers between limits, read as a tuple."""
 
     low: float
     high: float
@@ -76,13 +68,7 @@ class _PerStrip(ValueType):
 
 @dataclass(frozen=True, kw_only=True)
 class Curves(_PerStrip):
-    """A list of lists of shares, one per strip, read as a tuple of tuples.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether null is allowed.
-    """
+    """A list of lists of shares, one per strip, read as a tuple of tuples."""
 
     _item = Numbers(low=0, high=1)
 
@@ -93,13 +79,7 @@ class Curves(_PerStrip):
 
 @dataclass(frozen=True, kw_only=True)
 class Names(_PerStrip):
-    """A list of names, one per strip, read as a tuple.
-
-    Parameters
-    ----------
-    optional : bool
-        Whether null is allowed.
-    """
+    """A list of names, one per strip, read as a tuple."""
 
     _item = Text(limit=64)
 
@@ -253,24 +233,12 @@ class SpreadingKeys:
 
 
 def read_spreading(path: str | Path) -> SpreadingKeys:
-    """Read the file of a spreading law.
-
-    Raises
-    ------
-    InputError
-        Naming file, key, rule and value.
-    """
+    """Read the file of a spreading law."""
     return read(SpreadingKeys, read_yaml(path), KeyPath(str(path)))
 
 
 def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
-    """Write the file of a spreading law.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written, or not be read again.
-    """
+    """Write the file of a spreading law, or refuse it where it could not be read again."""
     values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
     read(SpreadingKeys, values, KeyPath(str(path)))
     write_yaml(path, values)

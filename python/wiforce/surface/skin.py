@@ -25,27 +25,13 @@ class Spreading:
 
     Between its points the curve is a monotone cubic; it is the same on both sides of a press, and
     zero behind its last point.
-
-    Parameters
-    ----------
-    distance_mm : tuple of float
-        Rising, from 0.
-    shares : tuple of float
-        Share of the force at each distance.
-    share_std : float
-        Standard deviation of a share, which is the error of this law: it enters that of every
-        reading.
-    location_std_mm : float
-        Standard deviation of the location that a strip shows of a press, against the press's own.
-    location_offsets_mm : tuple of float
-        By how much too far from its port 1 each strip shows a press on average; nothing where this
-        is empty.
     """
 
-    distance_mm: tuple[float, ...]
-    shares: tuple[float, ...]
-    share_std: float
-    location_std_mm: float
+    distance_mm: tuple[float, ...]  # rising, from 0
+    shares: tuple[float, ...]  # share of the force at each distance
+    share_std: float  # of a share, which is the error of this law: it enters that of every reading
+    location_std_mm: float  # of the location that a strip shows of a press, against the press's own
+    # by how much too far from its port 1 each strip shows a press on average; empty for nothing
     location_offsets_mm: tuple[float, ...] = ()
 
     @cached_property
@@ -59,38 +45,18 @@ class Spreading:
         )
 
     def share(self, distance_mm: ArrayLike) -> Array:
-        """Share of the force at distances from the press.
-
-        Parameters
-        ----------
-        distance_mm : array_like
-            Of either sign.
-        """
+        """Share of the force at distances of either sign from the press."""
         distance = np.abs(np.asarray(distance_mm, float))
         last = self.distance_mm[-1]
         found: Array = np.where(distance <= last, self._curve(np.minimum(distance, last)), 0.0)
         return found
 
     def offset_mm(self, strip: int) -> float:
-        """Mean error of the location that a strip shows.
-
-        Parameters
-        ----------
-        strip : int
-            Index in the order of y.
-        """
+        """Mean error of the location that a strip, by its index in the order of y, shows."""
         return self.location_offsets_mm[strip] if self.location_offsets_mm else 0.0
 
     def share_of(self, strip: int, distance_mm: ArrayLike) -> Array:
-        """Share of one strip; here that of any.
-
-        Parameters
-        ----------
-        strip : int
-            Index in the order of y.
-        distance_mm : array_like
-            y of the press less that of the strip.
-        """
+        """Share of one strip at y of the press less that of the strip; here that of any."""
         return self.share(distance_mm)
 
 
@@ -98,16 +64,8 @@ class Spreading:
 class StripSpreading(Spreading):
     """A law in which every strip has a curve of its own, since strips near an edge bear more.
 
-    Parameters
-    ----------
-    distance_mm : tuple of float
-        y of a press less that of the strip, rising.
-    shares : tuple of float
-        Mean of the strips' curves.
-    share_std, location_std_mm, location_offsets_mm
-        As for :class:`Spreading`.
-    of_strips : tuple of tuple of float
-        Share of each strip at each distance.
+    ``distance_mm`` are y of a press less that of the strip, rising; ``shares`` the mean of the
+    strips' curves, which ``of_strips`` holds.
     """
 
     of_strips: tuple[tuple[float, ...], ...] = ()
@@ -136,14 +94,8 @@ _POINTS, _REACH = 25, 3.0
 def gaussian_spreading(
     share: float, width_mm: float, share_std: float, location_std_mm: float
 ) -> Spreading:
-    """A law that falls with the distance d as exp(-d^2 / (2 width^2)).
-
-    Parameters
-    ----------
-    share : float
-        Share of a strip right beneath the press.
-    share_std, location_std_mm : float
-        As for :class:`Spreading`.
+    """A law that falls from ``share`` right beneath with the distance d as exp(-d^2 / (2
+    width^2)).
     """
     distance = np.linspace(0.0, _REACH * width_mm, _POINTS)
     floor = np.exp(-0.5 * _REACH**2)
@@ -158,26 +110,13 @@ _ASSUMED_ONSET = 0.501
 
 @dataclass(frozen=True)
 class Strip:
-    """One strip of a surface, parallel to the x axis.
-
-    Attributes
-    ----------
-    sensor : str
-        Name of its sensor.
-    model : SensorModel
-    y_mm : float
-        Position across.
-    x_mm : float
-        Where port 1 is.
-    reversed : bool
-        Whether the strip runs towards smaller x from port 1.
-    """
+    """One strip of a surface, parallel to the x axis."""
 
     sensor: str
     model: SensorModel
-    y_mm: float
-    x_mm: float = 0.0
-    reversed: bool = False
+    y_mm: float  # position across
+    x_mm: float = 0.0  # where port 1 is
+    reversed: bool = False  # the strip runs towards smaller x from port 1
 
     @property
     def ends_mm(self) -> tuple[float, float]:
@@ -196,26 +135,13 @@ class Strip:
 
 @dataclass(frozen=True)
 class Skin:
-    """Strips beneath one skin.
-
-    Attributes
-    ----------
-    name : str
-        Of the surface.
-    strips : tuple of Strip
-        In the order of y.
-    indices : tuple of int
-        Index of each strip's sensor among those of the run.
-    spreading : Spreading
-    frequency_hz : float
-        Carrier.
-    """
+    """Strips beneath one skin."""
 
     name: str
-    strips: tuple[Strip, ...]
-    indices: tuple[int, ...]
+    strips: tuple[Strip, ...]  # in the order of y
+    indices: tuple[int, ...]  # of each strip's sensor among those of the run
     spreading: Spreading
-    frequency_hz: float
+    frequency_hz: float  # carrier
 
     @property
     def y_mm(self) -> Array:
