@@ -317,10 +317,8 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
 
     `endpoints` are those of requests, each with its keys or None.
 
-    Raises
-    ------
-    DeviceLost
-        When the device is gone and must not be reopened; all readings have been written.
+    Raises DeviceLost when the device is gone and must not be reopened; all readings have been
+    written.
     """
     from ..radio.reaction_time import shorten_pauses
     from .health import Heartbeat, RunHealth

@@ -28,23 +28,9 @@ def check_capture(path, scene_path, datatype=None):
 
     Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
 
-    Parameters
-    ----------
-    scene_path : str or None
-        The capture's own scene by default.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    dict
-        ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``, ``advice``,
-        ``notes``, ``warnings``.
-
-    Raises
-    ------
-    InputError
-        When the samples are not those that the metadata state, or hold no frames of the scene.
+    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``,
+    ``advice``, ``notes``, ``warnings``. ``scene_path``: the capture's own scene by default;
+    ``datatype``: ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
     """
     capture = open_capture(path, datatype)
     scene, differences = scene_of(capture, scene_path)
@@ -150,10 +136,7 @@ def report(found):
 def level_lines(levels):
     """Levels as lines for a terminal.
 
-    Parameters
-    ----------
-    levels : dict
-        The fields of :class:`Levels`.
+    ``levels``: the fields of :class:`Levels`.
     """
     noise = levels["noise_dbfs"]
     return [

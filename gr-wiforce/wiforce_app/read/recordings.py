@@ -23,12 +23,8 @@ SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"
 def open_recording(path, datatype, csi=None):
     """A capture of samples, or a file of channel snapshots.
 
-    Parameters
-    ----------
-    datatype : str or None
-        Of raw samples, whatever the name of their file is.
-    csi : dict, optional
-        Arguments of ``open_csi``; by default, files of CSI tools are found by their first bytes.
+    ``datatype``: of raw samples, whatever the name of their file is; ``csi``: arguments of
+    ``open_csi``; by default, files of CSI tools are found by their first bytes.
     """
     if datatype is None and csi is None and is_snapshots(path):
         return open_snapshots(path)
@@ -43,10 +39,7 @@ def open_recording(path, datatype, csi=None):
 def open_reader(recording, settings, frame_offset, tracked):
     """The reader of a recording, after warnings of what was left out and of what is in the room.
 
-    Parameters
-    ----------
-    frame_offset : int or None
-        Samples before the first frame; searched when None.
+    ``frame_offset``: samples before the first frame; searched when None.
     """
     if isinstance(recording, ChannelSnapshots):
         reader = SnapshotReader(recording, settings, tracked)
@@ -62,14 +55,9 @@ def open_reader(recording, settings, frame_offset, tracked):
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
     """Read a whole recording for another command, and warn of what was wrong with it.
 
-    Parameters
-    ----------
-    on_reading : callable
-        Called with every Reading, in order.
-    frame_offset : int or None
-        Samples before the first frame; searched when None.
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read, with the ratios R.
+    ``on_reading``: called with every Reading, in order; ``frame_offset``: samples before the first
+    frame; searched when None; ``on_groups``: called with every batch of Groups that has been read,
+    with the ratios R.
     """
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_leftover(recording, reader)
