@@ -14,8 +14,7 @@ from gnuradio.wiforce.io.files.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of, is_loopback
-from gnuradio.wiforce.planning.advice import accepted_suspicions
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..read.file_outputs import open_mcap

@@ -5,11 +5,10 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools.formats import tool_of
-from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.receiver.recording import RecordingReader
-from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.scene import accepted_suspicions
 
 from ..shell.log import log
 from ..shell.options import refuse
@@ -42,6 +41,8 @@ def open_reader(recording, settings, frame_offset, tracked):
     ``frame_offset``: samples before the first frame; searched when None.
     """
     if isinstance(recording, ChannelSnapshots):
+        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+
         reader = SnapshotReader(recording, settings, tracked)
         for note in reader.notes:
             warn(recording.path, note)
@@ -85,6 +86,8 @@ def warn_of_end(capture, reader):
             warn(capture, f"{name}: {suspicion.text}")
     counts = reader.counts
     if counts.groups and not counts.clear:
+        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+
         rule = (
             "every reading is flagged; check the datatype, and clock_hz, frame_length and "
             "sample_rate_hz of the scene"

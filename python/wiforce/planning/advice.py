@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Scene
+from ..scene import Scene, accepted_suspicions
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .bands import outside_band
 from .clocks.assessment import ClockReport, assess_clocks
@@ -193,18 +193,6 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
         if cost_db > _NOTICEABLE_DB:
             yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
-
-
-def accepted_suspicions(scene: Scene) -> list[str]:
-    """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
-
-    Returns list of str: a sentence each.
-    """
-    return [
-        f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
-        for sensor in scene.sensors
-        for text in sensor.load_model(scene).provenance.get("suspicions", ())
-    ]
 
 
 def _sensor_warnings(scene: Scene) -> Iterator[str]:

@@ -5,11 +5,12 @@ from .consistency import simulation_warnings
 from .load import load_capture_scene, load_scene, sampled_scenes, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
-from .stored import scene_of
+from .stored import accepted_suspicions, scene_of
 
 __all__ = [
     "Press",
     "Scene",
+    "accepted_suspicions",
     "load_capture_scene",
     "load_scene",
     "scene_json_schema",

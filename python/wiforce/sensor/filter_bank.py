@@ -6,7 +6,6 @@ Student-t. The grid closes in as the location becomes known.
 """
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 
 from ..signal.carrier import wrap_deg
 
@@ -31,6 +30,8 @@ class _PhaseCurves:
             np.log(forward.force_n[0]), np.log(forward.force_n[-1]), _FORCE_NODES
         )
         self._step = self._log[1] - self._log[0]
+        from scipy.interpolate import RectBivariateSpline  # for tracked presses only
+
         logs = np.log(forward.force_n)
         self._phase = np.stack(
             [

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A model tabulated for inversion: phases, their derivatives and their model error."""
 
+from functools import cached_property
+
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 
 from ..errors import InputError
+from .splines import node_slopes
 
 _FORCE_NODES = 160
 _LOCATION_STEP_MM = 0.5
@@ -55,20 +57,28 @@ class ForwardMap:
         self.phase_deg = np.concatenate(
             [np.broadcast_to(model.short_deg(*grid, c), shape) for c in carriers], axis=-1
         )
-        variance = np.concatenate(
+        self._variance_deg2 = np.concatenate(
             [np.broadcast_to(model.carrier_std_deg(*grid, c), shape) ** 2 for c in carriers],
             axis=-1,
         )
         _check_turns(self.phase_deg, f"sensor {model.name}: phases")
         self.size = self.phase_deg.shape[-1]
         self._log_force = np.log(self.force_n)
-        self._phase = [self._spline(self.phase_deg[..., i], 3) for i in range(self.size)]
-        self._variance = [self._spline(variance[..., i], 1) for i in range(self.size)]
 
-    def _spline(self, values, degree):
-        return RectBivariateSpline(
-            self._log_force, self.location_mm, values, kx=degree, ky=degree, s=0
-        )
+    @cached_property
+    def _phase(self):
+        return self._splines(self.phase_deg, 3)
+
+    @cached_property
+    def _variance(self):
+        return self._splines(self._variance_deg2, 1)
+
+    def _splines(self, values, degree):
+        from scipy.interpolate import RectBivariateSpline  # readings need the nodes alone
+
+        axes = self._log_force, self.location_mm
+        planes = np.moveaxis(values, -1, 0)
+        return [RectBivariateSpline(*axes, plane, kx=degree, ky=degree, s=0) for plane in planes]
 
     def phases(self, force_n, location_mm):
         """Shape (n, P), degrees, not wrapped."""
@@ -93,12 +103,11 @@ class ForwardMap:
             Phases, their derivatives by the logarithm of force, by location and by both, and
             their variances.
         """
-        axes = self._log_force, self.location_mm
-        orders = (0, 0), (1, 0), (0, 1), (1, 1)
-        phase = [[s(*axes, dx=dx, dy=dy) for dx, dy in orders] for s in self._phase]
-        variance = [[s(*axes)] for s in self._variance]
-        columns = np.concatenate([phase, variance], axis=1)
-        return np.ascontiguousarray(np.moveaxis(columns, (0, 1), (2, 3)))
+        phase = self.phase_deg
+        by_force = np.tensordot(node_slopes(self._log_force), phase, 1)
+        across = node_slopes(self.location_mm)
+        by_location, by_both = (across @ values for values in (phase, by_force))
+        return np.stack([phase, by_force, by_location, by_both, self._variance_deg2], axis=-1)
 
     def _evaluate(self, splines, force_n, location_mm, dx=0, dy=0):
         log_force = np.log(force_n)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Phases to force and location, with covariance and flags."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS, press_posterior
@@ -26,6 +26,22 @@ _WORDS = [
     tuple(word for word, flag in INVERSION_FLAGS.items() if code & flag)
     for code in range(2 * max(INVERSION_FLAGS.values()))
 ]
+
+
+def misfit_limit(phases: int, share: float) -> float:
+    """Sum of squares of normal variables that is exceeded in a share of all cases.
+
+    Parameters
+    ----------
+    phases : int
+        Number of variables.
+    share : float
+    """
+    if phases == 2:
+        return -2 * math.log(share)
+    from scipy.special import chdtri  # for several carriers; slow to import
+
+    return float(chdtri(phases, share))
 
 
 @dataclass(frozen=True)
@@ -102,7 +118,7 @@ class Inverter:
             self.forward.location_mm,
             self.forward.table(),
             model.calibrated,
-            chdtri(self.forward.size, 1 - _CONSISTENT),
+            misfit_limit(self.forward.size, 1 - _CONSISTENT),
         )
 
     def invert(

@@ -6,12 +6,11 @@ added to what is reported.
 """
 
 import numpy as np
-from scipy.special import chdtri
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS
 from .filter_bank import FilterBank
-from .inversion import words_of
+from .inversion import misfit_limit, words_of
 
 # Force's random walk, N per root of a second.
 FORCE_WALK_N = 4.0
@@ -70,7 +69,7 @@ class PressTracker:
         self._forward = self._inverter.forward
         self._walk = force_walk_n**2 * group_period_s
         self._start = (start_force_n, start_std_n)
-        self._limit = chdtri(self._forward.size, 1 - _LOST)
+        self._limit = misfit_limit(self._forward.size, 1 - _LOST)
         self._bank, self._lost = None, 0
         self._coarse = _coarse_grid(self._forward)
 

@@ -2,7 +2,6 @@
 """Clutter: everything in a phase group that changes more slowly than a given Doppler frequency."""
 
 import numpy as np
-from scipy.linalg import eigh_tridiagonal
 
 # Sequences beyond 2NW. With ten of them the part of in-band clutter that is not in the basis
 # stays below -160 dB, under the rounding of single precision.
@@ -64,6 +63,8 @@ def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.nda
     They are the eigenvectors of a tridiagonal matrix (Slepian 1978, section 2.2, equation 14).
     ``scipy.signal.windows.dpss`` gives the same, but SciPy's signal package takes 0.2 s to import.
     """
+    from scipy.linalg import eigh_tridiagonal  # 0.1 s, which a still room does not need
+
     n = np.arange(length)
     diagonal = ((length - 1 - 2 * n) / 2) ** 2 * np.cos(2 * np.pi * half_bandwidth / length)
     beside = n[1:] * (length - n[1:]) / 2

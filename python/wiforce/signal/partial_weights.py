@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import svd
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which an incomplete
 # group is discarded (40 dB). The whitening allows for a weak tone, so that a few of many do no
@@ -184,6 +183,8 @@ def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.pinv(matrix, rcond=_SINGULAR)
     except (np.linalg.LinAlgError, SystemError):
+        from scipy.linalg import svd  # hardly ever needed, and slow to import
+
         left, sizes, right = svd(matrix, full_matrices=False, lapack_driver="gesvd")
         kept = sizes > _SINGULAR * sizes[0]
         inverse: np.ndarray = (right[kept].conj().T / sizes[kept]) @ left[:, kept].conj().T
