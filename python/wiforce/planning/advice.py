@@ -193,6 +193,12 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
         if cost_db > _NOTICEABLE_DB:
             yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
+    cost_db = 10 * np.log10(1 + levels.radio / levels.noise)
+    if cost_db > _NOTICEABLE_DB:
+        yield (
+            f"dynamic range: noise of the radio on the static path costs {cost_db:.1f} dB; weaken "
+            "the direct path, or use a radio whose transmitter and receiver share a synthesizer"
+        )
 
 
 def _sensor_warnings(scene: Scene) -> Iterator[str]:

@@ -126,7 +126,9 @@ def _phase_std(
         for sensor, p in zip(plan.sensors, points, strict=True)
         for where in [_span(sensor.model) if p is None else p]
     ]
-    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
+    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation + levels.radio).reshape(
+        -1, 2
+    )
     return np.array([_reading_std(*each) for each in zip(plan.sensors, phases, bound, strict=True)])
 
 

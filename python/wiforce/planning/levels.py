@@ -9,6 +9,7 @@ from ..scene import Scene
 from ..signal.switching import harmonics
 from ..simulation.channel import PEAK
 from ..simulation.levels import NOISE_PEAK
+from ..simulation.radio.synthesizers import noise_over_static
 
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
 # like noise, and amplitude of the tag's line, in steps, below which that matters.
@@ -21,9 +22,10 @@ class ReceivedLevels:
 
     Attributes
     ----------
-    noise, quantisation : float
-        Variance in H, in units of a tag's rho^2, of the noise that the scene's ``snr_db`` states
-        and of the ADC's rounding; per subcarrier and snapshot.
+    noise, quantisation, radio : float
+        Variance in H, in units of a tag's rho^2, of the noise that the scene's ``snr_db`` states,
+        of the ADC's rounding, and of the radio around the first tag's line 1; per subcarrier and
+        snapshot. That of synthesizers is alike on all K subcarriers and counts K times.
     tag_steps : float
         Amplitude of the first tag's line +1, in ADC steps.
     noise_steps : float
@@ -32,6 +34,7 @@ class ReceivedLevels:
 
     noise: float
     quantisation: float
+    radio: float
     tag_steps: float
     noise_steps: float
 
@@ -53,7 +56,7 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     noise = line**2 / 10 ** (simulation.snr_db / 10)
     if scene.packets is not None:
         # Channels are given; how their device rounds is part of what snr_db states.
-        return ReceivedLevels(noise, 0.0, np.inf, np.inf)
+        return ReceivedLevels(noise, 0.0, 0.0, np.inf, np.inf)
     sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
     clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
     amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
@@ -61,7 +64,32 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
     step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
     quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
-    return ReceivedLevels(noise, float(quantisation), float(line / step), float(sample_std / step))
+    static_db = simulation.static_clutter_db
+    static = 0.0 if static_db is None else line**2 * 10 ** (static_db / 10)
+    return ReceivedLevels(
+        noise,
+        float(quantisation),
+        float(static * radio_noise_share(scene)),
+        float(line / step),
+        float(sample_std / step),
+    )
+
+
+def radio_noise_share(scene: Scene, carrier_hz: float | None = None) -> float:
+    """Variance in H of the radio's noise over the power of the static path.
+
+    At another carrier than the scene's, the same reference is multiplied by another factor: phase
+    noise grows with its square.
+    """
+    stated, waveform = scene.simulation.radio_noise, scene.waveform()
+    if stated is None:
+        return 0.0
+    alike, independent = noise_over_static(stated, waveform, scene.sensors[0].clock_hz)
+    # Two antennas have the same phase noise, which cancels in their ratio.
+    alike *= scene.environment.receive_antennas == 1
+    if carrier_hz is not None:
+        alike *= (carrier_hz / scene.radio.center_frequency_hz) ** 2
+    return len(waveform.bins) * alike + independent
 
 
 def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
