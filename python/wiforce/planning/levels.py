@@ -14,6 +14,9 @@ from ..simulation.radio.synthesizers import noise_over_static
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
 # like noise, and amplitude of the tag's line, in steps, below which that matters.
 _DITHER_STEPS, _FEW_STEPS = 0.3, 10
+# Lowest SNR of a tag at which its clock is acquired without fail: -20 dB for the whole of a
+# reflection (`bench accuracy`), of which line 1 is 13 dB less.
+_LOWEST_SNR_DB = -33.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,13 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
             f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
             f"and noise {levels.noise_steps:.2g}; rounding errors are systematic, the tag is out "
             "of the ADC's range"
+        )
+    noise = levels.noise + levels.quantisation + levels.radio
+    snr_db = 10 * np.log10(line_amplitude(scene) ** 2 / noise) + tag.level_db
+    if scene.packets is None and snr_db < _LOWEST_SNR_DB:
+        return (
+            f"SNR: with all noise that of '{tag.sensor}' is {snr_db:.0f} dB; below "
+            f"{_LOWEST_SNR_DB:g} dB its clock is not acquired"
         )
     if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
         return (
