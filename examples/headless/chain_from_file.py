@@ -32,7 +32,7 @@ class Chain:
             symbol_length=waveform.symbol_length,
         )
 
-        # Channel (section 3.2): H[k] = FFT of the received symbol / X_k, the symbol that was sent.
+        # Channel (section 3.3): H[k] = FFT of the received symbol / X_k, the symbol that was sent.
         # Both steps are linear. In this order there is an FFT per line, not one per snapshot.
         self.channel = wiforce.ofdm_channel_estimator(
             factors=waveform.equalizer(),
@@ -87,7 +87,7 @@ def main(capture, output):
         size, item_type = SAMPLES[capture.datatype]
         recorded = blocks.file_source(size, str(capture.path), repeat=False)
 
-        # Preambles (section 3.2): each frame repeats one symbol; the mean of the repetitions is a
+        # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel.
         fold = wiforce.preamble_fold(
             **plan.waveform.folding, sample_rate=plan.waveform.sample_rate_hz, item_type=item_type

@@ -26,7 +26,7 @@ class ChainFromUsrp(gr.top_block):
         # Both directions of the device; its samples from the first whole frame on.
         self.usrp = Usrp(device, scene)
 
-        # Preambles (section 3.2): each frame repeats one symbol; the mean of the repetitions is a
+        # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel. Samples that were lost are noticed by the tag rx_time.
         self.fold = wiforce.preamble_fold(
             **plan.waveform.folding, sample_rate=plan.waveform.sample_rate_hz, item_type="sc16"

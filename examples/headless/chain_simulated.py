@@ -28,7 +28,7 @@ class ChainSimulated(gr.top_block):
         self.simulated = SimulatedSensor(scene, CLOCK_OFFSET_PPM)
         self.readings = []
 
-        # Preambles (section 3.2): each frame repeats one symbol; the mean of the repetitions is a
+        # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel.
         self.fold = wiforce.preamble_fold(
             **plan.waveform.folding, sample_rate=plan.waveform.sample_rate_hz

@@ -44,7 +44,7 @@ def line(mhz):
             "date": DATE,
             "assumed": [
                 "over 2-8 N the short moves 4.8 mm on the near end and 1.0 mm on the far end, and "
-                "alike in the middle",
+                "2.9 mm in the middle: not a fit (docs/sensors.md, what is measured)",
                 "how sharply the ends change over in the middle is not published",
             ],
         },

@@ -10,17 +10,11 @@ _TIME_SPAN = 1 << 64
 class DeviceClock:
     """Ticks at 100 MHz and the settable device time, with a pulse per second.
 
-    Everything inside the device is scheduled in `ticks`, which never decrease. Times that the
-    host reads or sets are device time, ``ticks + offset``.
+    Everything inside the device is scheduled in `ticks`, which never decrease. Times that the host
+    reads or sets are device time, ``ticks + offset``.
 
-    Attributes
-    ----------
-    ticks : int
-        Ticks since power-on.
-    offset : int
-        Device time minus ticks.
-    last_pulse : int
-        Device time at the last pulse per second (every whole second since power-on).
+    ``ticks``: ticks since power-on; ``offset``: device time minus ticks; ``last_pulse``: device
+    time at the last pulse per second (every whole second since power-on).
     """
 
     def __init__(self):

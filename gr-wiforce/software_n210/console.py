@@ -103,13 +103,7 @@ class LineControl:
 
 
 class ZmqControl:
-    """The same lines as requests over ZMQ on loopback.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing, or the endpoint is not on loopback or is in use.
-    """
+    """The same lines as requests over ZMQ on loopback."""
 
     def __init__(self, console, device, endpoint):
         if not is_loopback(endpoint_of(endpoint, "--control")):

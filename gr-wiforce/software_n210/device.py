@@ -30,23 +30,10 @@ _KEPT_STEPS = 5000
 class Device:
     """A software N210 at a loopback address.
 
-    Parameters
-    ----------
-    air : Cable or a class derived from it
-        What connects the transmit connector to the receive connector.
-    address : str
-        Loopback address to listen at.
-    board : str
-        Name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`.
-    speed : float
-        Device seconds per second of wall time, at most.
-    lossless : bool
-        Hold device time while the host is slow. False runs in real time and loses samples.
-
-    Raises
-    ------
-    InputError
-        When the address or the speed cannot be used.
+    ``air``: what connects the transmit connector to the receive connector; ``address``: loopback
+    address to listen at; ``board``: name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`;
+    ``speed``: device seconds per second of wall time, at most; ``lossless``: hold device time while
+    the host is slow. False runs in real time and loses samples.
     """
 
     def __init__(
@@ -91,13 +78,7 @@ class Device:
         self._callbacks.pop(descriptor, None)
 
     def add_fault(self, fault: Fault) -> None:
-        """Schedule one more fault.
-
-        Raises
-        ------
-        InputError
-            When it names a sensor that is not on the air.
-        """
+        """Schedule one more fault."""
         check_fault(fault, self.air)
         self._faults.add(fault)
 

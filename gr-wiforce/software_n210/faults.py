@@ -55,13 +55,7 @@ GRAMMAR = "; ".join(_usage(name) for name in _KINDS)
 class Fault:
     """One fault.
 
-    Attributes
-    ----------
-    time : int
-        Ticks of device time; of time after the first received sample when `relative`.
-    relative : bool
-    kind : str
-    arguments : tuple
+    ``time``: ticks of device time; of time after the first received sample when `relative`.
     """
 
     time: int
@@ -86,15 +80,7 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
         clock SENSOR PPM          set the clock offset of a tag
         off SENSOR, on SENSOR     stop or start the switches of a tag
 
-    Parameters
-    ----------
-    where : str
-        Named in the error.
-
-    Raises
-    ------
-    InputError
-        When the text does not follow this grammar.
+    ``where``: named in the error.
     """
     time, *rest = text.split() or [""]
     kind, *arguments = rest or [""]

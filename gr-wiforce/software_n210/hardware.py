@@ -37,31 +37,11 @@ _IDLE_STEP_TICKS = 10_000_000
 class Hardware:
     """Registers, streams and air of one device.
 
-    Parameters
-    ----------
-    air : Cable or a class derived from it
-        What connects the connectors.
-    address : str
-        IPv4 address, which the EEPROM states and the serial number is made of.
-    board : str
-        Name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`.
-    tx_socket_bytes : int or None
-        Capacity of the transmit socket; None when it is unlimited.
-    on_close : callable
-        Called when the host closes the device.
-
-    Attributes
-    ----------
-    clock : DeviceClock
-    transmit : TransmitChain
-    receive : list of ReceiveChain
-    tuning : Tuning
-    fifo : Fifo
-    control : Control
-    network : Network
-        Between the device and the host.
-    origin : int or None
-        Tick of the first sample received in this session.
+    ``air``: what connects the connectors; ``address``: IPv4 address, which the EEPROM states and
+    the serial number is made of; ``board``: name of the daughterboard, of
+    :data:`frontend.DAUGHTERBOARDS`; ``tx_socket_bytes``: capacity of the transmit socket; None when
+    it is unlimited; ``on_close``: called when the host closes the device. ``network``: between the
+    device and the host; ``origin``: tick of the first sample received in this session.
     """
 
     def __init__(self, air, address, board, tx_socket_bytes=None, on_close=lambda: None):

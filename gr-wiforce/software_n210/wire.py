@@ -58,10 +58,7 @@ class Malformed(ValueError):
 def words(datagram, count):
     """The first `count` 32-bit words of a datagram.
 
-    Raises
-    ------
-    Malformed
-        When it is shorter.
+    Raises Malformed when it is shorter.
     """
     if len(datagram) < 4 * count:
         raise Malformed(f"{len(datagram)} bytes, at least {4 * count} required")

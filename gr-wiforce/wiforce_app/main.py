@@ -105,17 +105,10 @@ def command():
 def main(argv=None):
     """Run the command.
 
-    Parameters
-    ----------
-    argv : list of str, optional
-        Arguments without the name of the program; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated; 141
-        the reader of standard output is gone, about which nothing is printed; 1 any other
-        failure. Every failure prints one line on standard error.
+    Returns int: exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated;
+    141 the reader of standard output is gone, about which nothing is printed; 1 any other failure.
+    Every failure prints one line on standard error. ``argv``: arguments without the name of the
+    program; those of the process by default.
     """
     state = {"debug": False}
     try:

@@ -32,12 +32,7 @@ _OWN = re.compile("data:|blob:|about:|chrome:")
 
 
 class Browser:
-    """One window.
-
-    Parameters
-    ----------
-    driver : selenium.webdriver.Chrome
-    """
+    """One window."""
 
     def __init__(self, driver):
         self.driver = driver

@@ -44,17 +44,9 @@ def _text(file):
 def run_command(*arguments, cwd="."):
     """Run the command as its entry function does.
 
-    Parameters
-    ----------
-    *arguments : object
-        Arguments of the command, converted to strings.
-    cwd : str or Path
-        Folder in which it runs.
-
-    Returns
-    -------
-    subprocess.CompletedProcess
-        With ``returncode``, ``stdout`` and ``stderr`` as text.
+    Returns subprocess.CompletedProcess: with ``returncode``, ``stdout`` and ``stderr`` as text.
+    ``*arguments``: arguments of the command, converted to strings; ``cwd``: folder in which it
+    runs.
     """
     words = [str(argument) for argument in arguments]
     with ExitStack() as conditions:

@@ -22,21 +22,9 @@ _TYPING_S = 0.05
 class GuidedOperator:
     """Answers the prompts of a guided calibration.
 
-    Parameters
-    ----------
-    device : SoftwareUsrp
-        Its sensor is pressed; the typed forces are those that its scene states, with the errors of
-        a gauge.
-    command : list
-        Arguments of ``gr-wiforce``.
-    seed : int
-    limit_s : float
-        The command is ended after this time.
-
-    Attributes
-    ----------
-    shown : str
-        What the command has shown so far, and what was typed.
+    ``device``: its sensor is pressed; the typed forces are those that its scene states, with the
+    errors of a gauge; ``command``: arguments of ``gr-wiforce``; ``limit_s``: the command is ended
+    after this time. ``shown``: what the command has shown so far, and what was typed.
     """
 
     def __init__(self, device, command, seed=1, limit_s=100):

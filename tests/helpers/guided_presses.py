@@ -13,14 +13,9 @@ GROUPS = 14
 class HandHeldSensor:
     """A sensor whose readings are those of its model, with noise.
 
-    Attributes
-    ----------
-    force_n, location_mm : float
-        What presses it; a force of 0 releases it.
-    slips_mm : float
-        Distance by which the press slips in the middle of the next readings.
-    flags : tuple of str
-        Of one group in the middle of the next readings.
+    ``force_n``, ``location_mm``: what presses it; a force of 0 releases it; ``slips_mm``: distance
+    by which the press slips in the middle of the next readings; ``flags``: of one group in the
+    middle of the next readings.
     """
 
     groups = GROUPS

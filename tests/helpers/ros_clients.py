@@ -27,10 +27,7 @@ def bag_messages(path):
 class FoxgloveClient:
     """Subscribes to everything that a server advertises, until the server ends.
 
-    Attributes
-    ----------
-    messages : dict
-        Decoded messages by topic.
+    ``messages``: decoded messages by topic.
     """
 
     def __init__(self, port):

@@ -47,12 +47,7 @@ def serving(source, token=None, host="127.0.0.1", **options):
 class Publisher:
     """A live reader of which a test says what it reads.
 
-    Attributes
-    ----------
-    readings, control : str
-        Its endpoints.
-    refusal : str
-        Why it refuses a tare; empty where it does not.
+    ``refusal``: why it refuses a tare; empty where it does not.
     """
 
     def __init__(self, sensors=("arm",)):

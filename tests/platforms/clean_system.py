@@ -27,18 +27,8 @@ _APT_KEYS = ("Acquire::http", "Acquire::https", "Acquire::Retries", "Acquire::Fo
 def make_base(suite: str, archive: Path, mirror: str | None) -> None:
     """A tar archive of the minimal system of a distribution.
 
-    Parameters
-    ----------
-    suite : str
-        Its name, as ``bookworm``.
-    archive : Path
-        Replaced.
-    mirror : str or None
-        Address of the archive; None lets mmdebstrap choose.
-
-    Raises
-    ------
-    subprocess.CalledProcessError
+    ``suite``: its name, as ``bookworm``; ``mirror``: address of the archive; None lets mmdebstrap
+    choose.
     """
     components = "main,universe" if "Ubuntu" in UNTESTED.get(suite, "") else "main"
     command = ["mmdebstrap", "--variant=minbase", f"--components={components}"]
@@ -101,11 +91,7 @@ def _local_folders() -> set[Path]:
 class CleanSystem:
     """A system in a folder.
 
-    Parameters
-    ----------
-    path : Path
-    archives : Path
-        Folder of downloaded packages, which several systems share.
+    ``archives``: folder of downloaded packages, which several systems share.
     """
 
     def __init__(self, path: Path, archives: Path) -> None:
@@ -122,10 +108,7 @@ class CleanSystem:
     def unpack(self, base: Path) -> None:
         """Replace the system by a fresh one.
 
-        Parameters
-        ----------
-        base : Path
-            Made by :func:`make_base`.
+        ``base``: made by :func:`make_base`.
         """
         shutil.rmtree(self.path, ignore_errors=True)
         self.path.mkdir(parents=True)
@@ -164,17 +147,8 @@ class CleanSystem:
     def run_step(self, script: str, user: str, *arguments: str, network: bool = True) -> None:
         """Run a script of the folder ``steps`` in the system.
 
-        Parameters
-        ----------
-        script : str
-        user : str
-        *arguments : str
-        network : bool
-            False: without any but the loopback interface.
-
-        Raises
-        ------
-        subprocess.CalledProcessError
+        ``network``: false: without any but the loopback interface. Raises
+        subprocess.CalledProcessError is raised.
         """
         shutil.copyfile(_STEPS / script, self.path / "step.sh")
         self._run(["bash", "/step.sh", *arguments], user, network)

@@ -41,26 +41,12 @@ SCENE = {
 class Stream:
     """Samples as they reach the reader.
 
-    Attributes
-    ----------
-    codes : ndarray of int16, shape (n, 2)
-    tags : list of (int, str, pmt)
-    times : list of (int, float)
-        Items and what ``rx_time`` says of them, in s, by a clock that is never set.
-    losses : list of (int, int)
-        Items and the samples lost before them, as a time tag states.
-    set : list of (float, float)
-        When the clock was set, in s by itself, and by how much.
-    shift_s : float
-        By how much the reader's time may be off from the truth's.
-    spoilt : list of (float, float)
-        Stretches of time, in s, whose readings must carry a flag.
-    said : list of str
-        What was done to it.
-    earliest : int
-        No fault before this sample.
-    silent : int
-        Samples of other settings, which no group holds.
+    ``codes`` (n, 2); ``times``: items and what ``rx_time`` says of them, in s, by a clock that is
+    never set; ``losses``: items and the samples lost before them, as a time tag states; ``set``:
+    when the clock was set, in s by itself, and by how much; ``shift_s``: by how much the reader's
+    time may be off from the truth's; ``spoilt``: stretches of time, in s, whose readings must carry
+    a flag; ``said``: what was done to it; ``earliest``: no fault before this sample; ``silent``:
+    samples of other settings, which no group holds.
     """
 
     codes: np.ndarray

@@ -107,14 +107,8 @@ class Hang(BaseException):
 class Kind:
     """One kind of input: its sound original, and what to call with a broken version of it.
 
-    Parameters
-    ----------
-    file : str
-        Name under which a broken version is put into the working folder.
-    original : str
-        File in the working folder.
-    arguments : sequence of str
-        Of the ``gr-wiforce`` command, run in the working folder.
+    ``file``: name under which a broken version is put into the working folder; ``original``: file
+    in the working folder; ``arguments``: of the ``gr-wiforce`` command, run in the working folder.
     """
 
     def __init__(self, file, original, *arguments):

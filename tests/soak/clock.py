@@ -10,12 +10,7 @@ _PAUSE_S = 2e-4
 class PlayedTime:
     """Stands in for the module ``time`` where the live reader asks for it.
 
-    Attributes
-    ----------
-    now_s : float
-        Steady time.
-    utc_offset_s : float
-        What is added for UTC; changes when somebody sets the host's clock.
+    ``utc_offset_s``: what is added for UTC; changes when somebody sets the host's clock.
     """
 
     CLOCK_BOOTTIME = time.CLOCK_BOOTTIME
@@ -41,12 +36,8 @@ class PlayedTime:
     def install(self, link, on_health):
         """Let the live reader use this time, and a device of ours.
 
-        Parameters
-        ----------
-        link : callable
-            Makes what stands in for a RadioLink.
-        on_health : callable
-            Called with the RunHealth of each run.
+        ``link``: makes what stands in for a RadioLink; ``on_health``: called with the RunHealth of
+        each run.
         """
         from gnuradio.wiforce.blocks import sample_streams
         from gnuradio.wiforce.io.files import writers

@@ -15,12 +15,7 @@ _BUFFER_BYTES = 1 << 20
 
 
 class PlayedLink:
-    """What a ``RadioKeeper`` sees of the device; see ``RadioLink`` for its attributes.
-
-    Parameters
-    ----------
-    device : Device
-    """
+    """What a ``RadioKeeper`` sees of the device; see ``RadioLink`` for its attributes."""
 
     def __init__(self, device):
         self._device = device
@@ -74,21 +69,8 @@ class PlayedLink:
 class Device:
     """Plays samples to whatever link is open, and keeps time.
 
-    Parameters
-    ----------
-    clock : PlayedTime
-        Goes on as samples are played.
-    noise : Noise
-    rng : numpy.random.Generator
-
-    Attributes
-    ----------
-    absent : bool
-        It does not answer.
-    link : PlayedLink or None
-        The one that is open.
-    turns : int
-        Quarter turns of the oscillators' phase.
+    ``clock``: goes on as samples are played. ``absent``: it does not answer; ``link``: the one that
+    is open; ``turns``: quarter turns of the oscillators' phase.
     """
 
     def __init__(self, clock, noise, rng):
@@ -113,10 +95,7 @@ class Device:
     def send(self, codes):
         """Send samples, a packet at most; time passes.
 
-        Returns
-        -------
-        bool
-            Whether there was a reader to send them to.
+        Returns bool: whether there was a reader to send them to.
         """
         count = len(codes)
         first_s = self.time_s

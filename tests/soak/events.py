@@ -15,19 +15,8 @@ _MOST_JUMP_S = 5000.0
 class Events:
     """The events, each of which ends at the end of a slot.
 
-    Parameters
-    ----------
-    world : World
-    output : Path
-        Of the reader.
-    rng : numpy.random.Generator
-    breaks_s : tuple of (float, float)
-        Shortest and longest time for which the device is lost.
-
-    Attributes
-    ----------
-    losses : int
-        Times that the device was lost and found.
+    ``breaks_s``: shortest and longest time for which the device is lost. ``losses``: times that the
+    device was lost and found.
     """
 
     def __init__(self, world, output, rng, breaks_s):
@@ -344,9 +333,7 @@ SLOTS_AN_HOUR = round(3600 / SLOT_S)
 def schedule(hours, losses, restarts, rng):
     """Names of events by the number of their slot.
 
-    Returns
-    -------
-    dict of int to list of str
+    Returns dict of int to list of str.
     """
     slots = max(round(hours * SLOTS_AN_HOUR), 1)
     names = [name for name, count in AN_HOUR.items() for _ in range(max(round(count * hours), 1))]

@@ -27,19 +27,8 @@ _RENAMED = re.compile(r"-\d{8}T\d{6}\.\d{3}Z\.csv")
 class Judge:
     """Reads the files of readings, and counts what is wrong.
 
-    Parameters
-    ----------
-    output : Path
-        Of the reader; renamed files lie beside it, and are deleted when they have been read.
-    world : World
-
-    Attributes
-    ----------
-    counts : Counter
-        Of readings, by what they are.
-    flags : Counter
-        Of readings, by their flags.
-    problems : list of str
+    ``output``: of the reader; renamed files lie beside it, and are deleted when they have been
+    read. ``counts``: of readings, by what they are; ``flags``: of readings, by their flags.
     """
 
     def __init__(self, output, world):

@@ -49,11 +49,8 @@ def scene_of(presses=(), length_s=10.0, snapshots=125, offset_ppm=0.0):
 class Loop:
     """Samples without noise, and the truth about them.
 
-    Attributes
-    ----------
-    codes : ndarray of int16, shape (n, 2)
-    force_n, location_mm : ndarray, shape (m,)
-        Every ``TRUTH_S``; a force of 0 where nothing presses.
+    ``codes`` (n, 2); ``force_n``, ``location_mm`` (m,): every ``TRUTH_S``; a force of 0 where
+    nothing presses.
     """
 
     codes: np.ndarray
@@ -64,25 +61,11 @@ class Loop:
 class Loops:
     """Loops of one room, and what is received of it without the tag.
 
-    Parameters
-    ----------
-    pressed : int
-        Number of loops with presses, besides one without any.
-    slots : int
-        Length of a loop: with 16, the clock of the tag is off by 61 ppm, with 4 not at all.
-    rng : numpy.random.Generator
-        Chooses the presses.
-
-    Attributes
-    ----------
-    loops : list of Loop
-        The first one is untouched.
-    silence : ndarray of int16, shape (FRAME, 2)
-        A frame without the tag.
-    noise_codes : float
-        Standard deviation of the noise in I, in codes.
-    onset_n : float
-        Force from which on the line is shorted.
+    ``pressed``: number of loops with presses, besides one without any; ``slots``: length of a loop:
+    with 16, the clock of the tag is off by 61 ppm, with 4 not at all; ``rng``: chooses the presses.
+    ``loops``: the first one is untouched; ``silence`` (FRAME, 2): a frame without the tag;
+    ``noise_codes``: standard deviation of the noise in I, in codes; ``onset_n``: force from which
+    on the line is shorted.
     """
 
     def __init__(self, pressed, slots, rng):
@@ -140,13 +123,7 @@ def _press(slot, rng):
 
 
 class Noise:
-    """White noise that is not repeated: sums of two stretches of a pool, at random places.
-
-    Parameters
-    ----------
-    std_codes : float
-    rng : numpy.random.Generator
-    """
+    """White noise that is not repeated: sums of two stretches of a pool, at random places."""
 
     POOL = 1 << 18
 

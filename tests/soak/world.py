@@ -30,24 +30,11 @@ class RunEnded(Exception):
 class Run:
     """What was played in one run of the reader, on its grid of samples.
 
-    Attributes
-    ----------
-    starts, loops, positions : list of int
-        First sample of each stretch, its loop, and where in the loop it begins.
-    total : int
-        Samples so far, lost ones included.
-    received : int
-        Samples sent so far.
-    slips : list of int
-        Where samples were lost without a trace.
-    gaps : int
-        Times that they were lost, and the device said so.
-    utc : list of (int, float)
-        Sample and difference of UTC and the run's time from there on, in s.
-    status : int or None
-        Exit status.
-    full : bool
-        Whether the disk was full.
+    ``starts``, ``loops``, ``positions``: first sample of each stretch, its loop, and where in the
+    loop it begins; ``total``: samples so far, lost ones included; ``received``: samples sent so
+    far; ``slips``: where samples were lost without a trace; ``gaps``: times that they were lost,
+    and the device said so; ``utc``: sample and difference of UTC and the run's time from there on,
+    in s; ``full``: whether the disk was full.
     """
 
     begun_s: float
@@ -76,25 +63,8 @@ class Run:
 class World:
     """Plays signal to the reader and notes what follows from it.
 
-    Parameters
-    ----------
-    loops : Loops
-    device : Device
-    clock : PlayedTime
-    ports : tuple of (int, int)
-        Of ``--zmq`` and ``--control``.
-    group : int
-        Samples of a phase group.
-
-    Attributes
-    ----------
-    position : int
-        In the loops.
-    runs : dict of str to Run
-    problems : list of str
-        Where the reader was wrong.
-    retuned : bool
-        The device was opened again, without a tare since.
+    ``ports``: of ``--zmq`` and ``--control``; ``group``: samples of a phase group. ``problems``:
+    where the reader was wrong; ``retuned``: the device was opened again, without a tare since.
     """
 
     def __init__(self, loops, device, clock, ports, group):
@@ -135,10 +105,7 @@ class World:
     def play(self, seconds, loop=STILL):
         """Play a loop from the present position on.
 
-        Raises
-        ------
-        RunEnded
-            When nobody takes samples any more.
+        Raises RunEnded when nobody takes samples any more.
         """
         remaining = round(seconds * RATE_HZ)
         while remaining > 0:

@@ -11,16 +11,8 @@ from .history import SampleHistory
 class Cable:
     """A cable between the connectors, with unit gain when both gains are 0 dB.
 
-    Parameters
-    ----------
-    delay_ticks : int
-        Delay from transmit to receive, like that of the device's filters.
-
-    Attributes
-    ----------
-    tuning : Tuning
-    clock : DeviceClock
-        Both are set by the device.
+    ``delay_ticks``: delay from transmit to receive, like that of the device's filters. ``clock``:
+    both are set by the device.
     """
 
     def __init__(self, delay_ticks):
@@ -68,11 +60,6 @@ class Counter(Cable):
     """Receives the device time in samples, so that a host can verify every sample.
 
     I holds the lower, Q the upper 16 bits of device time in samples.
-
-    Parameters
-    ----------
-    delay_ticks : int
-        Without effect.
     """
 
     def receive(self, chain, tick, spacing, count):

@@ -32,16 +32,9 @@ def _no_gain(pins):
 class Daughterboard:
     """A pair of receive and transmit units as the driver knows them.
 
-    Attributes
-    ----------
-    rx_id, tx_id : int
-        EEPROM ids.
-    lo_divider : int
-        Oscillator frequency over carrier; 0 for a board without an oscillator.
-    rx_gain_db, tx_gain_db : callable
-        Gain in dB from the unit's 16 pins.
-    reference_gain_db : float
-        Gain in the middle of the range.
+    ``lo_divider``: oscillator frequency over carrier; 0 for a board without an oscillator;
+    ``rx_gain_db``, ``tx_gain_db``: gain in dB from the unit's 16 pins; ``reference_gain_db``: gain
+    in the middle of the range.
     """
 
     rx_id: int

@@ -25,10 +25,7 @@ class SceneAir(Cable):
     Time 0 of the scene is the first sample of the first stream after the device is opened. Every
     session starts the scene again.
 
-    Parameters
-    ----------
-    delay_ticks : int
-        Delay of the device itself, from transmit to receive.
+    ``delay_ticks``: delay of the device itself, from transmit to receive.
     """
 
     def __init__(self, scene, delay_ticks):
@@ -71,13 +68,7 @@ class SceneAir(Cable):
         return {"sensors": {name: _plain(state) for name, state in states.items()}}
 
     def press(self, sensor, force_n, location_mm):
-        """Press a sensor from now on, whatever the scene specifies.
-
-        Raises
-        ------
-        InputError
-            For an unknown sensor, or a force or location out of range.
-        """
+        """Press a sensor from now on, whatever the scene specifies."""
         if not (0 <= force_n < 1000 and 0 <= location_mm <= 10_000):
             raise InputError("press", "force must be 0 to 1000 N, location 0 to 10000 mm")
         self._sensor(sensor).pressed.hold(force_n, location_mm)

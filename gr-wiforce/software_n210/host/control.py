@@ -20,10 +20,7 @@ _NO_GPSDO = 0x1234ABCD
 class Control:
     """Answers requests on the control port.
 
-    Parameters
-    ----------
-    on_close : callable
-        Called when the host releases its lock, which it does when it closes the device.
+    ``on_close``: called when the host releases its lock, which it does when it closes the device.
     """
 
     def __init__(self, registers, bus, on_close=lambda: None):
@@ -43,10 +40,7 @@ class Control:
     def reply(self, request):
         """The reply to a datagram, or None when there is none.
 
-        Raises
-        ------
-        Malformed
-            When it does not follow this protocol.
+        Raises Malformed when it does not follow this protocol.
         """
         if len(request) < _MESSAGE_SIZE:
             if len(request) == 16:

@@ -54,10 +54,7 @@ class I2cBus:
     def write(self, address, data):
         """The first byte sets the pointer.
 
-        Raises
-        ------
-        Malformed
-            When bytes to be stored follow.
+        Raises Malformed when bytes to be stored follow.
         """
         if address not in self._images or not data:
             return
@@ -68,10 +65,7 @@ class I2cBus:
     def read(self, address, count):
         """`count` bytes from the pointer on; an address nobody answers reads as erased.
 
-        Raises
-        ------
-        Malformed
-            For more than the 20 bytes a message holds.
+        Raises Malformed for more than the 20 bytes a message holds.
         """
         if count > 20:
             raise Malformed(f"I2C read of {count} bytes")

@@ -34,10 +34,7 @@ class Fifo:
     def submit(self, datagram, peer):
         """Queue the command in a datagram.
 
-        Raises
-        ------
-        Malformed
-            When it is not a command, or the queue is full.
+        Raises Malformed when it is not a command, or the queue is full.
         """
         sequence, header = words(datagram, 2)
         if header & TYPE_MASK != _TYPE_CONTEXT:

@@ -9,16 +9,9 @@ from ..wire import CONTROL_PORT, FIFO_PORT, GPS_PORT, RX_PORTS, TX_PORT, Malform
 class HostLink:
     """Takes datagrams in the order in which the host meant them, and sends the replies.
 
-    Parameters
-    ----------
-    throttle : Throttle or None
-        Limits what is sent to what the host has room for; None sends everything at once.
-
-    Attributes
-    ----------
-    ignored : collections.Counter
-        Datagrams that were ignored: ``malformed``, or ``foreign`` (from a peer that has not
-        announced itself).
+    ``throttle``: limits what is sent to what the host has room for; None sends everything at once.
+    ``ignored``: datagrams that were ignored: ``malformed``, or ``foreign`` (from a peer that has
+    not announced itself).
     """
 
     def __init__(self, sockets, hardware, throttle):

@@ -8,10 +8,7 @@ from collections.abc import Callable
 class Network:
     """Passes datagrams, except while it is cut.
 
-    Parameters
-    ----------
-    now : callable
-        Wall time in seconds.
+    ``now``: wall time in seconds.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic):

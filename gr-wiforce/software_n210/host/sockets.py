@@ -19,13 +19,7 @@ _MAX_DATAGRAM = 65_536
 
 
 def check_loopback(address):
-    """The address, if it is an IPv4 loopback address.
-
-    Raises
-    ------
-    InputError
-        When it is not.
-    """
+    """The address, if it is an IPv4 loopback address."""
     try:
         if ipaddress.IPv4Address(address).is_loopback:
             return address
@@ -37,15 +31,7 @@ def check_loopback(address):
 class Sockets:
     """One socket per port of the device.
 
-    Parameters
-    ----------
-    address : str
-        Loopback IPv4 address.
-
-    Raises
-    ------
-    InputError
-        When one of the ports is in use at this address.
+    ``address``: loopback IPv4 address.
     """
 
     def __init__(self, address):

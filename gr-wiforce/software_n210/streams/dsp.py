@@ -12,10 +12,7 @@ _UNIT_SCALE = 131072
 class DspRegisters:
     """Frequency, scale and rate of one down- or up-converter.
 
-    Parameters
-    ----------
-    cic_power : int
-        Power of the CIC factor in the CIC filter's gain: 4 for receive, 3 for transmit.
+    ``cic_power``: power of the CIC factor in the CIC filter's gain: 4 for receive, 3 for transmit.
     """
 
     def __init__(self, cic_power):

@@ -12,11 +12,8 @@ _REPORTS_PER_FIFO = 8
 class FlowControl:
     """Reports to the host: acknowledgements of packets, and events of the stream.
 
-    Parameters
-    ----------
-    socket_bytes : int or None
-        Capacity of the socket that packets arrive at; None when it is unlimited. The host is
-        acknowledged fewer packets than were consumed when its window would not fit.
+    ``socket_bytes``: capacity of the socket that packets arrive at; None when it is unlimited. The
+    host is acknowledged fewer packets than were consumed when its window would not fit.
     """
 
     def __init__(self, clock, socket_bytes=None):

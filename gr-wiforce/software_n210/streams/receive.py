@@ -46,22 +46,10 @@ class StreamCommand:
 class ReceiveChain:
     """One receive DSP with its stream.
 
-    Parameters
-    ----------
-    air : object
-        ``air.receive(chain, tick, spacing, count)`` gives complex64 samples, 1.0 at full scale.
-    stream_id : int
-        Used until the driver writes another.
-
-    Attributes
-    ----------
-    dsp : DspRegisters
-    packets : PacketStream
-    stream_start : int or None
-        Tick of the first sample since the device was opened. Commands for a single sample, which
-        the driver uses to flush a stream, do not count.
-    dropped_samples : int
-        Samples lost in overflows.
+    ``air``: ``air.receive(chain, tick, spacing, count)`` gives complex64 samples, 1.0 at full
+    scale; ``stream_id``: used until the driver writes another. ``stream_start``: tick of the first
+    sample since the device was opened. Commands for a single sample, which the driver uses to flush
+    a stream, do not count; ``dropped_samples``: samples lost in overflows.
     """
 
     def __init__(self, clock, air, stream_id=3):

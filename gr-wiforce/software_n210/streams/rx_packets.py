@@ -11,18 +11,9 @@ _DEFAULT_SAMPLES_PER_PACKET = 363  # what fits the driver's frames of 1472 bytes
 class PacketStream:
     """Collects samples into packets of equal size and numbers the packets.
 
-    Parameters
-    ----------
-    clock : DeviceClock
-        Converts ticks to the device time that packets carry.
-    stream_id : int
-        Used until the driver writes another.
-
-    Attributes
-    ----------
-    samples_per_packet : int
-    dropped_packets : int
-        Packets that were numbered but not sent, because of a fault.
+    ``clock``: converts ticks to the device time that packets carry; ``stream_id``: used until the
+    driver writes another. ``dropped_packets``: packets that were numbered but not sent, because of
+    a fault.
     """
 
     def __init__(self, clock, stream_id):
@@ -62,15 +53,8 @@ class PacketStream:
     def append(self, samples, tick, spacing, end_of_burst=False):
         """Send all full packets; at the end of a burst also what remains.
 
-        Parameters
-        ----------
-        samples : numpy.ndarray, shape (N, 2), big-endian int16
-        tick : int
-            Tick of the first sample.
-        spacing : int
-            Ticks between samples.
-        end_of_burst : bool
-            The last packet is marked as the last of its burst.
+        ``samples`` (N, 2); ``tick``: tick of the first sample; ``spacing``: ticks between samples;
+        ``end_of_burst``: the last packet is marked as the last of its burst.
         """
         self._first_tick, self._spacing = tick - self.pending * spacing, spacing
         if self.pending:

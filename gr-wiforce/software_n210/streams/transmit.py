@@ -17,18 +17,8 @@ _MAX_QUEUE = 4096
 class TransmitChain:
     """The transmit DSP with its stream.
 
-    Parameters
-    ----------
-    air : object
-        ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale.
-    socket_bytes : int or None
-        Capacity of the socket that packets arrive at; None when it is unlimited.
-
-    Attributes
-    ----------
-    dsp : DspRegisters
-    flow : FlowControl
-    underflows, late_packets, sequence_errors : int
+    ``air``: ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale;
+    ``socket_bytes``: capacity of the socket that packets arrive at; None when it is unlimited.
     """
 
     def __init__(self, clock, air, socket_bytes=None):
@@ -77,10 +67,7 @@ class TransmitChain:
     def accept(self, datagram):
         """Queue the packet of one datagram.
 
-        Raises
-        ------
-        Malformed
-            When it is no data packet, or the host exceeds its window.
+        Raises Malformed when it is no data packet, or the host exceeds its window.
         """
         packet = parse_packet(datagram)
         if len(self._queue) >= _MAX_QUEUE:

@@ -13,15 +13,8 @@ _TIME = struct.Struct(">Q")
 class Packet:
     """A data packet.
 
-    Attributes
-    ----------
-    sequence : int
-    time : int or None
-        Ticks of device time, None when the packet carries no time.
-    end : bool
-        Whether it ends a burst.
-    payload : memoryview
-        Samples not transmitted yet, as big-endian 16-bit I and Q.
+    ``time``: ticks of device time, None when the packet carries no time; ``end``: whether it ends a
+    burst; ``payload``: samples not transmitted yet, as big-endian 16-bit I and Q.
     """
 
     sequence: int
@@ -38,10 +31,7 @@ class Packet:
 def parse_packet(datagram):
     """The packet in a datagram.
 
-    Raises
-    ------
-    Malformed
-        When it is no data packet, or shorter than its header states.
+    Raises Malformed when it is no data packet, or shorter than its header states.
     """
     sequence, header = words(datagram, 2)
     if header & TYPE_MASK:

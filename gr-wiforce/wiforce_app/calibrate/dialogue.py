@@ -30,14 +30,8 @@ _WORDS = {"force_n": "force", "measurement": "untouched sensor"}
 class GuidedCalibration:
     """Leads a person through a calibration session.
 
-    Parameters
-    ----------
-    lines : OperatorLines
-        What the person types.
-    echo : callable
-        Shows a text; with ``nl=False`` without ending the line.
-    scale : CsvScale or SerialScale, optional
-        Where forces come from instead of typed lines.
+    ``lines``: what the person types; ``echo``: shows a text; with ``nl=False`` without ending the
+    line; ``scale``: where forces come from instead of typed lines.
     """
 
     def __init__(self, session, presses, lines, echo, scale=None):

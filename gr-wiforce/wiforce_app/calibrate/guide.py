@@ -123,14 +123,8 @@ def guide(table, guided, settings):
     Returns float or None: carrier in Hz when the table is to be calibrated; None when the person
     quit before.
 
-    Parameters
-    ----------
-    table : str
-        File of the session.
-    guided : dict
-        Values of the options of ``--live``.
-    settings : dict
-        Arguments of ``sensor.calibrate``.
+    ``table``: file of the session; ``guided``: values of the options of ``--live``; ``settings``:
+    arguments of ``sensor.calibrate``.
     """
     from gnuradio.wiforce.calibration.guided.session import CalibrationSession
     from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan

@@ -21,10 +21,7 @@ _KEPT = 4096
 class LivePresses:
     """Collects readings of one sensor, made without its model (see `uncalibrated_readings`).
 
-    Parameters
-    ----------
-    keeper : RadioKeeper
-        Notices when the device is gone.
+    ``keeper``: notices when the device is gone.
     """
 
     def __init__(self, session, keeper, sensor, scene):
@@ -47,9 +44,7 @@ class LivePresses:
     def idle(self):
         """Check that the session goes on.
 
-        Raises
-        ------
-        DeviceLost
+        Raises DeviceLost when the device is gone.
         """
         self._keeper.look()
         if self._session.failure is not None:
@@ -58,15 +53,7 @@ class LivePresses:
     def collect(self, idle):
         """Readings of groups that begin after this call.
 
-        Parameters
-        ----------
-        idle : callable
-            Called while waiting.
-
-        Raises
-        ------
-        InputError
-            When too few arrive.
+        ``idle``: called while waiting.
         """
         return self._after(self._session.time_s, self.groups, idle)
 
@@ -87,13 +74,7 @@ class LivePresses:
             time.sleep(_LOOK_S)
 
     def wait_for_reference(self, idle):
-        """Wait until readings come that are not part of the untouched reference.
-
-        Raises
-        ------
-        InputError
-            When none comes within a minute.
-        """
+        """Wait until readings come that are not part of the untouched reference."""
         end = time.monotonic() + _START_PATIENCE_S
         while not self._readings or "reference" in self._readings[-1].flags:
             if time.monotonic() > end:
@@ -105,18 +86,8 @@ class LivePresses:
     def tare(self, idle, force=False):
         """Measure the untouched reference again.
 
-        Parameters
-        ----------
-        idle : callable
-            Called while waiting.
-        force : bool
-            Even if readings say that the sensor is touched, as they do when it was touched during
-            the last reference.
-
-        Raises
-        ------
-        InputError
-            When the sensor is touched, or too few groups are received.
+        ``idle``: called while waiting; ``force``: even if readings say that the sensor is touched,
+        as they do when it was touched during the last reference.
         """
         touched = sum(reading.touch == 1 for reading in self.collect(idle))
         if touched and not force:

@@ -11,10 +11,7 @@ _CHUNK_BYTES = 4096
 class OperatorLines:
     """Reads lines of a terminal or a pipe without blocking other work.
 
-    Parameters
-    ----------
-    descriptor : int
-        Standard input by default.
+    ``descriptor``: standard input by default.
     """
 
     def __init__(self, descriptor=0):
@@ -26,10 +23,7 @@ class OperatorLines:
 
         Returns str or None: without its end; None at the end of input.
 
-        Parameters
-        ----------
-        idle : callable
-            Called about 20 times per second meanwhile.
+        ``idle``: called about 20 times per second meanwhile.
         """
         while b"\n" not in self._rest:
             if self._ended:

@@ -17,19 +17,8 @@ _SERIAL = "serial:"
 def open_scale(text, unit, baud):
     """Open the source of forces that ``--scale`` names.
 
-    Parameters
-    ----------
-    text : str
-        ``serial:DEVICE``, or the path of a CSV file or pipe.
-    unit : str
-        Unit of serial lines that contain none.
-    baud : int
-        Of a serial gauge.
-
-    Raises
-    ------
-    InputError
-        When it cannot be opened, or pyserial is missing.
+    ``text``: ``serial:DEVICE``, or the path of a CSV file or pipe; ``unit``: unit of serial lines
+    that contain none; ``baud``: of a serial gauge.
     """
     unit_n(unit, "--scale-unit")
     if text.startswith(_SERIAL):
@@ -38,12 +27,7 @@ def open_scale(text, unit, baud):
 
 
 class _LineScale:
-    """Splits what arrives into lines.
-
-    Attributes
-    ----------
-    gauge : ForceGauge
-    """
+    """Splits what arrives into lines."""
 
     def __init__(self, name, unit="N"):
         self.gauge = ForceGauge(name, unit, time.monotonic())

@@ -27,23 +27,8 @@ _POOR_LOCATION_MM = 2.0
 def calibrate_surface(table, scene, readings, law, output):
     """Fit the spreading law of a scene's surface, and write it.
 
-    Parameters
-    ----------
-    table : str
-        CSV of known presses.
-    scene : str
-        Scene with a surface.
-    readings : str or None
-        Readings of a recording of these presses.
-    law : str
-        ``strips``, ``table`` or ``gaussian``.
-    output : str
-        File to write.
-
-    Raises
-    ------
-    InputError
-        For bad input, naming file or option, rule and value.
+    ``table``: CSV of known presses; ``scene``: scene with a surface; ``readings``: readings of a
+    recording of these presses; ``law``: ``strips``, ``table`` or ``gaussian``.
     """
     if table is None or readings is None:
         missing = "TABLE" if table is None else "--readings"

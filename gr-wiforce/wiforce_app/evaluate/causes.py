@@ -29,10 +29,7 @@ def paper_figures():
 def published_phase_std(distance_m=None):
     """Published standard deviation of the phase, in degrees, and its error bar.
 
-    Parameters
-    ----------
-    distance_m : float, optional
-        From the receiver; all distances, as an array with named columns, without it.
+    ``distance_m``: from the receiver; all distances, as an array with named columns, without it.
     """
     rows = np.genfromtxt(FOLDER / "distance_phase_std.csv", delimiter=",", names=True)
     if distance_m is None:
@@ -44,10 +41,7 @@ def published_phase_std(distance_m=None):
 def other_causes(name):
     """Changes of ``simulation`` that replace a scene's own disturbance, by cause.
 
-    Parameters
-    ----------
-    name : str
-        Of a shipped scene; any other name has none.
+    ``name``: of a shipped scene; any other name has none.
     """
     found = yaml.safe_load((FOLDER / "causes.yaml").read_text(encoding="utf-8"))
     return found.get(name, {})
@@ -56,10 +50,7 @@ def other_causes(name):
 def with_cause(scene, change):
     """A scene with another disturbance instead of its own.
 
-    Parameters
-    ----------
-    change : dict
-        Keys of ``simulation``. Without ``tags``, the tags are ideal.
+    ``change``: keys of ``simulation``. Without ``tags``, the tags are ideal.
     """
     content = scene.as_dict()
     content["simulation"] |= {"tags": [], **change}

@@ -15,10 +15,7 @@ def snapshot_channels(recording, scene, path):
 
     Returns memmap of complex64, shape (N, K): subcarriers as in the scene's waveform.
 
-    Parameters
-    ----------
-    path : Path
-        File that holds the result.
+    ``path``: file that holds the result.
     """
     waveform = scene.waveform()
     factors = waveform.equalizer().astype(np.complex64)

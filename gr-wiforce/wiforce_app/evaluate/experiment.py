@@ -30,23 +30,13 @@ CORRECTED = "paper, clock offset removed"
 def run(scene_name, work_folder):
     """Simulate, read and score a scene; the capture is deleted.
 
-    Parameters
-    ----------
-    scene_name : str
-        Shipped scene or file.
-    work_folder : path
-        Where the capture is stored temporarily.
-
-    Returns
-    -------
-    dict
-        Plain values for JSON. Per sensor: the errors of this receiver, of the paper's method as
-        published and with the constant clock offset removed, the errors that the plan expects, and
-        for pictures the readings and the Doppler spectrum. ``causes``: errors of both with each
-        disturbance that explains a published figure (see `causes`). Phase errors compare the change
-        since the untouched state with the mean reflection of the group. Calibration errors of the
-        untouched phases and changes of the force within a group are therefore part of the force
-        and location errors only.
+    Returns dict: plain values for JSON. Per sensor: the errors of this receiver, of the paper's
+    method as published and with the constant clock offset removed, the errors that the plan
+    expects, and for pictures the readings and the Doppler spectrum. ``causes``: errors of both with
+    each disturbance that explains a published figure (see `causes`). Phase errors compare the
+    change since the untouched state with the mean reflection of the group. Calibration errors of
+    the untouched phases and changes of the force within a group are therefore part of the force and
+    location errors only. ``work_folder``: where the capture is stored temporarily.
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):

@@ -28,10 +28,8 @@ def paper_changes(channels, scene):
 
     Returns ndarray of complex, shape (groups, 2S): of magnitude 1.
 
-    Parameters
-    ----------
-    channels : ndarray of complex, shape (N, K)
-        Of one receive antenna (see `snapshot_channels`), because the paper has one.
+    ``channels`` (N, K) of complex: of one receive antenna (see `snapshot_channels`), because the
+    paper has one.
     """
     settings = plan(
         replace(
@@ -60,16 +58,9 @@ def paper_errors(scene, index, changes, truth, detrend):
 
     Returns dict: see `summary`.
 
-    Parameters
-    ----------
-    index : int
-        Number of the sensor in the scene.
-    changes : ndarray of complex, shape (groups, 2S)
-    truth : sequence of dict
-        Truth rows of the sensor, one per group.
-    detrend : bool
-        Whether to subtract the straight line through the untouched reference first, which
-        removes a constant clock offset.
+    ``index``: number of the sensor in the scene; ``changes`` (groups, 2S) of complex; ``truth``:
+    truth rows of the sensor, one per group; ``detrend``: whether to subtract the straight line
+    through the untouched reference first, which removes a constant clock offset.
     """
     count = min(len(changes), len(truth))
     angles = np.unwrap(np.angle(changes[:count, 2 * index : 2 * index + 2]), axis=0)

@@ -10,10 +10,7 @@ from ..shell.plots import legend_below, save_picture
 def plot_error_distributions(scores, forms, path):
     """Plot cumulative distributions of force and location errors on the published trials.
 
-    Parameters
-    ----------
-    forms : dict
-        The selected form of the curves, by carrier.
+    ``forms``: the selected form of the curves, by carrier.
     """
     from matplotlib.figure import Figure
 

@@ -20,16 +20,8 @@ from .report import cause_table, table, write_report
 def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     """Run the scenes without a stored result, and write ``report.md`` and a picture per scene.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Scenes; ``all`` means every shipped scene of samples.
-    jobs : int, optional
-        Number of parallel processes.
-    fresh : bool
-        Compute stored results again.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers see ``folder`` under the same path.
+    ``names``: scenes; ``all`` means every shipped scene of samples; ``fresh``: compute stored
+    results again.
     """
     if "all" in names:
         names = sampled_scenes()

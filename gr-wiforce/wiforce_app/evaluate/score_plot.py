@@ -11,13 +11,7 @@ _BINS = 40
 
 
 def plot_comparison(readings, gauge, found, path, title):
-    """Draw both forces over time, the errors over time and over the force.
-
-    Parameters
-    ----------
-    path : str or Path
-        PNG, PDF or SVG.
-    """
+    """Draw both forces over time, the errors over time and over the force."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(11, 8), layout="constrained")

@@ -64,19 +64,8 @@ class _Tag:
 class RunHealth:
     """Observes a session.
 
-    Parameters
-    ----------
-    log : callable
-        Takes a line for the user.
-    device_state : callable
-        Returns the state of the device, as a `RadioKeeper` has it.
-    now : callable
-        Returns a steady time in seconds.
-
-    Attributes
-    ----------
-    run : str
-        Identifier of the run.
+    ``log``: takes a line for the user; ``device_state``: returns the state of the device, as a
+    `RadioKeeper` has it; ``now``: returns a steady time in seconds. ``run``: identifier of the run.
     """
 
     def __init__(
@@ -232,12 +221,7 @@ class RunHealth:
 class Heartbeat:
     """Sends a report every half second and when the state changes, in a thread of its own.
 
-    Parameters
-    ----------
-    report : callable
-        Makes the report.
-    send : callable
-        Takes it.
+    ``report``: makes the report.
     """
 
     def __init__(self, report: Callable[[], dict], send: Callable[[dict], None]):

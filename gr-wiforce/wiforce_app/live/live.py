@@ -14,8 +14,7 @@ from gnuradio.wiforce.io.files.writers import Rotation, open_rotating
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of, is_loopback
-from gnuradio.wiforce.planning.advice import accepted_suspicions
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..read.file_outputs import open_mcap
@@ -317,10 +316,8 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
 
     `endpoints` are those of requests, each with its keys or None.
 
-    Raises
-    ------
-    DeviceLost
-        When the device is gone and must not be reopened; all readings have been written.
+    Raises DeviceLost when the device is gone and must not be reopened; all readings have been
+    written.
     """
     from ..radio.reaction_time import shorten_pauses
     from .health import Heartbeat, RunHealth

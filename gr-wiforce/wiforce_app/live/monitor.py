@@ -28,15 +28,7 @@ _WANTED_BUFFER = 50_000_000  # what UHD asks for
 class SessionMonitor:
     """Monitors a session and reports to standard error.
 
-    Parameters
-    ----------
-    now : callable
-        Returns wall time in seconds.
-
-    Attributes
-    ----------
-    health : RunHealth or None
-        Of the run, for status line and status.
+    ``now``: returns wall time in seconds. ``health``: of the run, for status line and status.
     """
 
     def __init__(

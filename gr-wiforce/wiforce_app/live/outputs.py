@@ -35,36 +35,20 @@ class Output:
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Take one reading.
 
-        Parameters
-        ----------
-        stamp : mapping
-            ``device_time_s``, ``run`` and ``time_utc`` of the reading, as :class:`RunHealth` gives
-            them.
-
-        Raises
-        ------
-        OutputError
-            When it cannot be written; this ends the run.
+        ``stamp``: ``device_time_s``, ``run`` and ``time_utc`` of the reading, as :class:`RunHealth`
+        gives them. Raises OutputError when it cannot be written; this ends the run.
         """
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Take a report of the reader's health.
 
-        Parameters
-        ----------
-        kind : str
-            ``heartbeat``, or ``end`` for the last one of a run.
-        report : mapping
-            See :meth:`RunHealth.report`.
+        ``kind``: ``heartbeat``, or ``end`` for the last one of a run.
         """
 
     def close(self) -> None:
         """End in good order; called once, also after a failure.
 
-        Raises
-        ------
-        OutputError
-            When what was taken cannot be written completely.
+        Raises OutputError when what was taken cannot be written completely.
         """
 
 
@@ -105,12 +89,8 @@ class ZmqMessages(Output):
 class McapFile(Output):
     """An MCAP file of readings and health, or a folder of such files.
 
-    Parameters
-    ----------
-    open_next : callable
-        Opens a writer: of the file, or of the next file in the folder.
-    most_bytes : int or None
-        Size at which the next file is begun; None for a single file.
+    ``open_next``: opens a writer: of the file, or of the next file in the folder; ``most_bytes``:
+    size at which the next file is begun; None for a single file.
     """
 
     def __init__(self, open_next: Callable[[], Any], most_bytes: int | None = None):
@@ -187,14 +167,8 @@ class LslStreams(Output):
 class LiveOutputs:
     """All outputs of a run. As a context manager it closes them, the latest first.
 
-    Attributes
-    ----------
-    health : RunHealth or None
-        Of the run; set before the first reading.
-    seen : callable
-        Takes every reading after the outputs.
-    readings : int
-        Number of readings that all outputs have taken.
+    ``health``: of the run; set before the first reading; ``seen``: takes every reading after the
+    outputs; ``readings``: number of readings that all outputs have taken.
     """
 
     def __init__(self) -> None:
@@ -223,10 +197,7 @@ class LiveOutputs:
     def take(self, reading: Reading) -> None:
         """Give one reading to all outputs, also to those behind one that fails.
 
-        Raises
-        ------
-        OutputError
-            That of the first output that failed.
+        Raises the OutputError of the first output that failed.
         """
         health = self.health
         stamp = {"device_time_s": health.device_time_s(reading), **health.stamp(reading)}

@@ -22,26 +22,12 @@ _REMIND_S = 600.0
 class RadioKeeper:
     """Opens a session's device, and reopens it after a loss where that is wanted.
 
-    Parameters
-    ----------
-    reconnect : bool
-        Reopen a device that is lost, and wait for one that is absent, with a growing pause between
-        attempts: 0.5 s to 30 s.
-    on_state : callable
-        Called with ``opening``, ``running`` or ``reconnecting`` whenever that changes.
-    on_open : callable
-        Called with the RadioLink whenever the device is open, before its first sample.
-    link : callable
-        Makes a RadioLink from a request.
-    now : callable
-        Time in seconds.
-
-    Attributes
-    ----------
-    state : str
-        ``opening`` until the device has been found once.
-    losses : int
-        Number of times that the device was lost.
+    ``reconnect``: reopen a device that is lost, and wait for one that is absent, with a growing
+    pause between attempts: 0.5 s to 30 s; ``on_state``: called with ``opening``, ``running`` or
+    ``reconnecting`` whenever that changes; ``on_open``: called with the RadioLink whenever the
+    device is open, before its first sample; ``link``: makes a RadioLink from a request. ``state``:
+    ``opening`` until the device has been found once; ``losses``: number of times that the device
+    was lost.
     """
 
     def __init__(
@@ -73,12 +59,8 @@ class RadioKeeper:
     def look(self) -> None:
         """Do what is due: open the device, start it, notice that it is lost. Never waits.
 
-        Raises
-        ------
-        InputError
-            When there is no such device, or it is in use or does not support a setting.
-        DeviceLost
-            When it is lost and must not be reopened; all samples received will be read.
+        Raises DeviceLost when it is lost and must not be reopened; all samples received will be
+        read.
         """
         if self._link is None:
             if self._now() < self._next_s:

@@ -16,12 +16,8 @@ from .warning_pace import WarningPace
 class TareLog:
     """Requests tares, and tells the user what became of them.
 
-    Parameters
-    ----------
-    log : callable
-        Takes a line for the user.
-    now : callable
-        Time in seconds. A flood of requests must not fill the log.
+    ``log``: takes a line for the user; ``now``: time in seconds. A flood of requests must not fill
+    the log.
     """
 
     def __init__(
@@ -59,12 +55,7 @@ def serve_requests(
 ) -> Replies:
     """Accept requests on a ZMQ socket.
 
-    Parameters
-    ----------
-    status : callable
-        Returns the answer to ``status``.
-    stop : callable
-        Ends the run.
+    ``status``: returns the answer to ``status``.
     """
 
     def tare(force):

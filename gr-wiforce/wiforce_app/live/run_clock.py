@@ -5,10 +5,7 @@
 class RunClock:
     """UTC of the time of a run, by the latest comparison of the clocks.
 
-    Attributes
-    ----------
-    uncertainty_s : float or None
-        Of the offset; None before there is one.
+    ``uncertainty_s``: of the offset; None before there is one.
     """
 
     def __init__(self) -> None:

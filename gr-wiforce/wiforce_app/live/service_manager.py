@@ -10,13 +10,8 @@ from collections.abc import Callable, MutableMapping
 class ServiceManager:
     """The protocol of ``sd_notify(3)``; does nothing unless systemd started the process.
 
-    Parameters
-    ----------
-    environment : mutable mapping
-        Of the process. The variables of the protocol are removed, so that processes that are
-        started do not report in its place.
-    now : callable
-        Time in seconds.
+    ``environment``: of the process. The variables of the protocol are removed, so that processes
+    that are started do not report in its place.
     """
 
     def __init__(

@@ -15,13 +15,7 @@ _STUCK_S = 10.0
 
 
 class ServiceReport:
-    """Reports a session to systemd, and to the log when it is stuck.
-
-    Parameters
-    ----------
-    now : callable
-        Time in seconds.
-    """
+    """Reports a session to systemd, and to the log when it is stuck."""
 
     def __init__(
         self,

@@ -39,16 +39,9 @@ def _reported_by_command(sentence: str) -> None:
 class LiveSession:
     """Reads the samples of one device, however often it is lost and found.
 
-    Parameters
-    ----------
-    request : RadioRequest
-        What is asked of the device.
-    on_reading : callable
-        Called with every Reading as soon as it is ready, in another thread.
-    tracked : bool
-        Track each press over time.
-    recording : str or Path, optional
-        Record to this SigMF pair.
+    ``request``: what is asked of the device; ``on_reading``: called with every Reading as soon as
+    it is ready, in another thread; ``tracked``: track each press over time; ``recording``: record
+    to this SigMF pair.
     """
 
     def __init__(
@@ -128,10 +121,7 @@ class LiveSession:
     def attach(self, link: RadioLink) -> None:
         """Read the samples of a device, after those of the devices before.
 
-        Parameters
-        ----------
-        link : RadioLink
-            Whose device is open.
+        ``link``: whose device is open.
         """
         for recorder in self.recorders:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}

@@ -56,12 +56,8 @@ def status(endpoint, as_json, max_age, timeout, zmq_keys):
 def problems_of(answer: dict, max_age_s: float) -> list[str]:
     """What is wrong with a reader; empty when it is healthy.
 
-    Parameters
-    ----------
-    answer : dict
-        Of the reader to ``status``.
-    max_age_s : float
-        Oldest last reading that counts as healthy.
+    ``answer``: of the reader to ``status``; ``max_age_s``: oldest last reading that counts as
+    healthy.
     """
     if answer.get("ok") is False:
         return [f"status refused: {answer['error']}"]

@@ -12,11 +12,6 @@ class WarningPace:
 
     The pause between two warnings of a kind doubles from 1 s to 10 min. It is short again once
     nothing has happened for two pauses.
-
-    Parameters
-    ----------
-    now : callable
-        Time in seconds.
     """
 
     def __init__(self, now: Callable[[], float]):

@@ -21,6 +21,10 @@ from .check_advice import advice_on_levels, advice_on_sensors
 # Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
 LEVEL_FRAMES = 4000
 _PART_BYTES = 1 << 20
+# By the bound of docs/theory.md, phases of a group of T_g seconds err by L S c1[1]^2 / (2 q T_g)
+# rad^2 for noise of density L that is alike on all subcarriers, and a static path S above line 1:
+# q = 0.155, c1[1] = 0.225, T_g = 36 ms.
+_DEPTH_S = 2 * 0.155 * 0.036 / 0.225**2
 
 
 def check_capture(path, scene_path, datatype=None):
@@ -28,23 +32,9 @@ def check_capture(path, scene_path, datatype=None):
 
     Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
 
-    Parameters
-    ----------
-    scene_path : str or None
-        The capture's own scene by default.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    dict
-        ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``, ``advice``,
-        ``notes``, ``warnings``.
-
-    Raises
-    ------
-    InputError
-        When the samples are not those that the metadata state, or hold no frames of the scene.
+    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``,
+    ``advice``, ``notes``, ``warnings``. ``scene_path``: the capture's own scene by default;
+    ``datatype``: ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
     """
     capture = open_capture(path, datatype)
     scene, differences = scene_of(capture, scene_path)
@@ -150,10 +140,7 @@ def report(found):
 def level_lines(levels):
     """Levels as lines for a terminal.
 
-    Parameters
-    ----------
-    levels : dict
-        The fields of :class:`Levels`.
+    ``levels``: the fields of :class:`Levels`.
     """
     noise = levels["noise_dbfs"]
     return [
@@ -161,4 +148,16 @@ def level_lines(levels):
         f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
         f"noise      {'unknown' if noise is None else f'{noise:.1f} dBFS'}",
         f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
+        f"phase      {_phase_noise(levels['phase_noise_dbc_hz'])}",
     ]
+
+
+def _phase_noise(density_dbc_hz):
+    """Phase noise, and the tag below the static path that it leaves readable."""
+    if density_dbc_hz is None:
+        return "noise of the synthesizers is hidden by other noise"
+    depth_db = 20 * np.log10(np.radians(1)) + 10 * np.log10(_DEPTH_S) - density_dbc_hz
+    return (
+        f"noise of the synthesizers {density_dbc_hz:.0f} dBc/Hz: a tag {depth_db:.0f} dB below the "
+        "static path errs by 1 deg"
+    )

@@ -23,21 +23,9 @@ _TOOLS = {
 def check_file(path, scene_path, datatype, csi):
     """Examine a file of any kind.
 
-    Parameters
-    ----------
-    path : str
-    scene_path : str or None
-        For samples: what was sent. By default the capture's own.
-    datatype : str or None
-        Of raw samples; by default found by their values.
-    csi : dict or None
-        Arguments of ``open_csi``; by default found by the file itself.
-
-    Returns
-    -------
-    found : dict
-    text : str
-        The same for a terminal.
+    Returns found; text: the same for a terminal. ``scene_path``: for samples: what was sent. By
+    default the capture's own; ``datatype``: of raw samples; by default found by their values;
+    ``csi``: arguments of ``open_csi``; by default found by the file itself.
     """
     if datatype is None and csi is None and _is_raw(path):
         datatype = likely_datatype(path)

@@ -19,14 +19,7 @@ _LAGS, _ALIKE = {16: "short training symbols", 64: "symbols"}, 0.8
 def check_samples(capture):
     """What a file of samples is, when no scene says so.
 
-    Parameters
-    ----------
-    capture : Capture
-
-    Returns
-    -------
-    dict
-        ``file``, ``levels``, ``bursts``, ``advice`` and ``notes``.
+    Returns dict: ``file``, ``levels``, ``bursts``, ``advice`` and ``notes``.
     """
     samples = capture.read(_MOST_SAMPLES)
     finite = np.isfinite(samples)

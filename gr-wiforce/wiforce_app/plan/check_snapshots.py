@@ -35,16 +35,8 @@ _GAP_INTERVALS, _GAP_S = 20, 0.1
 def check_snapshots(recording, kind):
     """What a file of channel snapshots is, and what it allows.
 
-    Parameters
-    ----------
-    recording : ChannelSnapshots
-    kind : str
-        Of the file, in words.
-
-    Returns
-    -------
-    dict
-        ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``advice`` and ``notes``.
+    Returns dict: ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``advice`` and ``notes``.
+    ``kind``: of the file, in words.
     """
     rows = slice(0, _MOST_PACKETS)
     channel, time_s = recording.channel[rows], recording.time_s[rows]

@@ -33,11 +33,6 @@ def measure_steps(plan):
     """Processor time of each step, or the saving when it is skipped.
 
     Returns dict: name of the step (see ``planning.steps``) to seconds per second of signal.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene.
     """
     # Read by GNU Radio when it is imported.
     os.environ["GR_CONF_PERFCOUNTERS_ON"] = "True"

@@ -11,6 +11,7 @@ from gnuradio.wiforce.planning.advice import licence_note, recommendation
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks.proposals import clocks_for
 from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.room.report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
@@ -66,6 +67,8 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
     if scene.packets is None:
         report["waveform"] = dataclasses.asdict(waveform_limits(settings))
         report["warnings"] += waveform_warnings(settings)
+    if reaches := carrier_reaches(settings):
+        report["link"] = [dataclasses.asdict(each) for each in reaches]
     if settings.skin is not None:
         report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
     if capture_path is not None:
@@ -82,7 +85,7 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        _print(report, scene, str(settings))
+        _print(report, scene, str(settings), link_lines(settings, reaches))
 
 
 def _propose_clocks(scene, count, as_json):
@@ -137,7 +140,7 @@ def _settings(settings):
     }
 
 
-def _print(report, scene, summary):
+def _print(report, scene, summary, link):
     chosen, *expected = summary.splitlines()
     click.echo(chosen)
     if "waveform" in report:
@@ -146,6 +149,8 @@ def _print(report, scene, summary):
     if "room" in report:
         _print_room(report["room"], report["steps"])
     click.echo("\n" + "\n".join(expected))
+    for line in link:
+        click.echo(line)
     if "surface" in report:
         _print_surface(report["surface"], scene.surface.name)
     for warning in report["warnings"]:

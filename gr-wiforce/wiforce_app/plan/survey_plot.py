@@ -24,12 +24,7 @@ _REACH = 5
 def plot_survey(survey, found, plan, path, title=""):
     """Plot the spectrum of a survey and label its components.
 
-    Parameters
-    ----------
-    plan : Plan
-        Adapted to the room.
-    path : str or Path
-        PNG, PDF or SVG.
+    ``plan``: adapted to the room.
     """
     from matplotlib.figure import Figure
 

@@ -16,12 +16,8 @@ class ClockComparison:
     the UTC of the answer; half of their difference is the uncertainty, to which that of the host's
     clock adds.
 
-    Parameters
-    ----------
-    device_time : callable
-        Returns the device's time in seconds; may raise RuntimeError.
-    utc, now : callable
-        Return UTC and a steady time in seconds.
+    ``device_time``: returns the device's time in seconds; may raise RuntimeError; ``utc``, ``now``:
+    return UTC and a steady time in seconds.
     """
 
     def __init__(

@@ -24,17 +24,8 @@ class DeviceLock:
     Processes in other network namespaces, such as containers, and on other machines are not
     detected.
 
-    Parameters
-    ----------
-    args : str
-        UHD device arguments.
-    handover_s : float
-        How long to wait for a process that is about to close the device.
-
-    Raises
-    ------
-    DeviceBusy
-        When another process holds it.
+    ``args``: UHD device arguments; ``handover_s``: how long to wait for a process that is about to
+    close the device. Raises DeviceBusy when another process holds it.
     """
 
     def __init__(self, args: str, handover_s: float = _HANDOVER_S):
@@ -51,10 +42,7 @@ class DeviceLock:
     def take_serial(self, serial: str) -> None:
         """Hold the device by its serial number too.
 
-        Raises
-        ------
-        DeviceBusy
-            When another process holds it, having opened it by other arguments.
+        Raises DeviceBusy when another process holds it, having opened it by other arguments.
         """
         if serial:
             self._take(f"serial={serial}", deadline=0.0)

@@ -29,21 +29,11 @@ _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 class RadioLink:
     """A device, opened in a process of its own.
 
-    Attributes
-    ----------
-    request : RadioRequest
-    hardware : str or None
-        Kind, daughterboard and serial number of the device; None until it is open.
-    settings : dict
-        Its gains and antennas.
-    aligned : bool
-        Whether the samples begin with a frame.
-    unlocked : list of str
-        Directions (``tx``, ``rx``) whose oscillator has not locked.
-    started : bool
-        Whether samples have been received.
-    clock : tuple of (float, float) or None
-        Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
+    ``hardware``: kind, daughterboard and serial number of the device; None until it is open;
+    ``settings``: its gains and antennas; ``aligned``: whether the samples begin with a frame;
+    ``unlocked``: directions (``tx``, ``rx``) whose oscillator has not locked; ``started``: whether
+    samples have been received; ``clock``: offset of UTC from the device's clock by the latest
+    comparison, and its uncertainty, in s.
     """
 
     def __init__(self, request: RadioRequest):
@@ -80,19 +70,9 @@ class RadioLink:
     def poll(self, timeout_s: float = 0.0) -> None:
         """Take what the process reports.
 
-        Parameters
-        ----------
-        timeout_s : float
-            How long to wait for a report.
-
-        Raises
-        ------
-        DeviceAbsent, DeviceBusy, DeviceUnusable
-            When there is no such device now.
-        InputError
-            When it does not support a setting.
-        DeviceLost
-            When the device, or the process, has gone.
+        ``timeout_s``: how long to wait for a report. Raises DeviceAbsent, DeviceBusy,
+        DeviceUnusable when there is no such device now; DeviceLost when the device, or the
+        process, has gone.
         """
         while select.select([self._control], [], [], timeout_s)[0]:
             try:

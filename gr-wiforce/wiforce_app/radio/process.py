@@ -40,10 +40,7 @@ class _Control:
     def line(self, timeout_s):
         """The next line; None when there is none in time.
 
-        Raises
-        ------
-        EOFError
-            When the reader has gone.
+        Raises EOFError when the reader has gone.
         """
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
@@ -66,10 +63,7 @@ class _Control:
 def run(control: socket.socket, samples: socket.socket) -> None:
     """Open the device that is asked for, and stream until the reader stops it.
 
-    Parameters
-    ----------
-    control, samples : socket.socket
-        Connected to the reader.
+    ``control``, ``samples``: connected to the reader.
     """
     reader = _Control(control)
     try:

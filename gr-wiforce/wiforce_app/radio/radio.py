@@ -24,10 +24,7 @@ _CLASSES = {"uhd": ("uhd", "UhdRadio"), "soapy": ("soapy", "SoapyRadio")}
 class End(ABC):
     """One direction of a device: its transmitter or its receiver, with all channels in use.
 
-    Attributes
-    ----------
-    block : gr.block
-        The driver's source or sink.
+    ``block``: the driver's source or sink.
     """
 
     def __init__(self, block):
@@ -79,29 +76,12 @@ class Radio(ABC):
 
     A driver is a derived class: it opens the device, and says how time and streams are handled.
 
-    Attributes
-    ----------
-    source : gr.block
-        With an output for each receive antenna.
-    sink : gr.block or None
-        None where only the receiver is used.
-    hardware : str
-        Kind and serial number of the device.
-    serial : str
-        Serial number alone; empty when the device states none.
-    has_time : bool
-        Whether received samples are tagged with the device's time.
-    starts_together : bool
-        Whether both streams start at one device time.
-    refusals : tuple of type
-        Exceptions that mean that a driver refuses a setting, and not that the device has gone.
-
-    Raises
-    ------
-    DeviceAbsent
-        When there is no such device.
-    InputError
-        When it does not support a setting, or its driver is not installed.
+    ``source``: with an output for each receive antenna; ``sink``: none where only the receiver is
+    used; ``hardware``: kind and serial number of the device; ``serial``: serial number alone; empty
+    when the device states none; ``has_time``: whether received samples are tagged with the device's
+    time; ``starts_together``: whether both streams start at one device time; ``refusals``:
+    exceptions that mean that a driver refuses a setting, and not that the device has gone. Raises
+    DeviceAbsent when there is no such device.
     """
 
     has_time = starts_together = True
@@ -144,19 +124,8 @@ class Radio(ABC):
     ) -> Iterator[None]:
         """While a driver is asked for something that it may refuse.
 
-        Parameters
-        ----------
-        where : str
-            The option or the key of the scene that asks for it.
-        *value : object
-            Its value.
-        rule : str
-            What is required of it.
-
-        Raises
-        ------
-        InputError
-            When the driver refuses it, with the driver's reason.
+        ``where``: the option or the key of the scene that asks for it; ``rule``: what is required
+        of it.
         """
         try:
             yield
@@ -195,12 +164,8 @@ class Radio(ABC):
     def collect(self, samples: int, timeout_s: float) -> None:
         """Say how samples are handed over.
 
-        Parameters
-        ----------
-        samples : int
-            Number of samples that are handed over together; 0 for single packets.
-        timeout_s : float
-            How long to wait for them.
+        ``samples``: number of samples that are handed over together; 0 for single packets;
+        ``timeout_s``: how long to wait for them.
         """
 
     @property

@@ -40,38 +40,16 @@ class DeviceLost(Exception):
 class RadioRequest:
     """A device with its settings, and the signal that it transmits.
 
-    Attributes
-    ----------
-    args : str
-        Device arguments, of the receiver where ``tx_args`` names another transmitter.
-    sample_rate_hz, center_frequency_hz : float
-        In both directions.
-    sounding : Sounding
-        The frame.
-    amplitude : float
-        Root of the mean preamble power of the transmitted signal, over full scale.
-    tx_gain_db, rx_gain_db : float or None
-        None keeps the device's default.
-    tx_antenna, rx_antenna : str or None
-    reference : str or None
-        Clock source: ``internal``, ``external``, ...
-    receive_s : float
-        Time for which received samples are collected, in s.
-    scene_name : str
-        Of the scene's file, for messages.
-    driver : str
-        ``uhd`` or ``soapy``.
-    bandwidth_hz : float or None
-        Of the filters in both directions; None keeps the device's default.
-    tx_args : str or None
-        Device arguments of the transmitter where that is another device.
-    receive_only : bool
-        The frames are transmitted by something else.
-    antennas : int
-        Number of receive antennas.
-    aligned : bool
-        The samples must begin with a frame: of a device that was lost, whose streams may start
-        apart.
+    ``args``: device arguments, of the receiver where ``tx_args`` names another transmitter;
+    ``sample_rate_hz``, ``center_frequency_hz``: in both directions; ``amplitude``: root of the mean
+    preamble power of the transmitted signal, over full scale; ``tx_gain_db``, ``rx_gain_db``: none
+    keeps the device's default; ``reference``: clock source: ``internal``, ``external``, ...;
+    ``receive_s``: time for which received samples are collected, in s; ``scene_name``: of the
+    scene's file, for messages; ``driver``: ``uhd`` or ``soapy``; ``bandwidth_hz``: of the filters
+    in both directions; None keeps the device's default; ``tx_args``: device arguments of the
+    transmitter where that is another device; ``receive_only``: the frames are transmitted by
+    something else; ``antennas``: number of receive antennas; ``aligned``: the samples must begin
+    with a frame: of a device that was lost, whose streams may start apart.
     """
 
     args: str
@@ -97,12 +75,8 @@ class RadioRequest:
     def of_scene(cls, scene: Scene, args: str, **settings) -> RadioRequest:
         """The request for a scene.
 
-        Parameters
-        ----------
-        args : str
-            Device arguments.
-        **settings
-            What the scene does not state, by the names of the attributes.
+        ``args``: device arguments; ``**settings``: what the scene does not state, by the names of
+        the attributes.
         """
         return cls(
             args,

@@ -29,25 +29,13 @@ def start_flowgraph(
 ) -> None:
     """Start a flowgraph, in bounded time.
 
-    Parameters
-    ----------
-    stopped : callable
-        Whether to give up.
-    option, args : str
-        Name the device, for the message.
-    limit_s : float
-        How long to wait for the driver.
-
-    Raises
-    ------
-    DeviceUnusable
-        When a block does not start. The flowgraph can neither be stopped nor freed then.
-
-    Notes
-    -----
     GNU Radio starts each block in a thread of its own, and waits until all of them have started.
-    The thread of a block that throws while it starts ends before, so that GNU Radio waits for
-    ever. It tells the cause to its log only.
+    The thread of a block that throws while it starts ends before, so that GNU Radio waits for ever.
+    It tells the cause to its log only.
+
+    ``stopped``: whether to give up; ``option``, ``args``: name the device, for the message;
+    ``limit_s``: how long to wait for the driver. Raises DeviceUnusable when a block does not start.
+    The flowgraph can neither be stopped nor freed then.
     """
     started, errors = threading.Event(), []
 

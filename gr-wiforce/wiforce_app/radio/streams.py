@@ -33,15 +33,7 @@ _SILENCE_S = 5.0
 class RadioStreams:
     """Transmits sounding frames with a radio, and sends the samples that it receives.
 
-    Parameters
-    ----------
-    samples : socket.socket
-        Where samples are sent.
-
-    Attributes
-    ----------
-    aligned : bool
-        Whether the samples begin with a frame.
+    ``samples``: where samples are sent. ``aligned``: whether the samples begin with a frame.
     """
 
     def __init__(self, radio: Radio, request: RadioRequest, samples: socket.socket):
@@ -89,17 +81,8 @@ class RadioStreams:
     def start(self, stopped: Callable[[], bool]) -> None:
         """Start both streams, at one device time where the driver can.
 
-        Parameters
-        ----------
-        stopped : callable
-            Whether to give up.
-
-        Raises
-        ------
-        DeviceLost
-            When no samples are received.
-        DeviceUnusable
-            When a driver does not start to stream.
+        ``stopped``: whether to give up. Raises DeviceLost when no samples are received.;
+        DeviceUnusable when a driver does not start to stream.
         """
         request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
@@ -136,10 +119,7 @@ class RadioStreams:
     def check(self) -> None:
         """Find out whether the device is still there.
 
-        Raises
-        ------
-        DeviceLost
-            When it has gone.
+        Raises DeviceLost when it has gone.
         """
         if self._ended_before:
             raise DeviceLost("cannot be reached any more")

@@ -15,15 +15,7 @@ from ..shell.provenance import provenance
 def open_mcap(path, inputs, metadata, sensors):
     """A writer of MCAP; see :class:`McapWriter`.
 
-    Parameters
-    ----------
-    path : str
-        A file, or a folder for a file named after the time.
-
-    Raises
-    ------
-    InputError
-        As ``McapWriter``, and where the name is neither a folder nor ends in ``.mcap``.
+    ``path``: a file, or a folder for a file named after the time.
     """
     from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
@@ -39,17 +31,8 @@ def open_mcap(path, inputs, metadata, sensors):
 class FileOutputs:
     """The readings file of ``gr-wiforce read`` and, optionally, an MCAP file.
 
-    Parameters
-    ----------
-    output : str or None
-        As for ``open_writer``.
-    inputs : sequence of Path
-        Files that must not be written to.
-
-    Attributes
-    ----------
-    rows : int
-        Readings written so far.
+    ``output``: as for ``open_writer``; ``inputs``: files that must not be written to. ``rows``:
+    readings written so far.
     """
 
     def __init__(self, output, mcap, inputs, scene):
@@ -79,10 +62,7 @@ class FileOutputs:
 
         An interruption waits until it is in all of them.
 
-        Raises
-        ------
-        OutputError
-            That of the first file that failed.
+        Raises the OutputError of the first file that failed.
         """
         failure = None
         with uninterrupted():

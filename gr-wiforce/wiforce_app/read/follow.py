@@ -25,12 +25,8 @@ _END = None
 class GrowingCapture:
     """Reads a capture while it grows, until interrupted; iterating gives readings as they come.
 
-    Parameters
-    ----------
-    datatype : str or None
-        See ``open_capture``.
-    frame_offset : int or None
-        Samples before the first frame; searched when None.
+    ``datatype``: see ``open_capture``; ``frame_offset``: samples before the first frame; searched
+    when None.
     """
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):

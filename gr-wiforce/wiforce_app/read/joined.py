@@ -11,12 +11,7 @@ _METADATA = b"wiforce:captures"
 
 
 def check_whole(path):
-    """Refuse a path that cannot be written to, and a missing pyarrow, before captures are read.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a path that cannot be written to, and a missing pyarrow, before captures are read."""
     optional_module("pyarrow", "--output")
     check_output(path)
 
@@ -27,10 +22,7 @@ def join_parts(path, parts):
     Returns int: number of readings. The file's metadata hold those of each capture under
     ``wiforce:captures``, as JSON.
 
-    Parameters
-    ----------
-    parts : sequence of (str, Path)
-        Name of a capture and the Parquet file of its readings.
+    ``parts``: name of a capture and the Parquet file of its readings.
     """
     import pyarrow
     from pyarrow import parquet

@@ -15,15 +15,7 @@ class Journal:
 
     As a context manager it holds the folder, so that no other run writes to it.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the readings are; created if missing.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be used, or another run writes to it.
+    ``folder``: where the readings are; created if missing.
     """
 
     def __init__(self, folder):
@@ -63,15 +55,7 @@ class Journal:
         return entries
 
     def fingerprint(self, name, output):
-        """The fingerprint of a capture's readings, None unless they are there and whole.
-
-        Parameters
-        ----------
-        name : str
-            Of the capture.
-        output : Path
-            Its readings.
-        """
+        """The fingerprint of a capture's readings, None unless they are there and whole."""
         entry = self.entries.get(name, {})
         try:
             found = output.stat()
@@ -85,10 +69,7 @@ class Journal:
     def note(self, name, **values):
         """Append what became of a capture.
 
-        Raises
-        ------
-        OutputError
-            On a full disk.
+        Raises OutputError on a full disk.
         """
         entry = {"capture": name, **values}
         self._write(json.dumps(entry) + "\n")

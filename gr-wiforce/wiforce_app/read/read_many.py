@@ -25,29 +25,11 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     Returns int: exit status: 2 when captures failed by their own fault only, 1 when any failed
     otherwise.
 
-    Parameters
-    ----------
-    given : sequence of str
-        Captures, patterns and folders.
-    scene : str or None
-        Scene file or name; None for each capture's own.
-    output : str or None
-        Folder, or a path that ends in ``.parquet``.
-    form : str or None
-        Suffix of the files in the folder, without dot; ``csv`` by default.
-    again : bool
-        Read captures that have not changed since they were read.
-    jobs : int or None
-        Number of processes; one per core by default.
-    scheduler : str or None
-        Address of a Dask scheduler.
-    settings : dict
-        ``datatype``, ``frame_offset`` and ``tracked``.
-
-    Raises
-    ------
-    InputError
-        For bad arguments, before anything is read.
+    ``given``: captures, patterns and folders; ``scene``: scene file or name; None for each
+    capture's own; ``output``: folder, or a path that ends in ``.parquet``; ``form``: suffix of the
+    files in the folder, without dot; ``csv`` by default; ``again``: read captures that have not
+    changed since they were read; ``jobs``: number of processes; one per core by default;
+    ``settings``: ``datatype``, ``frame_offset`` and ``tracked``.
     """
     if scene is not None:
         from gnuradio.wiforce.scene import load_scene

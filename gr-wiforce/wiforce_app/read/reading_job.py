@@ -22,18 +22,10 @@ _PROBE_BYTES = 65536
 class ReadingJob:
     """A capture to be read into a file.
 
-    Attributes
-    ----------
-    name, path : str
-        Of the capture: what its readings are called, and its absolute path.
-    output : str
-        Absolute path of its readings.
-    scene : str or None
-        Scene file or name of a shipped scene; None for the capture's own.
-    settings : dict
-        ``datatype``, ``frame_offset`` and ``tracked``.
-    fingerprint : str or None
-        Of the readings that exist already.
+    ``name``, ``path``: of the capture: what its readings are called, and its absolute path;
+    ``output``: absolute path of its readings; ``scene``: scene file or name of a shipped scene;
+    None for the capture's own; ``settings``: ``datatype``, ``frame_offset`` and ``tracked``;
+    ``fingerprint``: of the readings that exist already.
     """
 
     name: str
@@ -48,18 +40,10 @@ class ReadingJob:
 class ReadingReport:
     """What became of a capture.
 
-    Attributes
-    ----------
-    fingerprint : str
-        Hash of all that its readings depend on.
-    unchanged : bool
-        It was not read, since readings with this fingerprint exist.
-    rows : int
-    counts : GroupCounts
-    messages : list of str
-        Warnings, without the program's name.
-    partial : str or None
-        Where the readings are, until whoever asked for them renames them to the job's output.
+    ``fingerprint``: hash of all that its readings depend on; ``unchanged``: it was not read, since
+    readings with this fingerprint exist; ``messages``: warnings, without the program's name;
+    ``partial``: where the readings are, until whoever asked for them renames them to the job's
+    output.
     """
 
     fingerprint: str
@@ -73,13 +57,8 @@ class ReadingReport:
 def read_capture_file(job):
     """Read a capture into a file of its own beside the job's output.
 
-    The output itself is not replaced here: a worker may outlive the run that started it, and
-    would then put its readings in the place of those of a later run.
-
-    Raises
-    ------
-    InputError, OutputError
-        As ``gr-wiforce read`` for this capture.
+    The output itself is not replaced here: a worker may outlive the run that started it, and would
+    then put its readings in the place of those of a later run.
     """
     messages = io.StringIO()
     with contextlib.redirect_stderr(messages):

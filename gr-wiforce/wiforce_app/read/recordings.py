@@ -5,11 +5,10 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools import tool_of
-from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.receiver.recording import RecordingReader
-from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.scene import accepted_suspicions
 
 from ..shell.log import log
 from ..shell.options import refuse
@@ -23,12 +22,8 @@ SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"
 def open_recording(path, datatype, csi=None):
     """A capture of samples, or a file of channel snapshots.
 
-    Parameters
-    ----------
-    datatype : str or None
-        Of raw samples, whatever the name of their file is.
-    csi : dict, optional
-        Arguments of ``open_csi``; by default, files of CSI tools are found by their first bytes.
+    ``datatype``: of raw samples, whatever the name of their file is; ``csi``: arguments of
+    ``open_csi``; by default, files of CSI tools are found by their first bytes.
     """
     if datatype is None and csi is None and is_snapshots(path):
         return open_snapshots(path)
@@ -43,12 +38,11 @@ def open_recording(path, datatype, csi=None):
 def open_reader(recording, settings, frame_offset, tracked):
     """The reader of a recording, after warnings of what was left out and of what is in the room.
 
-    Parameters
-    ----------
-    frame_offset : int or None
-        Samples before the first frame; searched when None.
+    ``frame_offset``: samples before the first frame; searched when None.
     """
     if isinstance(recording, ChannelSnapshots):
+        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+
         reader = SnapshotReader(recording, settings, tracked)
         for note in reader.notes:
             warn(recording.path, note)
@@ -62,14 +56,9 @@ def open_reader(recording, settings, frame_offset, tracked):
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
     """Read a whole recording for another command, and warn of what was wrong with it.
 
-    Parameters
-    ----------
-    on_reading : callable
-        Called with every Reading, in order.
-    frame_offset : int or None
-        Samples before the first frame; searched when None.
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read, with the ratios R.
+    ``on_reading``: called with every Reading, in order; ``frame_offset``: samples before the first
+    frame; searched when None; ``on_groups``: called with every batch of Groups that has been read,
+    with the ratios R.
     """
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_leftover(recording, reader)
@@ -97,6 +86,8 @@ def warn_of_end(capture, reader):
             warn(capture, f"{name}: {suspicion.text}")
     counts = reader.counts
     if counts.groups and not counts.clear:
+        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+
         rule = (
             "every reading is flagged; check the datatype, and clock_hz, frame_length and "
             "sample_rate_hz of the scene"

@@ -10,10 +10,7 @@ from gnuradio.wiforce.planning.room.report import finding_line
 class RoomNews:
     """What each survey of a run has found that the one before had not.
 
-    Parameters
-    ----------
-    say : callable, optional
-        Takes a line for the user; `report_room` by default.
+    ``say``: takes a line for the user; `report_room` by default.
     """
 
     def __init__(self, say=None):
@@ -23,10 +20,7 @@ class RoomNews:
     def report(self, found):
         """Print the findings that matter, where they differ from those printed before.
 
-        Parameters
-        ----------
-        found : list of Finding or None
-            Of the latest survey; the same list until there is another one.
+        ``found``: of the latest survey; the same list until there is another one.
         """
         if found is None or found is self._latest:
             return

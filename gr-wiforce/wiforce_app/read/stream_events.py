@@ -12,12 +12,8 @@ def describe_events(frames_moved: int, times_ignored: int = 0) -> list[str]:
 
     Returns list of str: one phrase for each kind of event that occurred.
 
-    Parameters
-    ----------
-    frames_moved : int
-        Times that the frame timing shifted without an ``rx_time`` tag.
-    times_ignored : int
-        Implausible ``rx_time`` tags.
+    ``frames_moved``: times that the frame timing shifted without an ``rx_time`` tag;
+    ``times_ignored``: implausible ``rx_time`` tags.
     """
     phrases = []
     if frames_moved:

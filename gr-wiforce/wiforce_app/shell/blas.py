@@ -13,12 +13,8 @@ def settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
     those of any processor with AVX2 and FMA are stated. NumPy's wheels bring an OpenBLAS of their
     own that is as new as they are, and chooses itself.
 
-    Parameters
-    ----------
-    cpuinfo : Path
-        What the system says of its processors.
-    numpy : Path, optional
-        Folder of the package; the one that would be imported by default.
+    ``cpuinfo``: what the system says of its processors; ``numpy``: folder of the package; the one
+    that would be imported by default.
     """
     chosen = {"OPENBLAS_NUM_THREADS": "1"}
     if numpy is None and (found := find_spec("numpy")) is not None and found.origin:

@@ -9,13 +9,9 @@ _HELP = ("--help-all", "--help")
 class GroupedHelp(click.Command):
     """A command whose help fits on a screen; ``--help-all`` explains every option.
 
-    Parameters
-    ----------
-    groups : dict
-        Names of options by heading, separated by spaces. Those of the first group, and options
-        in none of them, are explained by ``--help``; of the others it lists the names.
-    examples : tuple of str, optional
-        Command lines without the name of the program.
+    ``groups``: names of options by heading, separated by spaces. Those of the first group, and
+    options in none of them, are explained by ``--help``; of the others it lists the names;
+    ``examples``: command lines without the name of the program.
     """
 
     def __init__(self, *arguments, groups, examples=(), **options):

@@ -12,10 +12,7 @@ class Terminated(KeyboardInterrupt):
 class Interrupted(Exception):
     """A command was interrupted after it had written something.
 
-    Parameters
-    ----------
-    partial : str
-        What has been written, for the message.
+    ``partial``: what has been written, for the message.
     """
 
 

@@ -12,12 +12,8 @@ from gnuradio.wiforce.errors import InputError, gnuradio_rule
 class LazyGroup(click.Group):
     """A group of commands, each a function of the same name in a module.
 
-    Parameters
-    ----------
-    package : str
-        Package that relative names of modules refer to.
-    commands : dict
-        Module and one line of help by command, so that showing them imports none of the modules.
+    ``package``: package that relative names of modules refer to; ``commands``: module and one line
+    of help by command, so that showing them imports none of the modules.
     """
 
     def __init__(self, *arguments, package, commands, **options):

@@ -16,14 +16,9 @@ FORMATS = ("auto", "plain", "journal")
 class Log:
     """Writes messages, one line each.
 
-    Attributes
-    ----------
-    level : str
-        Messages below this level are not written.
-    journal : bool
-        Begin lines with the number of their level, as ``<4>``, instead of the program's name.
-    line_in_use : bool
-        A status line is on the terminal, which a message replaces.
+    ``level``: messages below this level are not written; ``journal``: begin lines with the number
+    of their level, as ``<4>``, instead of the program's name; ``line_in_use``: a status line is on
+    the terminal, which a message replaces.
     """
 
     def __init__(self):
@@ -32,12 +27,8 @@ class Log:
     def set_up(self, level: str = "info", form: str = "auto") -> None:
         """Choose what is written, and how.
 
-        Parameters
-        ----------
-        level : str
-            One of ``LEVELS``.
-        form : str
-            One of ``FORMATS``; ``auto`` detects whether standard error is the journal.
+        ``level``: one of ``LEVELS``; ``form``: one of ``FORMATS``; ``auto`` detects whether
+        standard error is the journal.
         """
         self.level = level
         self.journal = form == "journal" or form == "auto" and is_journal()

@@ -191,10 +191,7 @@ def web_options(required=False):
 
     Returns callable: A decorator.
 
-    Parameters
-    ----------
-    required : bool
-        Whether the command does nothing else.
+    ``required``: whether the command does nothing else.
     """
 
     def add(command):
@@ -237,15 +234,7 @@ def worker_options(command):
 def refuse(options, rule):
     """Refuse options that were given without reason.
 
-    Parameters
-    ----------
-    options : dict
-        Values by the names of the options; false where one was not given.
-
-    Raises
-    ------
-    click.UsageError
-        Naming the first of them.
+    ``options``: values by the names of the options; false where one was not given.
     """
     for option, value in options.items():
         if value:
@@ -255,14 +244,7 @@ def refuse(options, rule):
 def refuse_scenes(given):
     """Refuse the name of a shipped scene where a capture is meant.
 
-    Parameters
-    ----------
-    given : sequence of str
-        Captures, patterns and folders.
-
-    Raises
-    ------
-    InputError
+    ``given``: captures, patterns and folders.
     """
     for name in given:
         if os.path.exists(name) or os.path.exists(name + ".sigmf-meta"):

@@ -15,16 +15,7 @@ _PANEL_IN = 2.1  # height of a panel
 def check_picture(path, inputs=()):
     """Check the path of a picture before any work is done for it.
 
-    Parameters
-    ----------
-    inputs : iterable of str or Path, optional
-        Files that the picture is made from.
-
-    Raises
-    ------
-    InputError
-        For an unknown suffix, a missing folder, a file that cannot be written, or an input; when
-        matplotlib is missing.
+    ``inputs``: files that the picture is made from.
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
@@ -54,13 +45,7 @@ def legend_below(canvas, lines, labels, ncols):
 
 
 def save_picture(canvas, path, dpi=110):
-    """Write a figure; the file appears when it is complete.
-
-    Raises
-    ------
-    InputError, OutputError
-        When it cannot be written.
-    """
+    """Write a figure; the file appears when it is complete."""
     path = Path(path)
     try:
         with replacing(path) as part:
@@ -73,14 +58,7 @@ def save_picture(canvas, path, dpi=110):
 def plot_readings(readings, path, title="", truth=None, length_mm=None):
     """Write the picture that :func:`gnuradio.wiforce.plot` draws.
 
-    Parameters
-    ----------
-    path : str or Path
-        PNG, PDF or SVG.
-    truth : sequence of dict, optional
-        Rows of a truth file.
-    length_mm : float, optional
-        Length of the sensors.
+    ``truth``: rows of a truth file; ``length_mm``: length of the sensors.
     """
     canvas, axes = figure(PANELS, title)
     plot(readings, truth=truth, axes=axes, length_mm=length_mm)

@@ -24,10 +24,7 @@ def provenance(scene):
 def fingerprint(scene, *others, simulated=False):
     """Hash of this version, a scene, the models of its sensors and what else is given.
 
-    Parameters
-    ----------
-    simulated : bool
-        The result depends on the truth models of the scene's tags as well.
+    ``simulated``: the result depends on the truth models of the scene's tags as well.
     """
     models = {sensor.model for sensor in scene.sensors}
     if simulated and scene.simulation:

@@ -20,17 +20,8 @@ _TERMINATED = 128 + signal.SIGTERM
 def outcome_of(function, task):
     """Call a function and return what can be sent to another process, whatever happens.
 
-    Parameters
-    ----------
-    task : object
-        Its argument.
-
-    Returns
-    -------
-    kind : str
-        ``result`` or ``error``.
-    value : object
-        What the function returned, or the exception that it raised.
+    Returns kind: ``result`` or ``error``; value: what the function returned, or the exception that
+    it raised.
     """
     try:
         return "result", function(task)
@@ -48,10 +39,7 @@ def end_with(gone: Callable[[], object]) -> None:
 
     It ends by SIGTERM as well. In both cases it removes what it has not completed.
 
-    Parameters
-    ----------
-    gone : callable
-        Returns when the other process has ended.
+    ``gone``: returns when the other process has ended.
     """
 
     def watch():
@@ -74,19 +62,8 @@ def _end(*_):
 def run_in_child(payload: bytes) -> tuple[int, bytes, bytes]:
     """Run a task in a process of its own, which ends with this one.
 
-    Parameters
-    ----------
-    payload : bytes
-        Pickled function and argument.
-
-    Returns
-    -------
-    status : int
-        Exit status of the process.
-    answer : bytes
-        The pickled outcome, where the status is 0.
-    errors : bytes
-        What it has printed.
+    Returns status: exit status of the process; answer: the pickled outcome, where the status is 0;
+    errors: what it has printed. ``payload``: pickled function and argument.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-m", __spec__.name]

@@ -29,14 +29,7 @@ _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 class Outcome:
     """What became of a task.
 
-    Attributes
-    ----------
-    index : int
-        Of the task.
-    result : object
-        What the function returned.
-    error : Exception or None
-        Why there is no result.
+    ``result``: what the function returned; ``error``: why there is no result.
     """
 
     index: int
@@ -62,21 +55,9 @@ def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[
 
     Yields Outcome: one per task, as they end.
 
-    Parameters
-    ----------
-    function : callable
-        Of one argument; a function of a module that workers can import.
-    tasks : sequence
-        Arguments, which are pickled.
-    jobs : int, optional
-        Number of processes; one per core by default. A cluster has its own number.
-    scheduler : str, optional
-        Address of a Dask scheduler.
-
-    Raises
-    ------
-    InputError
-        When the scheduler does not answer or has no workers, or distributed is not installed.
+    ``function``: of one argument; a function of a module that workers can import; ``tasks``:
+    arguments, which are pickled; ``jobs``: number of processes; one per core by default. A cluster
+    has its own number.
     """
     if scheduler is not None:
         return _on_cluster(function, tasks, scheduler)

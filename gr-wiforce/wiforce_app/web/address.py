@@ -25,13 +25,8 @@ _BACKLOG = 128
 class PageAddress:
     """An address of the page.
 
-    Attributes
-    ----------
-    host : str
-        Address that the port is opened at, without brackets.
-    port : int
-    token : str or None
-        What a browser must present; None where everybody of this machine may look.
+    ``host``: address that the port is opened at, without brackets; ``token``: what a browser must
+    present; None where everybody of this machine may look.
     """
 
     host: str
@@ -42,17 +37,8 @@ class PageAddress:
     def of(cls, text: str, token: str | None = None) -> "PageAddress":
         """The address that options ask for.
 
-        Parameters
-        ----------
-        text : str
-            ``PORT``, on loopback, or ``ADDRESS:PORT``; ``*`` stands for all addresses.
-        token : str, optional
-            The user's own; beyond loopback a random one is made by default.
-
-        Raises
-        ------
-        InputError
-            When a package is missing, for another text, and for a token that is easily guessed.
+        ``text``: ``PORT``, on loopback, or ``ADDRESS:PORT``; ``*`` stands for all addresses;
+        ``token``: the user's own; beyond loopback a random one is made by default.
         """
         # Bokeh draws the plots; Tornado, which it brings along, serves the page.
         check_installed(OPTION, ("bokeh", "tornado"))
@@ -91,13 +77,7 @@ class PageAddress:
         return self.token is None or hmac.compare_digest(self.token.encode(), token.encode())
 
     def listen(self) -> socket.socket:
-        """Open the port.
-
-        Raises
-        ------
-        InputError
-            When the port is taken, or the address is not one of this machine.
-        """
+        """Open the port."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         listening = socket.socket(family, socket.SOCK_STREAM)
         try:

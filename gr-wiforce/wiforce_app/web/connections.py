@@ -44,10 +44,7 @@ class LimitedServer(tornado.httpserver.HTTPServer):
 def in_turn(read: Callable[[int], Awaitable[bytes]]) -> Callable[[int], Awaitable[bytes]]:
     """Read only after all others had their turn.
 
-    Parameters
-    ----------
-    read : callable
-        Reads so many bytes of a stream.
+    ``read``: reads so many bytes of a stream.
     """
 
     async def paced(length: int) -> bytes:

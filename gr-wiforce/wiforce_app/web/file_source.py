@@ -30,17 +30,7 @@ class FileSource:
 
     A file that is replaced, as by ``--rotate``, or that becomes shorter is read anew.
 
-    Parameters
-    ----------
-    path : str or Path
-        ``.csv`` or ``.jsonl``; it may not exist yet.
-    now : callable
-        Steady time in seconds.
-
-    Raises
-    ------
-    InputError
-        For another suffix, and for a file that holds no readings.
+    ``path``: ``.csv`` or ``.jsonl``; it may not exist yet; ``now``: steady time in seconds.
     """
 
     can_tare = False

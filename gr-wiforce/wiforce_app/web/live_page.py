@@ -28,20 +28,7 @@ class LivePage(Output):
     Both processes are connected by ZMQ sockets in a folder that only this user can enter. A process
     that is slow loses messages, and one that ends is reported; the run goes on in both cases.
 
-    Parameters
-    ----------
-    warn : callable
-        Takes a line for the user.
-
-    Attributes
-    ----------
-    control : str
-        Endpoint at which requests of the page arrive.
-
-    Raises
-    ------
-    InputError
-        When the port cannot be opened.
+    ``warn``: takes a line for the user. ``control``: endpoint at which requests of the page arrive.
     """
 
     def __init__(self, address: PageAddress, warn: Callable[[str], None]):

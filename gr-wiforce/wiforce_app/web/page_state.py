@@ -39,10 +39,7 @@ def page_row(values: Mapping[str, Any]) -> list[Any] | None:
     Returns list or None: values in the order of :data:`ROW`, unknown numbers None; None for what is
     no reading.
 
-    Parameters
-    ----------
-    values : mapping
-        Columns by name; numbers may be text, as in CSV.
+    ``values``: columns by name; numbers may be text, as in CSV.
     """
     row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
     texts = [row[ROW.index(name)] for name in _TEXTS]
@@ -57,17 +54,8 @@ class PageState:
     Each viewer remembers how far it has read. A viewer that falls behind catches up from the rows
     that are kept here, so nothing is stored per viewer.
 
-    Parameters
-    ----------
-    history_s : float
-        Seconds of signal that are kept.
-    now : callable
-        Steady time in seconds.
-
-    Attributes
-    ----------
-    position : tuple of (int, int)
-        How far a viewer is that has everything: number of the run, and of the next row.
+    ``history_s``: seconds of signal that are kept; ``now``: steady time in seconds. ``position``:
+    how far a viewer is that has everything: number of the run, and of the next row.
     """
 
     def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
@@ -87,10 +75,7 @@ class PageState:
     def add(self, values: Mapping[str, Any]) -> None:
         """Add a reading; one of another run, or an earlier one, begins a new history.
 
-        Parameters
-        ----------
-        values : mapping
-            As for :func:`page_row`.
+        ``values``: as for :func:`page_row`.
         """
         row = page_row(values)
         if row is None:
@@ -112,10 +97,7 @@ class PageState:
     def follow(self, run: Any) -> None:
         """Begin a new history where another run has begun.
 
-        Parameters
-        ----------
-        run : str or None
-            Its identifier; anything else where it is not known.
+        ``run``: its identifier; anything else where it is not known.
         """
         if isinstance(run, str) and run and (run := run[:LONGEST_TEXT]) != self._run:
             self._run = run
@@ -143,12 +125,7 @@ class PageState:
 
         Returns str: A JSON object; ``restart`` is true where former rows are to be forgotten.
 
-        Parameters
-        ----------
-        position : tuple of (int, int)
-            How far the viewer is; ``(-1, 0)`` for a new one.
-        status : bool
-            With the status.
+        ``position``: how far the viewer is; ``(-1, 0)`` for a new one.
         """
         key = (position, status)
         if key not in self._texts:

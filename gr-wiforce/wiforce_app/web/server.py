@@ -63,19 +63,9 @@ class Source(Protocol):
 class PageServer:
     """Serves one source.
 
-    Parameters
-    ----------
-    listening : socket.socket
-        Of :meth:`PageAddress.listen`.
-    history_s : float
-        Seconds of signal that are shown.
-    length_mm : float, optional
-        Length of sensors whose source does not state it.
-
-    Attributes
-    ----------
-    viewers : set
-        Browsers that are connected.
+    ``listening``: of :meth:`PageAddress.listen`; ``history_s``: seconds of signal that are shown;
+    ``length_mm``: length of sensors whose source does not state it. ``viewers``: browsers that are
+    connected.
     """
 
     def __init__(
@@ -99,10 +89,8 @@ class PageServer:
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Serve until `end` is called.
 
-        Parameters
-        ----------
-        ended : callable
-            Asked now and then; the page also ends when this is true, after everything was sent.
+        ``ended``: asked now and then; the page also ends when this is true, after everything was
+        sent.
         """
         server = connections.LimitedServer(
             self._application(),
@@ -363,14 +351,7 @@ def serve_until_signal(
 ) -> None:
     """Serve in this thread, until the process is asked to end.
 
-    Parameters
-    ----------
-    make : callable
-        Makes the server, within the loop.
-    ended : callable
-        See :meth:`PageServer.serve`.
-    signals : iterable of int
-        Signals that end it.
+    ``make``: makes the server, within the loop; ``signals``: signals that end it.
     """
 
     # Refused requests are the browser's business, and would fill a journal.

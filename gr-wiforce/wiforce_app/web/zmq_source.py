@@ -27,26 +27,10 @@ _LONGEST_MESSAGE = 64 << 10
 class ZmqSource:
     """Subscribes to a live reader, and passes tares on to it.
 
-    Parameters
-    ----------
-    readings, control : str
-        Endpoints of ``live --zmq`` and ``live --control``; without ``control`` there is no tare.
-    keys : ClientKeys, optional
-        Where the reader has keys.
-    name : str, optional
-        Of the source, on the page. The endpoint by default.
-    now : callable
-        Steady time in seconds.
-
-    Attributes
-    ----------
-    ended : bool
-        Whether the reader has said that its run is over.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing or an endpoint is none.
+    ``readings``, ``control``: endpoints of ``live --zmq`` and ``live --control``; without
+    ``control`` there is no tare; ``keys``: where the reader has keys; ``name``: of the source, on
+    the page. The endpoint by default; ``now``: steady time in seconds. ``ended``: whether the
+    reader has said that its run is over.
     """
 
     def __init__(
@@ -92,10 +76,7 @@ class ZmqSource:
     def tare(self, answer: Callable[[dict[str, Any]], None]) -> None:
         """Request a tare; a request during another one shares its answer.
 
-        Parameters
-        ----------
-        answer : callable
-            Takes what the reader answers: ``ok`` and, where it refuses, ``error``.
+        ``answer``: takes what the reader answers: ``ok`` and, where it refuses, ``error``.
         """
         import zmq
 
@@ -109,13 +90,7 @@ class ZmqSource:
         self._answers.append(answer)
 
     def give_up(self, reason: str) -> None:
-        """Expect no more messages.
-
-        Parameters
-        ----------
-        reason : str
-            For the viewers.
-        """
+        """Expect no more messages."""
         self._shown |= {"state": "lost", "reason": reason}
         self.ended = True
 

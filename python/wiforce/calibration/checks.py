@@ -25,18 +25,6 @@ _UNTOUCHED_DEG, _ONSET_STEP_DEG = 3.0, 6.0
 def check_table(table: CalibrationTable, length_mm: float) -> None:
     """Reject tables with errors.
 
-    Parameters
-    ----------
-    length_mm : float
-        Of the line.
-
-    Raises
-    ------
-    InputError
-        Naming row, rule and value: a force of the other sign, or a location outside the line.
-
-    Notes
-    -----
     Equal rows are repeated measurements: rounded phases of repeated sweeps are often equal.
     """
     touched = ~table.untouched
@@ -54,10 +42,7 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
 def complete_locations(table: CalibrationTable) -> list[float]:
     """Locations with enough forces for curves at both ports, rising.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        Rows of one carrier.
+    ``table``: rows of one carrier.
     """
     touched = table.take(~table.untouched)
     forces = {
@@ -73,16 +58,7 @@ def complete_locations(table: CalibrationTable) -> list[float]:
 def check_places(table: CalibrationTable) -> None:
     """Reject data that do not determine a model of one carrier.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        Rows of one carrier.
-
-    Raises
-    ------
-    InputError
-        For fewer than two locations, fewer than five forces at a port, or ports whose forces do
-        not overlap.
+    ``table``: rows of one carrier.
     """
     touched = table.take(~table.untouched)
     frequency = f"{table.frequency_hz[0] / 1e6:g} MHz"
@@ -106,24 +82,8 @@ def check_places(table: CalibrationTable) -> None:
 def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.ndarray, np.ndarray]:
     """Sort phases by force and unwrap them.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        Rows of one carrier, location, port and press.
-    permittivity : float
-        Effective relative permittivity of the line.
-
-    Returns
-    -------
-    order : ndarray of int, shape (n,)
-        Rows by rising force.
-    phase_deg : ndarray, shape (n,)
-        In that order.
-
-    Raises
-    ------
-    InputError
-        For a jump of the phase that no jump of the force explains.
+    Returns order (n,): rows by rising force; phase_deg (n,): in that order. ``table``: rows of one
+    carrier, location, port and press.
     """
     order = np.argsort(table.force_n, kind="stable")
     phase = np.unwrap(table.phase_deg[order], period=360.0)
@@ -147,12 +107,8 @@ def split_untouched(table: CalibrationTable, untouched_deg: float) -> np.ndarray
     Returns ndarray of bool, shape (n,): True for the first rows by force with the untouched phase,
     if a step follows.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        One carrier, location, port and press.
-    untouched_deg : float
-        psi_i0 of this port, in degrees.
+    ``table``: one carrier, location, port and press; ``untouched_deg``: psi_i0 of this port, in
+    degrees.
     """
     order = np.argsort(table.force_n, kind="stable")
     away = np.abs(wrap_deg(table.phase_deg[order] - untouched_deg))

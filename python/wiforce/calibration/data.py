@@ -24,18 +24,10 @@ _TURN, _LEAST_BRANCH, _ORDERED_SHARE = 0.2, 4, 0.8
 class ContactCurve:
     """Data of one carrier, location and port, in order of force.
 
-    Attributes
-    ----------
-    force_n : ndarray, shape (n,)
-        Force in N.
-    added_deg : ndarray, shape (n,)
-        Phase relative to a short exactly at the press, in degrees.
-    press : ndarray of str, shape (n,)
-        The press that each sample belongs to.
-    copied : bool
-        Whether it is the mirror image of another location.
-    direction : ndarray of int, shape (n,), or None
-        1 while loading, -1 while unloading, 0 where it is unknown.
+    ``force_n`` (n,); ``added_deg`` (n,): phase relative to a short exactly at the press, in
+    degrees; ``press`` (n,): the press that each sample belongs to; ``copied``: whether it is the
+    mirror image of another location; ``direction`` (n,): 1 while loading, -1 while unloading, 0
+    where it is unknown.
     """
 
     force_n: np.ndarray
@@ -49,19 +41,10 @@ class ContactCurve:
 class CarrierData:
     """A table's data of one carrier.
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Carrier, in Hz.
-    location_mm : ndarray, shape (J,)
-        Locations from port 1, rising.
-    curves : list of list of ContactCurve
-        By port and location.
-    untouched_deg : (float, float) or None
-        psi_10 and psi_20 in degrees; None when the table has no untouched rows.
-    onset : (float, float) or None
-        Largest untouched and smallest touched force of sweeps that begin before the contact, in N;
-        None when there are none.
+    ``location_mm`` (J,): locations from port 1, rising; ``curves``: by port and location;
+    ``untouched_deg``: psi_10 and psi_20 in degrees; None when the table has no untouched rows;
+    ``onset``: largest untouched and smallest touched force of sweeps that begin before the contact,
+    in N; None when there are none.
     """
 
     frequency_hz: float
@@ -79,11 +62,6 @@ def carriers_of(table: CalibrationTable) -> list[float]:
     """Carriers of a table in Hz, rising.
 
     Returns list of float: values within 0.1 % of each other are one carrier.
-
-    Raises
-    ------
-    InputError
-        Naming the row of a frequency that no scene can have, as of one in GHz.
     """
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
@@ -107,25 +85,7 @@ def carrier_data(
 ) -> CarrierData:
     """Arrange the rows of one carrier by location and port.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        Of all carriers.
-    frequency : float
-        Carrier, in Hz.
-    length_mm : float
-        Of the line.
-    permittivity : float
-        Effective relative permittivity of the line.
-    mirror : bool
-        See :func:`.calibration.calibrate`.
-    assumed : list of str
-        Assumptions are appended to it.
-
-    Raises
-    ------
-    InputError
-        Naming file and row of data through which no curve can be drawn.
+    ``assumed``: assumptions are appended to it.
     """
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = untouched_phases(table)
@@ -157,11 +117,6 @@ def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
 
     Returns (float, float) or None: in degrees, averaged over phasors; None without such rows for
     both ports.
-
-    Parameters
-    ----------
-    table : CalibrationTable
-        Of one carrier.
     """
     rows = table.take(table.untouched)
     if set(rows.port) != {1, 2}:
@@ -253,10 +208,7 @@ def _curve(
 def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
     """Shift the phases of each location as a setting of :func:`.calibration.calibrate` says.
 
-    Parameters
-    ----------
-    location_steps : str
-        ``nearest``, ``given`` or ``line``.
+    ``location_steps``: ``nearest``, ``given`` or ``line``.
     """
     if location_steps == "given":
         return data
@@ -313,10 +265,7 @@ def sweep_directions(force_n: np.ndarray) -> np.ndarray:
     Returns ndarray of int, shape (n,): 1 while loading, -1 while unloading. All 0 where the rows
     are in no order of measurement.
 
-    Parameters
-    ----------
-    force_n : ndarray, shape (n,)
-        Of one press, in the order in which it was measured.
+    ``force_n`` (n,): of one press, in the order in which it was measured.
     """
     direction = np.zeros(len(force_n), int)
     for start, stop, sign in _branches(force_n):

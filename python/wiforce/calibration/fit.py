@@ -23,16 +23,9 @@ Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 class ForceCurve:
     """One fitted curve.
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (K,)
-        In degrees.
-    unit_covariance : ndarray, shape (K, K)
-        Of the coefficients, for noise of unit variance.
-    residual : ndarray, shape (n,)
-        In degrees, in order of force.
-    freedom : float
-        Remaining degrees of freedom.
+    ``coefficients`` (K,): in degrees; ``unit_covariance`` (K, K): of the coefficients, for noise of
+    unit variance; ``residual`` (n,): in degrees, in order of force; ``freedom``: remaining degrees
+    of freedom.
     """
 
     coefficients: np.ndarray
@@ -46,12 +39,7 @@ def force_knots(form: str, forces: np.ndarray) -> np.ndarray | None:
 
     Returns ndarray or None: in N, rising; None for the power law.
 
-    Parameters
-    ----------
-    form : str
-        One of ``curves.FORMS``.
-    forces : ndarray
-        Calibrated forces, in N.
+    ``forces``: calibrated forces, in N.
     """
     low, high = float(np.min(forces)), float(np.max(forces))
     if form == "power":
@@ -65,15 +53,8 @@ def force_knots(form: str, forces: np.ndarray) -> np.ndarray | None:
 class CurveFitter:
     """Fits curves of one form; the spline's smoothing is common to all curves of a sensor.
 
-    Parameters
-    ----------
-    form : str
-        One of ``curves.FORMS``.
-    knots_n : ndarray or None
-        See :func:`force_knots`.
-    samples : sequence of (force_n, value_deg)
-        All curves of the sensor, from which the smoothing is chosen by generalised
-        cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
+    ``samples``: all curves of the sensor, from which the smoothing is chosen by generalised
+    cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
     """
 
     def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
@@ -99,9 +80,7 @@ class CurveFitter:
     def fit(self, force_n: np.ndarray, value_deg: np.ndarray) -> ForceCurve:
         """Fit a curve to samples.
 
-        Parameters
-        ----------
-        force_n, value_deg : ndarray, shape (n,)
+        ``force_n``, ``value_deg`` (n,).
         """
         basis = self._basis(force_n)
         normal = basis.T @ basis
@@ -156,8 +135,6 @@ def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
 
     Returns noise_deg and misfit_deg, in degrees.
 
-    Notes
-    -----
     Noise is independent at neighbouring forces, a misfit of the form is not. The mean product of
     neighbouring residuals therefore is the square of the misfit.
     """

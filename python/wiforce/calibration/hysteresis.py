@@ -32,18 +32,11 @@ def find_hysteresis(
     to a force while loading for the contact that it has while unloading. 0 where it is not
     distinguished from noise, None where the data do not hold both branches.
 
-    Parameters
-    ----------
-    fits : sequence of ForceCurve
-        The curve through each, which lies between its two branches.
-    fitter : CurveFitter
-        That made them.
-
-    Notes
-    -----
-    The residual of a curve, divided by its slope over force, is a deviation in N that all ports
-    and locations have in common. Its part of opposite sign in the two branches is fitted by a
+    The residual of a curve, divided by its slope over force, is a deviation in N that all ports and
+    locations have in common. Its part of opposite sign in the two branches is fitted by a
     polynomial in force, with weights by the squared slope.
+
+    ``fits``: the curve through each, which lies between its two branches.
     """
     own = [
         (contact, fit)

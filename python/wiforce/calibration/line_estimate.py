@@ -29,16 +29,8 @@ _LIGHT = 0.4
 class LineEstimate:
     """What the data of one carrier say about the line.
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Carrier.
-    permittivity : float or None
-        Effective relative permittivity; None where the data do not determine it.
-    length_mm : float or None
-        The length next to the assumed one; None where there are no untouched rows.
-    ambiguity_mm : float
-        Lengths that differ by this give the same phases: half a wavelength.
+    ``length_mm``: the length next to the assumed one; None where there are no untouched rows;
+    ``ambiguity_mm``: lengths that differ by this give the same phases: half a wavelength.
     """
 
     frequency_hz: float
@@ -65,11 +57,6 @@ def estimate_line(
 
     Returns list of LineEstimate: rough ones, within 10 mm and 60 %, since the contact law is not
     known.
-
-    Parameters
-    ----------
-    length_mm, permittivity : float
-        As assumed.
     """
     return [
         _estimate(table.take(same_carrier(table.frequency_hz, f)), f, length_mm, permittivity)
@@ -83,12 +70,8 @@ def concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
     Returns ndarray, shape (n,): length of the mean phasor about the slope, mean of both ports: 1
     without scatter, 0 where fewer than two locations were pressed.
 
-    Parameters
-    ----------
-    rows : CalibrationTable
-        Touched rows of one carrier.
-    slopes : ndarray, shape (n,)
-        Of port 2, in deg/mm; port 1 has the opposite one.
+    ``rows``: touched rows of one carrier; ``slopes`` (n,): of port 2, in deg/mm; port 1 has the
+    opposite one.
     """
     values = np.zeros((2, len(slopes)))
     for row, (port, sign) in enumerate(((1, -1), (2, 1))):

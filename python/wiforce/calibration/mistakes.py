@@ -35,11 +35,6 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     """Likely mistakes in the units, ports and signs of a table, or in the line that is assumed.
 
     Returns list of str: a sentence each; empty when nothing is suspicious.
-
-    Parameters
-    ----------
-    length_mm, permittivity : float
-        As assumed.
     """
     touched = table.take(~table.untouched)
     if not touched.row.size:
@@ -62,10 +57,7 @@ def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
 
     Returns dict: empty where there are none.
 
-    Parameters
-    ----------
-    found : sequence of str
-        As :func:`suspicions` gives them.
+    ``found``: as :func:`suspicions` gives them.
     """
     return {"suspicions": list(dict.fromkeys(found))} if found else {}
 
@@ -89,12 +81,7 @@ def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
 
     Returns list of str: one sentence, or none.
 
-    Parameters
-    ----------
-    farthest_mm : float
-        Location that is farthest from port 1, as given.
-    length_mm : float
-        Of the line.
+    ``farthest_mm``: location that is farthest from port 1, as given.
     """
     if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
         return []
@@ -168,15 +155,8 @@ def phase_suspicions(
     Returns list of str: a sentence each, if most readings are inconsistent with the model. A
     mistake is named if nearly all would be consistent without it.
 
-    Parameters
-    ----------
-    phases_deg : ndarray, shape (n, 2)
-    std_deg : float
-        Standard deviation of the phases.
-    location_mm : ndarray, shape (n,), optional
-        Known locations, NaN where unknown.
-    frequency_hz : float, optional
-        Carrier; the model's only one by default.
+    ``phases_deg`` (n, 2); ``location_mm`` (n,): known locations, NaN where unknown;
+    ``frequency_hz``: carrier; the model's only one by default.
     """
     known = np.full(len(phases_deg), np.nan) if location_mm is None else np.asarray(location_mm)
     rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)

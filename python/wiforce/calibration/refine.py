@@ -35,20 +35,9 @@ def refine(
 ) -> curves.CurveModel:
     """Refine a model by a few taps.
 
-    Parameters
-    ----------
-    model : CurveModel
-        As calibrated on the bench.
-    table : CalibrationTable
-        Taps of known force and location, see :func:`~.tables.read_tap_csv`. Untouched rows replace
-        the untouched phases.
-    name : str, optional
-        The model's own name by default.
-
-    Raises
-    ------
-    InputError
-        For a model without curves, or taps outside its locations or carriers.
+    ``model``: as calibrated on the bench; ``table``: taps of known force and location, see
+    :func:`~.tables.read_tap_csv`. Untouched rows replace the untouched phases; ``name``: the
+    model's own name by default.
     """
     if not isinstance(model, curves.CurveModel):
         raise InputError("sensor", "must have calibrated curves to be refined", model.name)

@@ -271,16 +271,6 @@ def table_kind(path: str | Path) -> str:
     """Kind of a calibration table by the columns of its CSV file.
 
     Returns str: ``vna``, ``touchstone`` or ``taps``.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV file.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read.
     """
     header, _ = read_csv(path)
     if "file" in header:
@@ -289,13 +279,7 @@ def table_kind(path: str | Path) -> str:
 
 
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
-    """Write a table as VNA calibration CSV.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
+    """Write a table as VNA calibration CSV."""
     try:
         with open(path, "w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")

@@ -26,11 +26,6 @@ def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
     Returns dict: ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by
     :func:`best_form`, ``auto`` without the extrapolated blocks and ``auto-beyond`` with them;
     ``forms``: for each form the rms errors in degrees and the number of samples predicted.
-
-    Parameters
-    ----------
-    data : sequence of CarrierData
-        By carrier.
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
     squares = {
@@ -61,16 +56,11 @@ def _root_mean(squares: Sequence[np.ndarray]) -> float:
 def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
     """Choose the simplest form that predicts as well as the best one.
 
-    Parameters
-    ----------
-    squares : dict of str to list of ndarray
-        Squared errors of each form, one array per fold.
-
-    Notes
-    -----
     A form predicts as well as the best when their mean difference of squared errors over the folds
     is within its standard error (the one-standard-error rule, L. Breiman et al., *Classification
     and Regression Trees*, 1984, section 3.4.3).
+
+    ``squares``: squared errors of each form, one array per fold.
     """
     means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
     if not all(mean.size for mean in means.values()):
@@ -121,20 +111,7 @@ def leave_locations_out(
     Returns list of dict: ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the
     prediction and ``expected_deg``, which the interpolation states; by location and port.
 
-    Parameters
-    ----------
-    carrier : Carrier
-        The curves fitted to it.
-    form : str
-        Form of the curves.
-    knots : ndarray or None
-        See :func:`.fit.force_knots`.
-    length_mm : float
-        Of the line.
-    ruler_std_mm : float
-        Standard deviation of the locations.
-    permittivity : float
-        Effective relative permittivity of the line.
+    ``carrier``: the curves fitted to it; ``ruler_std_mm``: standard deviation of the locations.
     """
     forces = compared_forces(data)
     basis = curves.force_basis(form, knots)(forces)

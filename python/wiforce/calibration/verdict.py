@@ -32,17 +32,8 @@ _CURVE_FORCES = 25
 class Verdict:
     """Errors that a calibration leaves when the phases have no noise.
 
-    Attributes
-    ----------
-    frequency_hz : float
-        Carrier.
-    force_std_n, location_std_mm : float
-        Standard deviations: medians over the calibrated span.
-    force_span_n, location_span_mm : tuple of float
-    limit : str
-        Their largest cause.
-    flagged : float
-        Share of the span in which readings are flagged.
+    ``force_std_n``, ``location_std_mm``: standard deviations: medians over the calibrated span;
+    ``limit``: their largest cause; ``flagged``: share of the span in which readings are flagged.
     """
 
     frequency_hz: float

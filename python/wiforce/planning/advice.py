@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Scene
+from ..scene import Scene, accepted_suspicions
 from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
 from .clocks.assessment import (
@@ -280,17 +280,12 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
         if cost_db > _NOTICEABLE_DB:
             yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
-
-
-def accepted_suspicions(scene: Scene) -> list[str]:
-    """Likely mistakes in the calibrations of a scene's sensors that were accepted, a sentence
-    each.
-    """
-    return [
-        f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
-        for sensor in scene.sensors
-        for text in sensor.load_model(scene).provenance.get("suspicions", ())
-    ]
+    cost_db = 10 * np.log10(1 + levels.radio / levels.noise)
+    if cost_db > _NOTICEABLE_DB:
+        yield (
+            f"dynamic range: noise of the radio on the static path costs {cost_db:.1f} dB; weaken "
+            "the direct path, or use a radio whose transmitter and receiver share a synthesizer"
+        )
 
 
 def _sensor_warnings(scene: Scene) -> Iterator[str]:

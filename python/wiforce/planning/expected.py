@@ -23,6 +23,7 @@ from ..signal.timed_weights import clutter_at
 from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.skin import pressed_sensor
+from ..simulation.synthesizers import noise_over_static
 
 if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
@@ -31,20 +32,25 @@ if TYPE_CHECKING:
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
 # like noise, and amplitude of the tag's line, in steps, below which that matters.
 _DITHER_STEPS, _FEW_STEPS = 0.3, 10
+# Lowest SNR of a tag at which its clock is acquired without fail: -20 dB for the whole of a
+# reflection (`bench accuracy`), of which line 1 is 13 dB less.
+_LOWEST_SNR_DB = -33.0
 
 
 @dataclass(frozen=True)
 class ReceivedLevels:
     """What reaches the receiver.
 
-    ``noise`` and ``quantisation`` are variances in H, in units of a tag's rho^2, of the noise that
-    the scene's ``snr_db`` states and of the ADC's rounding, per subcarrier and snapshot. In ADC
-    steps, ``tag_steps`` is the amplitude of the first tag's line +1 and ``noise_steps`` the
-    standard deviation of a component of a sample's noise.
+    ``noise``, ``quantisation`` and ``radio`` are variances in H, in units of a tag's rho^2, of the
+    noise that the scene's ``snr_db`` states, of the ADC's rounding, and of the radio around the
+    first tag's line 1; per subcarrier and snapshot. That of synthesizers is alike on all K
+    subcarriers and counts K times. In ADC steps, ``tag_steps`` is the amplitude of the first tag's
+    line +1 and ``noise_steps`` the standard deviation of a component of a sample's noise.
     """
 
     noise: float
     quantisation: float
+    radio: float
     tag_steps: float
     noise_steps: float
 
@@ -66,7 +72,7 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     noise = line**2 / 10 ** (simulation.snr_db / 10)
     if scene.packets is not None:
         # Channels are given; how their device rounds is part of what snr_db states.
-        return ReceivedLevels(noise, 0.0, np.inf, np.inf)
+        return ReceivedLevels(noise, 0.0, 0.0, np.inf, np.inf)
     sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
     clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
     amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
@@ -74,7 +80,32 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
     step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
     quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
-    return ReceivedLevels(noise, float(quantisation), float(line / step), float(sample_std / step))
+    static_db = simulation.static_clutter_db
+    static = 0.0 if static_db is None else line**2 * 10 ** (static_db / 10)
+    return ReceivedLevels(
+        noise,
+        float(quantisation),
+        float(static * radio_noise_share(scene)),
+        float(line / step),
+        float(sample_std / step),
+    )
+
+
+def radio_noise_share(scene: Scene, carrier_hz: float | None = None) -> float:
+    """Variance in H of the radio's noise over the power of the static path.
+
+    At another carrier than the scene's, the same reference is multiplied by another factor: phase
+    noise grows with its square.
+    """
+    stated, waveform = scene.simulation.radio_noise, scene.waveform()
+    if stated is None:
+        return 0.0
+    alike, independent = noise_over_static(stated, waveform, scene.sensors[0].clock_hz)
+    # Two antennas have the same phase noise, which cancels in their ratio.
+    alike *= scene.environment.receive_antennas == 1
+    if carrier_hz is not None:
+        alike *= (carrier_hz / scene.radio.center_frequency_hz) ** 2
+    return len(waveform.bins) * alike + independent
 
 
 def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
@@ -85,6 +116,13 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
             f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
             f"and noise {levels.noise_steps:.2g}; rounding errors are systematic, the tag is out "
             "of the ADC's range"
+        )
+    noise = levels.noise + levels.quantisation + levels.radio
+    snr_db = 10 * np.log10(line_amplitude(scene) ** 2 / noise) + tag.level_db
+    if scene.packets is None and snr_db < _LOWEST_SNR_DB:
+        return (
+            f"SNR: with all noise that of '{tag.sensor}' is {snr_db:.0f} dB; below "
+            f"{_LOWEST_SNR_DB:g} dB its clock is not acquired"
         )
     if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
         return (
@@ -177,7 +215,9 @@ def _phase_std(
         for sensor, p in zip(plan.sensors, points, strict=True)
         for where in [_span(sensor.model) if p is None else p]
     ]
-    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
+    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation + levels.radio).reshape(
+        -1, 2
+    )
     return np.array([_reading_std(*each) for each in zip(plan.sensors, phases, bound, strict=True)])
 
 

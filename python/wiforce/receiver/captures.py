@@ -19,7 +19,6 @@ from ..io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from ..io.capture.names import find_captures, is_one, is_snapshots
 from ..io.capture.recordings import Capture, open_capture
 from ..io.readings import COLUMNS, NUMBERS, Flag
-from ..planning.advice import accepted_suspicions
 from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
 from ..planning.room.findings import Finding, findings, level_reference
@@ -31,7 +30,7 @@ from ..planning.room.report import (
     measure_tag,
     skipped_of,
 )
-from ..scene import Scene, load_scene, scene_of
+from ..scene import Scene, accepted_suspicions, load_scene, scene_of
 from ..simulation.simulator import simulate as write_simulated
 from .recording import RecordingReader
 from .snapshot_recording import SnapshotReader

@@ -19,7 +19,7 @@ _READ_LINES = (1, 4)
 # Effects that the simulator computes sample by sample.
 _SAMPLE_EFFECTS = (
     "bursts", "hopper", "front_end", "ripple", "lamps", "fan", "walker", "other_tags",
-    "carrier_offset_hz", "phase_noise_hz",
+    "carrier_offset_hz", "phase_noise_hz", "radio_noise", "link",
 )  # fmt: skip
 _STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
 

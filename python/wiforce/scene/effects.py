@@ -5,7 +5,7 @@ Only the simulator and the software device use it; a reader does not know it.
 """
 
 from ..io.text.schema import declared, key
-from ..io.text.values import Integer, Number, Scope
+from ..io.text.values import Choice, Integer, Number, Scope
 
 _LEVEL = Number(unit="dB", low=-100, high=100)
 _SHARE = Number(low=0, above=True, high=0.95)
@@ -90,6 +90,44 @@ class FrontEnd:
         default=0.0,
         doc="Third-order compression of the receiver: share of the amplitude that is lost at the "
         "peak of the received signal.",
+    )
+
+
+@declared
+class RadioNoise:
+    """Noise of synthesizers and transmitter, which the static path carries to the receiver."""
+
+    synthesizers: str = key(
+        Choice(words=("two", "one")),
+        default="two",
+        doc="`two`: transmitter and receiver have a synthesizer each, also on one reference, as in "
+        "a USRP's daughterboard. `one`: they share it, and its phase noise and spurs cancel.",
+    )
+    phase_noise_dbc_hz: float = key(
+        Number(unit="dBc/Hz", low=-200, high=-40),
+        default=-101.0,
+        doc="Phase noise of both synthesizers together, within the bandwidth of their loops. The "
+        "default is that of two ADF4350 at 900 MHz (data sheet: -97 dBc/Hz at 2.1 GHz).",
+    )
+    loop_hz: float = key(
+        Number(unit="Hz", low=100, high=30_000),
+        default=30_000.0,
+        doc="Bandwidth of the loops, beyond which it falls by 20 dB per decade.",
+    )
+    spur_dbc: float | None = key(
+        Number(unit="dBc", low=-150, high=-20, optional=True),
+        default=None,
+        doc="Level of each of the two lines of a spur; null means none.",
+    )
+    spur_hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=10_000),
+        default=1500.0,
+        doc="Distance of these lines from the carrier.",
+    )
+    transmitter_dbc_hz: float = key(
+        Number(unit="dBc/Hz", low=-200, high=-40),
+        default=-145.0,
+        doc="White noise of the transmitter relative to the power of a preamble.",
     )
 
 

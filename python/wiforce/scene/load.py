@@ -166,6 +166,18 @@ def scene_of(
     return given, list(_differences(capture, given))
 
 
+def accepted_suspicions(scene: Scene) -> list[str]:
+    """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
+
+    Returns list of str: a sentence each.
+    """
+    return [
+        f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
+        for sensor in scene.sensors
+        for text in sensor.load_model(scene).provenance.get("suspicions", ())
+    ]
+
+
 def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[str]:
     # Sensor files may be missing here: the scene stored is not loaded, only understood.
     try:

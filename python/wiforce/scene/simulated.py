@@ -8,7 +8,8 @@ from typing import Any
 
 from ..io.text.schema import Derived, ListOf, Mapping, declared, key
 from ..io.text.values import Integer, Number, Text
-from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
+from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, RadioNoise, Ripple, Walker
+from .link import Link, level_or
 from .packets import PacketFaults
 from .simulated_tags import (
     CLOCK_DRIFT,
@@ -126,15 +127,20 @@ class Simulation:
         default=1,
         doc="Seed of everything random. The same scene and seed give the same bytes.",
     )
+    link: Link | None = key(
+        Mapping(of=Link, optional=True),
+        default=None,
+        doc="A link budget, from which `snr_db` and `static_clutter_db` follow; null means none.",
+    )
     snr_db: float = key(
         Number(unit="dB", low=-100, high=140),
-        default=10.0,
+        derived=level_or(10.0, 0),
         doc="Power |c1[1] G1|^2 of the tag's first line relative to the noise in H, per "
         "subcarrier and snapshot.",
     )
     static_clutter_db: float | None = key(
         Number(unit="dB", low=-100, high=140, optional=True),
-        default=60.0,
+        derived=level_or(60.0, 1),
         doc="Rms power over the subcarriers of everything that stands still, relative to "
         "|c1[1] G1|^2; null means none.",
     )
@@ -199,6 +205,11 @@ class Simulation:
         Mapping(of=FrontEnd, optional=True),
         default=None,
         doc="Imperfections of transmitter and receiver; null means none.",
+    )
+    radio_noise: RadioNoise | None = key(
+        Mapping(of=RadioNoise, optional=True),
+        default=None,
+        doc="Noise of synthesizers and transmitter; null means none.",
     )
     ripple: Ripple | None = key(
         Mapping(of=Ripple, optional=True),

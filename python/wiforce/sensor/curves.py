@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ..signal.carrier import wrap_deg
 from . import line
 from .location import LocationInterpolation
 from .model import SensorModel
+from .splines import basis_splines
 from .transfer import transfer_std_deg
 
 FORMS = ("cubic", "power", "spline")
@@ -73,15 +73,14 @@ class SplineBasis:
 
     def __init__(self, knots_n):
         self._u = np.sort(touch_down(knots_n))
-        padded = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
+        self._knots = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
         self.size = len(self._u) + 2
-        self._spline = BSpline(padded, np.eye(self.size), 3)
-        self._slope = self._spline.derivative()
 
     def __call__(self, force_n):
         u = touch_down(force_n)
         inside = np.clip(u, self._u[0], self._u[-1])
-        return self._spline(inside) + (u - inside)[..., None] * self._slope(inside)
+        value, slope = (basis_splines(self._knots, inside, order) for order in (0, 1))
+        return value + (u - inside)[..., None] * slope
 
     def curvatures(self):
         """Second derivatives at points spread evenly over u; shape (points, size).
@@ -90,7 +89,7 @@ class SplineBasis:
         """
         at = np.linspace(self._u[0], self._u[-1], 8 * len(self._u))
         span = self._u[-1] - self._u[0]
-        return span**2 * self._spline.derivative(2)(at) / np.sqrt(len(at))
+        return span**2 * basis_splines(self._knots, at, 2) / np.sqrt(len(at))
 
 
 def touch_down(force_n):

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Phases to force and location, with covariance and flags."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
-from scipy.special import chdtri
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS, press_posterior
+from .splines import node_slopes
 
 if TYPE_CHECKING:
     from .model import SensorModel
@@ -51,20 +51,28 @@ class ForwardMap:
         self.phase_deg = np.concatenate(
             [np.broadcast_to(model.short_deg(*grid, c), shape) for c in carriers], axis=-1
         )
-        variance = np.concatenate(
+        self._variance_deg2 = np.concatenate(
             [np.broadcast_to(model.carrier_std_deg(*grid, c), shape) ** 2 for c in carriers],
             axis=-1,
         )
         _check_turns(self.phase_deg, f"sensor {model.name}: phases")
         self.size = self.phase_deg.shape[-1]
         self._log_force = np.log(self.force_n)
-        self._phase = [self._spline(self.phase_deg[..., i], 3) for i in range(self.size)]
-        self._variance = [self._spline(variance[..., i], 1) for i in range(self.size)]
 
-    def _spline(self, values, degree):
-        return RectBivariateSpline(
-            self._log_force, self.location_mm, values, kx=degree, ky=degree, s=0
-        )
+    @cached_property
+    def _phase(self):
+        return self._splines(self.phase_deg, 3)
+
+    @cached_property
+    def _variance(self):
+        return self._splines(self._variance_deg2, 1)
+
+    def _splines(self, values, degree):
+        from scipy.interpolate import RectBivariateSpline  # readings need the nodes alone
+
+        axes = self._log_force, self.location_mm
+        planes = np.moveaxis(values, -1, 0)
+        return [RectBivariateSpline(*axes, plane, kx=degree, ky=degree, s=0) for plane in planes]
 
     def phases(self, force_n, location_mm):
         """Shape (n, P), degrees, not wrapped."""
@@ -86,12 +94,11 @@ class ForwardMap:
         (forces, locations, P, 5): phases, their derivatives by the logarithm of force, by location
         and by both, and their variances.
         """
-        axes = self._log_force, self.location_mm
-        orders = (0, 0), (1, 0), (0, 1), (1, 1)
-        phase = [[s(*axes, dx=dx, dy=dy) for dx, dy in orders] for s in self._phase]
-        variance = [[s(*axes)] for s in self._variance]
-        columns = np.concatenate([phase, variance], axis=1)
-        return np.ascontiguousarray(np.moveaxis(columns, (0, 1), (2, 3)))
+        phase = self.phase_deg
+        by_force = np.tensordot(node_slopes(self._log_force), phase, 1)
+        across = node_slopes(self.location_mm)
+        by_location, by_both = (across @ values for values in (phase, by_force))
+        return np.stack([phase, by_force, by_location, by_both, self._variance_deg2], axis=-1)
 
     def _evaluate(self, splines, force_n, location_mm, dx=0, dy=0):
         log_force = np.log(force_n)
@@ -123,6 +130,22 @@ _WORDS = [
     tuple(word for word, flag in INVERSION_FLAGS.items() if code & flag)
     for code in range(2 * max(INVERSION_FLAGS.values()))
 ]
+
+
+def misfit_limit(phases: int, share: float) -> float:
+    """Sum of squares of normal variables that is exceeded in a share of all cases.
+
+    Parameters
+    ----------
+    phases : int
+        Number of variables.
+    share : float
+    """
+    if phases == 2:
+        return -2 * math.log(share)
+    from scipy.special import chdtri  # for several carriers; slow to import
+
+    return float(chdtri(phases, share))
 
 
 @dataclass(frozen=True)
@@ -189,7 +212,7 @@ class Inverter:
             self.forward.location_mm,
             self.forward.table(),
             model.calibrated,
-            chdtri(self.forward.size, 1 - _CONSISTENT),
+            misfit_limit(self.forward.size, 1 - _CONSISTENT),
         )
 
     def invert(

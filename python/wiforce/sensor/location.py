@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
+from .splines import CubicSpline
 
 # The shapes S differ in their tails: exponential on both sides, slow on both sides, or one level up
 # to the middle that is left from there: exponentially with a round start, exponentially at once, or

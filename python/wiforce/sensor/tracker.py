@@ -2,13 +2,11 @@
 """Readings of one sensor over time, filtered and smoothed."""
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
-from scipy.special import chdtri
 
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from ..wiforce_kernels import INVERSION_FLAGS
-from .inversion import inversion_of, words_of
+from .inversion import inversion_of, misfit_limit, words_of
 
 # Degrees of freedom of the phase noise: published readings scatter so.
 NOISE_FREEDOM = 4.0
@@ -31,6 +29,8 @@ class _PhaseCurves:
             np.log(forward.force_n[0]), np.log(forward.force_n[-1]), _FORCE_NODES
         )
         self._step = self._log[1] - self._log[0]
+        from scipy.interpolate import RectBivariateSpline  # for tracked presses only
+
         logs = np.log(forward.force_n)
         self._phase = np.stack(
             [
@@ -195,7 +195,7 @@ class PressTracker:
         self._forward = self._inverter.forward
         self._walk = force_walk_n**2 * group_period_s
         self._start = (start_force_n, start_std_n)
-        self._limit = chdtri(self._forward.size, 1 - _LOST)
+        self._limit = misfit_limit(self._forward.size, 1 - _LOST)
         self._bank, self._lost = None, 0
         self._coarse = _coarse_grid(self._forward)
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import eigh_tridiagonal
 
 # Two lines closer than this part of the group's resolution are one tone. They overlap by
 # sinc(0.3) = 0.86, so that weights which separated them would raise their noise by 5.8 dB.
@@ -142,6 +141,8 @@ def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.nda
     They are the eigenvectors of a tridiagonal matrix (Slepian 1978, section 2.2, equation 14).
     ``scipy.signal.windows.dpss`` gives the same, but SciPy's signal package takes 0.2 s to import.
     """
+    from scipy.linalg import eigh_tridiagonal  # 0.1 s, which a still room does not need
+
     n = np.arange(length)
     diagonal = ((length - 1 - 2 * n) / 2) ** 2 * np.cos(2 * np.pi * half_bandwidth / length)
     beside = n[1:] * (length - n[1:]) / 2

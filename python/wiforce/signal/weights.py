@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import svd
 
 from ..errors import InputError
 from .lines import CLUTTER_MARGIN, RoomNoise, Tone, centered_times_s, clutter_basis, tag_lines
@@ -140,6 +139,8 @@ def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.pinv(matrix, rcond=_SINGULAR)
     except (np.linalg.LinAlgError, SystemError):
+        from scipy.linalg import svd  # hardly ever needed, and slow to import
+
         left, sizes, right = svd(matrix, full_matrices=False, lapack_driver="gesvd")
         kept = sizes > _SINGULAR * sizes[0]
         inverse: np.ndarray = (right[kept].conj().T / sizes[kept]) @ left[:, kept].conj().T

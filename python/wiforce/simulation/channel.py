@@ -19,6 +19,7 @@ from .paths import Levels, static_taps
 from .presses import TouchState
 from .radio import AnalogueFrontEnd, FreeOscillators, GainRipple
 from .random_sources import Fir, Ramp, RandomSources
+from .synthesizers import RadioNoiseSource
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -77,10 +78,15 @@ class AirChannel:
             ramp,
             rate_hz,
         )
-        self._front_end = self._ripple = None
+        self._front_end = self._ripple = self._radio_noise = None
         if simulation.front_end:
             self._front_end = AnalogueFrontEnd(
                 simulation.front_end, peak, sources.effect("front_end")
+            )
+        if simulation.radio_noise:
+            seeds = sources.effect("radio_noise")
+            self._radio_noise = RadioNoiseSource(
+                simulation.radio_noise, amplitude, ramp, rate_hz, seeds
             )
         if simulation.ripple:
             self._ripple = GainRipple(simulation.ripple, ramp, sources.effect("ripple"))
@@ -93,6 +99,10 @@ class AirChannel:
         """Continue at another sample, counted from time 0 of the scene, with silence before it."""
         self._next = int(first_sample)
         self._history = np.zeros(self._memory, np.complex64)
+        if self._radio_noise and first_sample >= self._memory:
+            # The transmitter's noise does not pause.
+            before = int(first_sample) - self._memory
+            self._history = self._radio_noise.transmit(before, self._history)
 
     def set_snr_db(self, snr_db: float) -> None:
         """Change the noise to the ``snr_db`` of a scene; signal levels stay."""
@@ -128,6 +138,8 @@ class AirChannel:
         count = len(samples)
         if self._front_end:
             samples = self._front_end.transmit(samples)
+        if self._radio_noise:
+            samples = self._radio_noise.transmit(first, samples)
         sent = np.concatenate([self._history, samples])
         self._history = sent[count:].copy()
         if sent.any():
@@ -140,6 +152,8 @@ class AirChannel:
             if self._ripple:
                 self._ripple.modulate(first, received)
             self._oscillators.rotate(first, received)
+            if self._radio_noise:
+                self._radio_noise.rotate(first, received)
         else:
             received[:] = 0
         self._add_noise(received)

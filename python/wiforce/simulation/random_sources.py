@@ -22,6 +22,7 @@ EFFECTS = (
     "drift",
     "hand",
     "packets",
+    "radio_noise",
 )
 
 

@@ -25,12 +25,8 @@ _ASKED = re.compile(r"([\d.]+) mm, about ([\d.]+) N")
 class Script:
     """Answers prompts: by the script first, then as a careful person would.
 
-    Parameters
-    ----------
-    sensor : HandHeldSensor
-    answers : list of str or callable
-        What is typed at the prompts for a force; a callable gets force and location, may press as
-        it likes, and returns the line.
+    ``answers``: what is typed at the prompts for a force; a callable gets force and location, may
+    press as it likes, and returns the line.
     """
 
     def __init__(self, sensor, answers=(), prompts=None, types=True):

@@ -58,19 +58,7 @@ class Readings:
 class SideBySide:
     """Two readers on two devices at once, one of them with two faults every second.
 
-    Parameters
-    ----------
-    folder : Path
-    seconds : int
-    full_rate : bool
-        12.5 Msps instead of 2.5 Msps.
-
-    Attributes
-    ----------
-    clean, faulty : Readings
-    said : list of str
-        What either reader had to say.
-    faults : int
+    ``full_rate``: 12.5 Msps instead of 2.5 Msps. ``said``: what either reader had to say.
     """
 
     def __init__(self, folder, seconds, full_rate):

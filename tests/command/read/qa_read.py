@@ -6,6 +6,7 @@ import json
 import shutil
 import signal
 import subprocess
+import sys
 import time
 
 import numpy as np
@@ -53,6 +54,19 @@ def test_read_csv_on_stdout_and_json_lines_in_file_agree(printed, read_args, tmp
     for row, line in zip(rows, lines, strict=True):
         assert row == {key: "" if value is None else str(value) for key, value in line.items()}
     assert (tmp_path / "p.png").stat().st_size > 10_000
+
+
+def test_read_loads_neither_scipy_nor_pandas(read_args):
+    """Reading a short capture would take half as long again."""
+    code = (
+        "import sys; from wiforce_app.main import run; status = run(); print(*sys.modules); "
+        "sys.exit(status)"
+    )
+    command = [sys.executable, "-c", code, *map(str, read_args)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert "wiforce_app" in loaded and not {"scipy", "pandas", "matplotlib"} & loaded
 
 
 def test_read_same_capture_gives_same_bytes(printed, demo):

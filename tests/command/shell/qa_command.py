@@ -137,7 +137,6 @@ def test_version_option_prints_version_of_build():
         (["keys", "keys", "--client", "server"], "--client: must be letters"),
         (["bench", "speed", "--only", "x"], "got 'x'"),
         (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
-        (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
     ],
 )
 def test_command_bad_usage_gives_one_line_and_status_2(tmp_path, arguments, message):

@@ -15,12 +15,8 @@ _WAVE_IMPEDANCE_OHM = 376.730
 def microstrip_impedance_ohm(width_to_height):
     """Characteristic impedance of a trace over a wide ground in air.
 
-    E. O. Hammerstad's equations, as in D. M. Pozar, *Microwave Engineering*, section 3.8: within
-    1 %.
-
-    Parameters
-    ----------
-    width_to_height : array_like
+    E. O. Hammerstad's equations, as in D. M. Pozar, *Microwave Engineering*, section 3.8: within 1
+    %.
     """
     u = np.asarray(width_to_height, float)
     wide = _WAVE_IMPEDANCE_OHM / (u + 1.393 + 0.667 * np.log(u + 1.444))
@@ -55,17 +51,7 @@ def reflection_db(
 ):
     """S11 in dB of the untouched line between two ports, by scikit-rf's media.
 
-    Parameters
-    ----------
-    frequency_hz : array_like, shape (n,)
-    width_to_height : float
-    length_mm, port_ohm : float
-    impedance : callable
-        Of width to height, ohm.
-
-    Returns
-    -------
-    ndarray, shape (n,)
+    Returns ndarray, shape (n,). ``frequency_hz`` (n,); ``impedance``: of width to height, ohm.
     """
     import skrf
 

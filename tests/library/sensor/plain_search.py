@@ -20,11 +20,8 @@ _HOPELESS = 100.0
 class Solutions:
     """All (force, location) that explain one reading, the best first.
 
-    Attributes
-    ----------
-    force_n, location_mm, chi_squared : ndarray, shape (s,)
-        ``chi_squared`` is the sum of squared phase errors in standard deviations.
-    covariance : ndarray, shape (s, 2, 2)
+    ``force_n``, ``location_mm``, ``chi_squared`` (s,): ``chi_squared`` is the sum of squared phase
+    errors in standard deviations; ``covariance`` (s, 2, 2).
     """
 
     force_n: np.ndarray
@@ -34,12 +31,7 @@ class Solutions:
 
 
 class Search:
-    """Searches the whole domain of a forward map.
-
-    Parameters
-    ----------
-    forward : ForwardMap
-    """
+    """Searches the whole domain of a forward map."""
 
     def __init__(self, forward):
         self._forward = forward
@@ -57,13 +49,7 @@ class Search:
     def solutions(self, phases_deg, variance_deg2):
         """All solutions for one reading.
 
-        Parameters
-        ----------
-        phases_deg, variance_deg2 : ndarray, shape (P,)
-
-        Returns
-        -------
-        Solutions
+        Returns Solutions. ``phases_deg``, ``variance_deg2`` (P,).
         """
         force, location = self._starts(phases_deg, variance_deg2)
         force, location, chi_squared = self._refine(force, location, phases_deg, variance_deg2)

@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.effects import Lamps, Walker
+from gnuradio.wiforce.scene.effects import Lamps, RadioNoise, Walker
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.moving import MainsLamps, Person
 from gnuradio.wiforce.simulation.random_sources import Seeds
+from gnuradio.wiforce.simulation.synthesizers import noise_over_static
 
 RATE = 12.5e6
 FRAME = 720
@@ -61,6 +64,7 @@ EFFECTS = {
     "front_end": {
         "front_end": {"receiver_gain_db": 0.5, "transmitter_phase_deg": 3, "compression": 0.01}
     },
+    "radio_noise": {"radio_noise": {"spur_dbc": -60}},
     "ripple": {"ripple": {}},
     "lamps": {"lamps": {"level_db": 20}},
     "fan": {"fan": {}},
@@ -245,6 +249,71 @@ def test_front_end_dc_and_compression_have_stated_size():
     np.testing.assert_allclose(lost, 0.04 * (np.abs(a[loud]) / peak) ** 2, atol=1e-5)
     assert np.ptp(np.angle(b[loud] / a[loud])) < 1e-5
     assert np.abs((c - a).mean()) == pytest.approx(0.05 * peak, rel=1e-4)
+
+
+def test_phase_noise_has_stated_density_and_is_alike_on_all_subcarriers():
+    """-80 dBc/Hz, falling beyond 5 kHz: what a line of the tag meets beside a static path."""
+    stated = {"phase_noise_dbc_hz": -80, "loop_hz": 5000, "transmitter_dbc_hz": -200}
+    channel = channel_of(False, static_clutter_db=60, radio_noise=stated)
+    h = snapshots(channel, 8192)
+    mean = h.mean(axis=0)
+    turned = h @ mean.conj() / np.vdot(mean, mean)
+    # Within 20.48 us the phase changes by what lies above 48 kHz: 2/pi atan(5/48) = 7 % of it.
+    within = np.mean(np.abs(h - np.outer(turned, mean)) ** 2)
+    assert within < 0.1 * np.var(turned.imag) * np.mean(np.abs(mean) ** 2)
+    density = np.abs(np.fft.fft((turned.imag) * np.hanning(8192))) ** 2 * T / (8192 * 3 / 8)
+    hertz = np.fft.fftfreq(8192, T)
+    near = (np.abs(hertz) > 900) & (np.abs(hertz) < 1100)
+    # What lies a snapshot rate away, seen through 20.48 us of averaging, adds to the density there.
+    aliased = 1000 + np.arange(-16, 17) / T
+    passed = 1e-8 / (1 + (aliased / 5000) ** 2) * np.sinc(aliased * 20.48e-6) ** 2
+    # 94 values of a chi-squared of 2: known to 10 %
+    assert db(density[near].mean()) == pytest.approx(db(passed.sum()), abs=1.5)
+
+
+@pytest.mark.parametrize("density", [-101, -110])
+def test_check_measures_phase_noise_beside_tag_and_noise(density):
+    """What decides how far below the static path a tag may be, before anything is read."""
+    stated = RadioNoise(phase_noise_dbc_hz=density)
+    settings = {"static_clutter_db": 60, "snr_db": 10}
+    noisy = channel_of(**settings, radio_noise={"phase_noise_dbc_hz": density})
+    waveform = sounding_waveform("repeated", FRAME, RATE)
+    sent = np.tile(frame(), 2001).astype(np.complex64)
+    measured, clean = (
+        measure_levels(channel.process(sent, 0)[FRAME - MARGIN : -MARGIN], waveform)
+        for channel in (noisy, channel_of(**settings))
+    )
+    hertz = np.linspace(0.5, 8.5, 50) * 1e3
+    alike = [noise_over_static(stated, waveform, f)[0] for f in hertz]
+    # The simulated phase is linear between knots of 10 us, which takes 1 dB at 17 kHz and 0.5 dB of
+    # what the snapshots hold. The median of 940 frequencies is known to 0.2 dB, four of which are
+    # allowed.
+    assert measured.phase_noise_dbc_hz == pytest.approx(db(np.median(alike) * T) - 0.5, abs=0.8)
+    assert clean.phase_noise_dbc_hz is None
+
+
+def test_one_synthesizer_has_no_phase_noise_and_a_spur_has_its_level():
+    spur = {
+        "spur_dbc": -50,
+        "spur_hz": 1500,
+        "phase_noise_dbc_hz": -200,
+        "transmitter_dbc_hz": -200,
+    }
+    h = snapshots(channel_of(False, static_clutter_db=60, radio_noise=spur), 6945)
+    np.testing.assert_allclose(spectrum_db(h, [1500, -1500]), [10, 10], atol=0.1)
+    one = spur | {"synthesizers": "one", "phase_noise_dbc_hz": -60}
+    h = snapshots(channel_of(False, static_clutter_db=60, radio_noise=one), 6945)
+    assert spectrum_db(h, [1500, 1000]).max() < -20
+
+
+def test_transmitter_noise_is_white_and_follows_the_static_path():
+    stated = {"synthesizers": "one", "transmitter_dbc_hz": -120}
+    channel = channel_of(False, static_clutter_db=60, radio_noise=stated)
+    h = snapshots(channel, 4000)
+    noise = np.mean(np.abs(h - h.mean(axis=0)) ** 2, axis=0)
+    expected = 1e-12 * RATE * 62 / 256  # over the power of the static path on each subcarrier
+    ratio = noise / np.abs(h.mean(axis=0)) ** 2 / expected
+    assert np.mean(ratio) == pytest.approx(1, abs=0.1)
 
 
 def test_ripple_has_stated_frequency_and_depth():

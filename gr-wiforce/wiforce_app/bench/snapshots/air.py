@@ -110,19 +110,8 @@ def _complex_normal(rng, shape):
 class Air:
     """Snapshots of the channel, group by group.
 
-    Parameters
-    ----------
-    noise_profile : ndarray, shape (K,), optional
-        Noise variance of each subcarrier, relative.
-
-    Attributes
-    ----------
-    channels : list of ndarray of complex, shape (K,)
-        a_k of each tag.
-    noise : ndarray, shape (K,)
-        Variance of the noise in H.
-    clocks : list of WanderingClock
-        State in the latest group.
+    ``noise_profile`` (K,): noise variance of each subcarrier, relative. ``channels`` (K,) of
+    complex; ``noise`` (K,): variance of the noise in H; ``clocks``: state in the latest group.
     """
 
     def __init__(self, waveform, group_length, tags, levels, seed, noise_profile=None):

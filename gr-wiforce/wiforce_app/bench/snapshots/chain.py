@@ -11,10 +11,7 @@ from gnuradio.wiforce.signal.weights import tones_of
 class SnapshotChain:
     """Snapshots of the channel in, ratios R out: the receiver without samples and sensors.
 
-    Parameters
-    ----------
-    derotated : bool
-        Whether tones that are given were stopped from turning within a symbol.
+    ``derotated``: whether tones that are given were stopped from turning within a symbol.
     """
 
     def __init__(self, plan, derotated=False):

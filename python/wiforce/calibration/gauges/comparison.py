@@ -36,27 +36,15 @@ def compare_with_gauge(
 ) -> GaugeComparison:
     """Align readings and a gauge in time, and compare their forces.
 
-    Parameters
-    ----------
-    touch_n : float
-        Force in N from which the gauge shows a press that the sensor must read.
-    offset_s : float, optional
-        Time of the gauge at time 0 of the readings; estimated by default.
-
-    Raises
-    ------
-    InputError
-        When there are fewer than two readings or none is clear, readings or gauge span days, the
-        gauge has too few values, no offset correlates, or no steady press remains to be compared.
-
-    Notes
-    -----
     A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
-    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises
-    the correlation over the readings that are clear (touched or not), first on a grid of half a
-    group by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
+    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises the
+    correlation over the readings that are clear (touched or not), first on a grid of half a group
+    by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
     correlation does not depend on the gauge's gain and zero. A group is steady when it and its
     neighbours are pressed according to the gauge.
+
+    ``touch_n``: force in N from which the gauge shows a press that the sensor must read;
+    ``offset_s``: time of the gauge at time 0 of the readings; estimated by default.
     """
     _check_times(readings, gauge)
     if not np.any(readings.clear):

@@ -11,14 +11,9 @@ import numpy as np
 class TimedForces:
     """Readings of one sensor, as far as they are compared.
 
-    Attributes
-    ----------
-    time_s : ndarray of float, shape (n,)
-        Centres of the groups, increasing.
-    force_n, force_std_n : ndarray of float, shape (n,)
-        Force, 0 while untouched, and its standard deviation; NaN where it is not known.
-    touched, clear : ndarray of bool, shape (n,)
-        Which groups are touched, and which have no flag.
+    ``time_s`` (n,): centres of the groups, increasing; ``force_n``, ``force_std_n`` (n,): force, 0
+    while untouched, and its standard deviation; NaN where it is not known; ``touched``, ``clear``
+    (n,) of bool: which groups are touched, and which have no flag.
     """
 
     time_s: np.ndarray
@@ -37,26 +32,16 @@ class TimedForces:
 class GaugeComparison:
     """Errors of readings against a gauge.
 
-    Attributes
-    ----------
-    offset_s, offset_std_s : float
-        Time of the gauge at time 0 of the readings, and its standard deviation (jackknife over
-        parts of the recording); the latter 0 where the offset was given.
-    other_offset_s : float or None
-        Another offset that fits nearly as well, if there is one.
-    correlation : float
-        Of readings and gauge at this offset.
-    sign : int
-        -1 for a gauge that shows presses as negative forces.
-    zero_n : float
-        What the gauge shows while the sensor is untouched, which has been subtracted.
-    time_s, force_n, force_std_n, gauge_n : ndarray of float, shape (m,)
-        Steady touched readings without flag, with the mean force of the gauge over each group.
-    flagged, missed, false : int
-        Steady groups in which the gauge shows a press and the reading is flagged; is clear but
-        untouched; and clear touched groups in which the gauge shows none.
-    unrecorded : int
-        Readings without flag in holes of the gauge's record.
+    ``offset_s``, ``offset_std_s``: time of the gauge at time 0 of the readings, and its standard
+    deviation (jackknife over parts of the recording); the latter 0 where the offset was given;
+    ``other_offset_s``: another offset that fits nearly as well, if there is one; ``correlation``:
+    of readings and gauge at this offset; ``sign``: -1 for a gauge that shows presses as negative
+    forces; ``zero_n``: what the gauge shows while the sensor is untouched, which has been
+    subtracted; ``time_s``, ``force_n``, ``force_std_n``, ``gauge_n`` (m,): steady touched readings
+    without flag, with the mean force of the gauge over each group; ``flagged``, ``missed``,
+    ``false``: steady groups in which the gauge shows a press and the reading is flagged; is clear
+    but untouched; and clear touched groups in which the gauge shows none; ``unrecorded``: readings
+    without flag in holes of the gauge's record.
     """
 
     offset_s: float

@@ -38,12 +38,8 @@ _SHOWN = 8
 class GaugeRecord:
     """What a force gauge recorded.
 
-    Attributes
-    ----------
-    time_s : ndarray of float, shape (n,)
-        Increasing; from any origin, in the gauge's clock.
-    force_n : ndarray of float, shape (n,)
-        As recorded: with the gauge's zero and sign.
+    ``time_s`` (n,): increasing; from any origin, in the gauge's clock; ``force_n`` (n,): as
+    recorded: with the gauge's zero and sign.
     """
 
     time_s: np.ndarray
@@ -64,18 +60,9 @@ def read_gauge_file(
     Returns GaugeRecord: rows without a force are left out; a longer interval between two values
     remains.
 
-    Parameters
-    ----------
-    time_column, force_column : str, optional
-        Their names; by default the only ones that sound like a time and a force.
-    unit : str, optional
-        Of the force; by default the one in the column's name, and N where there is none.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, a column is missing or ambiguous, times do
-        not increase, or fewer than two rows have values.
+    ``time_column``, ``force_column``: their names; by default the only ones that sound like a time
+    and a force; ``unit``: of the force; by default the one in the column's name, and N where there
+    is none.
     """
     table = _table(path)
     names = [str(name) for name in table.columns]

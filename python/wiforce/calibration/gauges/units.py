@@ -38,17 +38,8 @@ _KEPT = 4096
 def unit_n(unit: str, where: object = "unit") -> float:
     """Newtons of one unit of force, or of the weight of one unit of mass.
 
-    Parameters
-    ----------
-    unit : str
-        N, mN, kN, g, gf, kg, kgf, lb, lbf, oz or ozf, in any case.
-    where : object
-        Option or prompt, for the message.
-
-    Raises
-    ------
-    InputError
-        For another unit.
+    ``unit``: N, mN, kN, g, gf, kg, kgf, lb, lbf, oz or ozf, in any case; ``where``: option or
+    prompt, for the message.
     """
     try:
         return UNITS_N[unit.lower()]
@@ -61,15 +52,7 @@ def parse_force(text: str) -> float:
 
     Returns float: in N.
 
-    Parameters
-    ----------
-    text : str
-        A number, with ``.`` or ``,`` as decimal sign, in N unless a unit follows.
-
-    Raises
-    ------
-    InputError
-        When it is not a number, or the unit is not one of force or mass.
+    ``text``: a number, with ``.`` or ``,`` as decimal sign, in N unless a unit follows.
     """
     match = _TYPED.fullmatch(text.strip())
     if match is None:
@@ -81,12 +64,8 @@ def parse_force(text: str) -> float:
 class GaugeForce(NamedTuple):
     """Mean force over an interval.
 
-    Attributes
-    ----------
-    force_n, std_n : float
-        Mean and standard deviation, in N; the latter NaN for a single value.
-    values : int
-        Number of values.
+    ``force_n``, ``std_n``: mean and standard deviation, in N; the latter NaN for a single value;
+    ``values``: number of values.
     """
 
     force_n: float
@@ -97,14 +76,8 @@ class GaugeForce(NamedTuple):
 class ForceGauge:
     """What a gauge or scale sends, line by line, with the times at which it arrived.
 
-    Parameters
-    ----------
-    name : str
-        Of the gauge, for messages.
-    unit : str
-        Unit of lines that contain none.
-    now_s : float
-        Time at which listening begins.
+    ``name``: of the gauge, for messages; ``unit``: unit of lines that contain none; ``now_s``: time
+    at which listening begins.
     """
 
     def __init__(self, name: str, unit: str = "N", now_s: float = 0.0) -> None:
@@ -118,11 +91,6 @@ class ForceGauge:
         """Take a line.
 
         The last number in it that is followed by a unit counts, or else the last number.
-
-        Parameters
-        ----------
-        time_s : float
-            Time of arrival.
         """
         found = [match.groups() for match in _SENT.finditer(line)]
         named = [each for each in found if each[2].lower() in UNITS_N]
@@ -134,15 +102,7 @@ class ForceGauge:
         self.note_force(time_s, float(sign + number) * factor)
 
     def note_force(self, time_s: float, force_n: float) -> None:
-        """Take a value.
-
-        Parameters
-        ----------
-        time_s : float
-            Time of arrival.
-        force_n : float
-            In N.
-        """
+        """Take a value."""
         if math.isfinite(force_n):
             self._values.append((time_s, force_n))
             self._heard_s, self._unread = time_s, ""
@@ -152,13 +112,7 @@ class ForceGauge:
         return bool(self._values) and self._values[-1][0] >= time_s
 
     def check_alive(self, now_s: float) -> None:
-        """Check that values still arrive.
-
-        Raises
-        ------
-        InputError
-            When none has arrived for two seconds.
-        """
+        """Check that values still arrive."""
         silence = now_s - self._heard_s
         if silence <= _SILENCE_S:
             return
@@ -168,13 +122,7 @@ class ForceGauge:
         raise InputError(self.name, rule)
 
     def mean(self, since_s: float, until_s: float) -> GaugeForce:
-        """Mean force of the values that arrived within an interval.
-
-        Raises
-        ------
-        InputError
-            When there is none, or the force was not steady.
-        """
+        """Mean force of the values that arrived within an interval."""
         values = [force for time_s, force in self._values if since_s <= time_s <= until_s]
         if not values:
             self.check_alive(until_s)

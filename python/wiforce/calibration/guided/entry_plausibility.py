@@ -30,13 +30,7 @@ _FORCE_PART, _FORCE_N = 0.4, 0.5
 
 
 def force_warning(force_n: float, asked_n: float) -> str | None:
-    """Warning of a force that is far from the one that was asked for.
-
-    Parameters
-    ----------
-    force_n, asked_n : float
-        In N.
-    """
+    """Warning of a force that is far from the one that was asked for."""
     if abs(force_n - asked_n) <= max(_FORCE_N, _FORCE_PART * asked_n):
         return None
     return f"the force is {force_n:g} N where about {asked_n:g} N was asked for"
@@ -53,14 +47,7 @@ def press_warnings(
 
     Returns list of str: a sentence each; empty when it is plausible.
 
-    Parameters
-    ----------
-    before : sequence of PressMeasurement
-        Of all locations.
-    frequency_hz : float
-        Carrier, in Hz.
-    length_mm, permittivity : float
-        Of the line.
+    ``before``: of all locations.
     """
     presses = [each for each in before if not each.untouched]
     here = [each for each in presses if each.location_mm == new.location_mm]

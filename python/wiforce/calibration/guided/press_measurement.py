@@ -44,23 +44,11 @@ _REFUSED_UNTOUCHED = {
 class PressMeasurement:
     """Mean phases of a press, or of the untouched sensor.
 
-    Attributes
-    ----------
-    location_mm : float
-        From port 1, in mm; NaN when untouched.
-    force_n, force_std_n : float
-        Force in N and its standard deviation, NaN where the gauge does not state one; 0 and NaN
-        when untouched.
-    phase_deg : (float, float)
-        psi_1 and psi_2 in degrees.
-    phase_std_deg : (float, float)
-        Standard deviations of these means.
-    groups : int
-        Number of phase groups.
-    sweep : int
-        Which run over the forces at this location, from 1.
-    time_utc : str
-        When it was taken, ISO 8601.
+    ``location_mm``: from port 1, in mm; NaN when untouched; ``force_n``, ``force_std_n``: force in
+    N and its standard deviation, NaN where the gauge does not state one; 0 and NaN when untouched;
+    ``phase_deg``: psi_1 and psi_2 in degrees; ``phase_std_deg``: standard deviations of these
+    means; ``groups``: number of phase groups; ``sweep``: which run over the forces at this
+    location, from 1; ``time_utc``: when it was taken, ISO 8601.
     """
 
     location_mm: float
@@ -86,13 +74,6 @@ def steady_deg(frequency_hz: float, permittivity: float = 1.0) -> float:
     """Largest change of a phase during a measurement, in degrees.
 
     Returns float: the phase of 0.25 mm of line.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Carrier, in Hz.
-    permittivity : float
-        Effective relative permittivity of the line.
     """
     return STEADY_MM * line.round_trip_deg_per_mm(frequency_hz, permittivity)
 
@@ -100,17 +81,7 @@ def steady_deg(frequency_hz: float, permittivity: float = 1.0) -> float:
 def measure_untouched(readings: Sequence[Reading], largest_change_deg: float) -> PressMeasurement:
     """Mean phases of the untouched sensor.
 
-    Parameters
-    ----------
-    readings : sequence of Reading
-        Consecutive readings of one sensor.
-    largest_change_deg : float
-        See :func:`steady_deg`.
-
-    Raises
-    ------
-    InputError
-        When the sensor is touched, not received, flagged or not steady.
+    ``readings``: consecutive readings of one sensor.
     """
     mean, std = _phases(readings, "untouched sensor", 0, largest_change_deg, _REFUSED_UNTOUCHED)
     return PressMeasurement(math.nan, 0.0, math.nan, mean, std, len(readings))
@@ -126,24 +97,9 @@ def measure_press(
 ) -> PressMeasurement:
     """Mean phases of a press that holds still.
 
-    Parameters
-    ----------
-    readings : sequence of Reading
-        Consecutive readings of one sensor.
-    location_mm : float
-        Of the press, from port 1.
-    force_n, force_std_n : float
-        Of the press, and its standard deviation where it is known.
-    largest_change_deg : float
-        See :func:`steady_deg`.
-    sweep : int
-        Which run over the forces at this location.
-
-    Raises
-    ------
-    InputError
-        When the sensor is not touched or not received, readings are flagged, or the phases are not
-        steady.
+    ``readings``: consecutive readings of one sensor; ``location_mm``: of the press, from port 1;
+    ``force_n``, ``force_std_n``: of the press, and its standard deviation where it is known;
+    ``sweep``: which run over the forces at this location.
     """
     where = f"press at {location_mm:g} mm"
     mean, std = _phases(readings, where, 1, largest_change_deg, _REFUSED)

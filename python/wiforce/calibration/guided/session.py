@@ -29,15 +29,7 @@ _UNTOUCHED_DEG = 1.0
 class Residual(NamedTuple):
     """How far the measurements at a location are from the curves fitted to all.
 
-    Attributes
-    ----------
-    location_mm : float
-    rms_deg : (float, float)
-        By port.
-    largest_deg : float
-        Largest residual of either port.
-    force_n : float
-        Force of that measurement, in N.
+    ``largest_deg``: largest residual of either port; ``force_n``: force of that measurement, in N.
     """
 
     location_mm: float
@@ -50,18 +42,9 @@ class Residual(NamedTuple):
 class CalibrationSession:
     """A guided calibration, stored as it proceeds.
 
-    Parameters
-    ----------
-    path : str or Path
-        Table of taps; an existing one is continued (see :class:`~.session_file.SessionFile`).
-    settings : mapping, optional
-        Arguments of :func:`.calibration.calibrate` for residuals and model, besides those of the
-        line.
-
-    Raises
-    ------
-    InputError
-        When the file belongs to something else.
+    ``path``: table of taps; an existing one is continued (see :class:`~.session_file.SessionFile`);
+    ``settings``: arguments of :func:`.calibration.calibrate` for residuals and model, besides those
+    of the line.
     """
 
     plan: SessionPlan
@@ -113,17 +96,7 @@ class CalibrationSession:
         self._skipped.update(t for t in self.plan.targets() if t.location_mm == location_mm)
 
     def check_force(self, force_n: float) -> None:
-        """Check that a force is one that the plan asks for, or near them.
-
-        Parameters
-        ----------
-        force_n : float
-            In N.
-
-        Raises
-        ------
-        InputError
-        """
+        """Check that a force is one that the plan asks for, or near them."""
         low, high = self.plan.force_limits_n
         if low <= force_n <= high:
             return
@@ -140,10 +113,7 @@ class CalibrationSession:
 
         Returns list of str: a sentence each; empty when it is plausible.
 
-        Parameters
-        ----------
-        target : Target, optional
-            What was asked for.
+        ``target``: what was asked for.
         """
         plan = self.plan
         asked = force_warning(press.force_n, target.force_n) if target is not None else None
@@ -155,12 +125,7 @@ class CalibrationSession:
     def add(self, measurement: PressMeasurement) -> None:
         """Store a measurement.
 
-        Raises
-        ------
-        InputError
-            For a force outside the limits, or untouched phases that differ from those before.
-        OutputError
-            When it cannot be written; those before it are kept.
+        Raises OutputError when it cannot be written; those before it are kept.
         """
         if measurement.untouched:
             self._check_untouched(measurement)
@@ -208,15 +173,7 @@ class CalibrationSession:
     def model(self, name: str | None = None) -> CurveModel:
         """Calibrate with the locations that have enough forces.
 
-        Parameters
-        ----------
-        name : str, optional
-            Of the model; the sensor's by default.
-
-        Raises
-        ------
-        InputError
-            When the measurements do not support a model.
+        ``name``: of the model; the sensor's by default.
         """
         plan, places = self.plan, self.complete_locations()
         table = read_tap_csv(self.path, plan.frequency_hz)
@@ -239,11 +196,6 @@ class CalibrationSession:
 
         Returns list of Residual: by location; empty while there are not two locations with enough
         forces.
-
-        Raises
-        ------
-        InputError
-            When the measurements contradict each other.
         """
         places = self.complete_locations()
         if len(places) < 2:

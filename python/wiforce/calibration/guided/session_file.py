@@ -36,23 +36,8 @@ class SessionFile:
     An existing file of the same sensor is continued. A last row that a crash or a full disk left
     without its end is removed. Only one process at a time has the file open.
 
-    Parameters
-    ----------
-    sensor : str
-        Name of the sensor, a column of the file.
-    frequency_hz : float
-        Carrier, in Hz, likewise.
-
-    Attributes
-    ----------
-    path : Path
-    measurements : list of PressMeasurement
-        All rows of the file, in its order.
-
-    Raises
-    ------
-    InputError
-        When the file holds something else, belongs to another sensor or carrier, or is in use.
+    ``sensor``: name of the sensor, a column of the file; ``frequency_hz``: carrier, in Hz,
+    likewise. ``measurements``: all rows of the file, in its order.
     """
 
     def __init__(self, path: str | Path, sensor: str, frequency_hz: float) -> None:
@@ -92,10 +77,7 @@ class SessionFile:
     def append(self, measurement: PressMeasurement) -> None:
         """Store a measurement.
 
-        Raises
-        ------
-        OutputError, InputError
-            When it cannot be written; the rows before it are kept.
+        Raises OutputError, InputError when it cannot be written; the rows before it are kept.
         """
         if not self._ends:
             self._write(",".join(COLUMNS) + "\n")

@@ -22,25 +22,9 @@ _LOW_PART, _HIGH_PART = 0.5, 1.25
 class SessionPlan:
     """What a guided calibration is to measure.
 
-    Attributes
-    ----------
-    sensor : str
-        Name of the sensor in the scene.
-    frequency_hz : float
-        Carrier, in Hz.
-    location_mm : tuple of float
-        Locations from port 1, in the order of measurement.
-    force_n : tuple of float
-        Forces at each location, rising.
-    sweeps : int
-        Runs over the forces at each location; every second one falls.
-    length_mm, permittivity : float
-        Of the line.
-
-    Raises
-    ------
-    InputError
-        For locations off the line or repeated, or too few forces or locations.
+    ``sensor``: name of the sensor in the scene; ``location_mm``: locations from port 1, in the
+    order of measurement; ``force_n``: forces at each location, rising; ``sweeps``: runs over the
+    forces at each location; every second one falls.
     """
 
     sensor: str
@@ -86,14 +70,7 @@ class SessionPlan:
 
 
 class Target(NamedTuple):
-    """One measurement of a plan.
-
-    Attributes
-    ----------
-    location_mm : float
-    sweep : int
-    force_n : float
-    """
+    """One measurement of a plan."""
 
     location_mm: float
     sweep: int
@@ -103,13 +80,7 @@ class Target(NamedTuple):
 class Coverage(NamedTuple):
     """Number of measurements by location and planned force.
 
-    Attributes
-    ----------
-    location_mm : tuple of float
-    force_n : tuple of float
-    counts : ndarray of int, shape (locations, forces)
-    wanted : int
-        Measurements that are planned for each.
+    ``counts`` (locations, forces); ``wanted``: measurements that are planned for each.
     """
 
     location_mm: tuple[float, ...]

@@ -27,6 +27,9 @@ _AGREEMENT = 5.0
 # Standard deviations by which the rate found may exceed the rates searched.
 _RATE_SLACK = 4.0
 _NEWTON_STEPS = 6
+# Parabolas through the likelihood of clock 2's delay, each an eighth as wide as the one before: the
+# last one, 8e-4 rad wide, errs by less than 1e-5 rad.
+_PARABOLAS = 3
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,6 @@ def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseL
     A true 75 % clock 2 about the same centres equals an inverted one that is Ts/4 late: the sign
     of the line is part of its unknown channel.
     """
-    from scipy.optimize import minimize_scalar
 
     def best(delay: float) -> tuple[float, float]:
         coefficients = likelihood.delayed(delay).coefficients(block)
@@ -159,13 +161,12 @@ def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseL
     # A finer search can gain no more than the curvature of line 8 allows over half a step.
     if values.max() * 1.05 - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
-    step = delays[1] - delays[0]
-    delay = minimize_scalar(
-        lambda x: -best(x)[0],
-        bounds=(coarse - step, coarse + step),
-        method="bounded",
-        options={"xatol": 1e-5},
-    ).x
+    delay, step = coarse, delays[1] - delays[0]
+    for _ in range(_PARABOLAS):
+        before, at, after = (best(delay + side * step)[0] for side in (-1, 0, 1))
+        if before - 2 * at + after < 0:
+            delay += step * np.clip((before - after) / (before - 2 * at + after) / 2, -1, 1)
+        step /= 8
     if best(delay)[0] - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
     phase = best(delay)[1]

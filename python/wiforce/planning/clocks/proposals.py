@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ...errors import InputError
 from ...estimation.clocks.likelihood import PHASE_MARGIN, own_lines, phase_margin
@@ -100,6 +99,8 @@ def propose_clocks(
 
 def _in_order_of_tags(clocks_hz: Sequence[float], near_hz: Sequence[float]) -> list[float]:
     """Clocks in an order that changes those of the first tags least; further ones behind them."""
+    from scipy.optimize import linear_sum_assignment  # 0.1 s to import
+
     moved_hz = np.abs(np.subtract.outer(np.asarray(near_hz), np.asarray(clocks_hz)))
     chosen = linear_sum_assignment(moved_hz)[1].tolist()
     return [clocks_hz[i] for i in (*chosen, *sorted(set(range(len(clocks_hz))) - {*chosen}))]

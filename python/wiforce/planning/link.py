@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a scene's link budget gives, and how deep other carriers would read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..scene import Scene
+from ..scene.link import Link
+from ..signal.bands import BANDS, occupied_band_hz
+from .expected import line_amplitude, phase_std_deg, radio_noise_share, receive_levels
+from .plan import Plan
+
+# Phases above this standard deviation flag readings `weak` (docs/sensors.md, flags).
+WEAK_DEG = 3.0
+# Factors of the depth that are searched: from a thousandth to a thousand times that of the scene.
+_FACTORS, _HALVINGS = (1e-3, 1e3), 40
+
+
+@dataclass(frozen=True)
+class CarrierReach:
+    """What a carrier reads through a scene's link.
+
+    Attributes
+    ----------
+    carrier_hz : float
+    band : str
+        Name of the band whose centre it is; empty for the scene's own carrier.
+    snr_db, static_db : float
+        As the scene's ``snr_db`` and ``static_clutter_db``.
+    phase_std_deg : float
+        Noise of the phases of a reading, of the worst end.
+    reach : float
+        Depth of the innermost layer in mm, or without layers distance of the tag from the receiver
+        in m, at which readings become ``weak``; 0 where all are. Below the scene's carrier a
+        degree is more of the line: the limit is then that of the same distance on the line.
+    """
+
+    carrier_hz: float
+    band: str
+    snr_db: float
+    static_db: float
+    phase_std_deg: float
+    reach: float
+
+
+def carrier_reaches(plan: Plan) -> list[CarrierReach]:
+    """The scene's carrier and those of all bands that hold its signal; empty without a link."""
+    scene = plan.require_scene()
+    link = scene.simulation.link
+    if link is None:
+        return []
+    own_hz, levels = scene.radio.center_frequency_hz, receive_levels(scene)
+    line = line_amplitude(scene) ** 2
+    worst_deg = float(phase_std_deg(plan).max())
+    unit_deg = worst_deg / np.sqrt((levels.noise + levels.quantisation + levels.radio) / line)
+    rounding = _rounding_share(scene, levels.quantisation / line)
+
+    def found(link: Link, carrier_hz: float) -> tuple[float, float, float]:
+        clock_hz = scene.sensors[0].clock_hz
+        snr_db, static_db = link.levels_db(carrier_hz, scene.waveform(), clock_hz)
+        share = radio_noise_share(scene, carrier_hz) + rounding
+        noise = 10 ** (-snr_db / 10) + share * 10 ** (static_db / 10)
+        return snr_db, static_db, float(unit_deg * np.sqrt(noise))
+
+    def reach(carrier_hz: float) -> float:
+        limit_deg = WEAK_DEG * min(1.0, carrier_hz / own_hz)
+        low, high = np.log(_FACTORS)
+        if found(_deeper(link, _FACTORS[0]), carrier_hz)[2] > limit_deg:
+            return 0.0
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            weak = found(_deeper(link, np.exp(middle)), carrier_hz)[2] > limit_deg
+            low, high = (low, middle) if weak else (middle, high)
+        return float(np.exp(low)) * _depth(link)
+
+    return [CarrierReach(hz, band, *found(link, hz), reach(hz)) for hz, band in _carriers(scene)]
+
+
+def _rounding_share(scene: Scene, rounding: float) -> float:
+    """Variance of the ADC's rounding over the power of the static path, which fills the ADC."""
+    level_db = scene.simulation.static_clutter_db
+    return 0.0 if level_db is None else rounding / 10 ** (level_db / 10)
+
+
+def _carriers(scene: Scene) -> Iterator[tuple[float, str]]:
+    own_hz = scene.radio.center_frequency_hz
+    yield own_hz, ""
+    low_hz, high_hz = occupied_band_hz(own_hz, scene.waveform())
+    centres: dict[float, str] = {}
+    for name, band in BANDS.items():
+        if band.high_hz - band.low_hz >= high_hz - low_hz:
+            centres.setdefault((band.low_hz + band.high_hz) / 2, name)
+    yield from centres.items()
+
+
+def _depth(link: Link) -> float:
+    return link.layers[-1].thickness_mm if link.layers else link.receiver_m
+
+
+def _deeper(link: Link, factor: float) -> Link:
+    if link.layers:
+        *outer, last = link.layers
+        last = replace(last, thickness_mm=factor * last.thickness_mm)
+        return replace(link, layers=(*outer, last))
+    distances = factor * link.transmitter_m, factor * link.receiver_m
+    return replace(link, transmitter_m=distances[0], receiver_m=distances[1])
+
+
+def link_lines(plan: Plan, reaches: list[CarrierReach]) -> Iterator[str]:
+    """The link budget as lines for a terminal; the first carrier is the scene's."""
+    scene = plan.require_scene()
+    link, hz = scene.simulation.link, scene.radio.center_frequency_hz
+    if link is None:
+        return
+    unit = f"mm of {link.layers[-1].material}" if link.layers else "m"
+    yield (
+        f"link: {link.tag_path_loss_db(hz):.1f} dB by way of the tag, "
+        f"{link.direct_path_loss_db(hz):.1f} dB straight"
+    )
+    yield f"{'carrier':>12}{'snr_db':>8}{'static path':>13}{'phase noise':>13}  reads up to"
+    for each in reaches:
+        yield (
+            f"{each.carrier_hz / 1e6:8.5g} MHz{each.snr_db:8.1f}{each.static_db:10.1f} dB"
+            f"{each.phase_std_deg:9.2g} deg  {each.reach:.2g} {unit} {each.band}".rstrip()
+        )
+    deepest = max(reaches, key=lambda each: each.reach)
+    yield f"deepest: {deepest.carrier_hz / 1e6:.5g} MHz, {deepest.reach:.2g} {unit}"

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a scene's levels come from: powers, distances, antennas and what lies in between."""
+
+from typing import Any
+
+import numpy as np
+
+from ..io.text.schema import Derived, ListOf, declared, key
+from ..io.text.values import Choice, Number, Scope
+from ..signal.link_budget import (
+    THERMAL_DBM_HZ,
+    TISSUES,
+    complex_permittivity,
+    free_space_loss_db,
+    layers_loss_db,
+    tissue_permittivity,
+)
+from ..signal.switching import harmonics
+from ..signal.waveform import Waveform
+
+_GAIN = Number(unit="dBi", low=-60, high=60)
+# Nearer than this, antennas of a wavelength's size are in each other's near field.
+_DISTANCE = Number(unit="m", low=0.05, high=1000)
+_LOSS = Number(unit="dB", low=0, high=200)
+_OTHER = "other"
+
+
+def _stated_if_other(value: float | None, scope: Scope) -> str | None:
+    if (scope["material"] == _OTHER) == (value is None):
+        return f"must be given for material '{_OTHER}', and for no other"
+    return None
+
+
+@declared
+class Layer:
+    """A layer of tissue or another material between the tag and both antennas."""
+
+    material: str = key(
+        Choice(words=(*TISSUES, _OTHER)),
+        doc="`muscle`, `fat` and `skin` follow the carrier (Gabriel et al. 1996).",
+    )
+    thickness_mm: float = key(Number(unit="mm", low=0, high=1000), doc="Its thickness.")
+    permittivity: float | None = key(
+        Number(low=1, high=1000, optional=True),
+        default=None,
+        check=_stated_if_other,
+        doc="Relative permittivity of another material.",
+    )
+    conductivity_s_m: float | None = key(
+        Number(unit="S/m", low=0, high=1000, optional=True),
+        default=None,
+        check=_stated_if_other,
+        doc="Conductivity of another material.",
+    )
+
+    def at(self, frequency_hz: float) -> tuple[complex, float]:
+        """Complex relative permittivity, and thickness in m."""
+        if self.material == _OTHER:
+            stated = self.permittivity, self.conductivity_s_m
+            found = complex_permittivity(*stated, frequency_hz)  # type: ignore[arg-type]
+        else:
+            found = tissue_permittivity(self.material, frequency_hz)
+        return found, 1e-3 * self.thickness_mm
+
+
+@declared
+class Link:
+    """A link budget, from which `snr_db` and `static_clutter_db` follow."""
+
+    transmit_dbm: float = key(
+        Number(unit="dBm", low=-60, high=60), default=10.0, doc="Mean power of a preamble."
+    )
+    noise_figure_db: float = key(_LOSS, default=6.0, doc="Noise figure of the receiver.")
+    transmitter_m: float = key(_DISTANCE, doc="From the transmitting antenna to the tag.")
+    receiver_m: float = key(_DISTANCE, doc="From the tag to the receiving antenna.")
+    antennas_m: float = key(
+        _DISTANCE,
+        derived=Derived(
+            "`transmitter_m` + `receiver_m`, the tag on the line between the antennas",
+            lambda scope: scope["transmitter_m"] + scope["receiver_m"],
+        ),
+        doc="Between transmitting and receiving antenna.",
+    )
+    transmitter_dbi: float = key(_GAIN, default=0.0, doc="Gain of the transmitting antenna.")
+    receiver_dbi: float = key(_GAIN, default=0.0, doc="Gain of the receiving antenna.")
+    tag_dbi: float = key(_GAIN, default=0.0, doc="Gain of the tag's antenna, which counts twice.")
+    tag_loss_db: float = key(
+        _LOSS,
+        default=1.0,
+        doc="Loss of the tag's switches and of the line, there and back.",
+    )
+    direct_loss_db: float = key(
+        _LOSS,
+        default=0.0,
+        doc="What attenuates the direct path beyond free space, such as a metal plate.",
+    )
+    layers: tuple[Layer, ...] = key(
+        ListOf(of=Layer, most=16),
+        doc="Layers that the waves pass at right angles, there and back, the outermost first.",
+    )
+
+    def tag_path_loss_db(self, frequency_hz: float) -> float:
+        """From the transmitter by way of the tag to the receiver."""
+        paths = self.transmitter_m, self.receiver_m
+        layers = layers_loss_db([layer.at(frequency_hz) for layer in self.layers], frequency_hz)
+        gains = self.transmitter_dbi + self.receiver_dbi + 2 * self.tag_dbi
+        free = sum(free_space_loss_db(distance, frequency_hz) for distance in paths)
+        return free + 2 * layers + self.tag_loss_db - gains
+
+    def direct_path_loss_db(self, frequency_hz: float) -> float:
+        """From the transmitter straight to the receiver."""
+        gains = self.transmitter_dbi + self.receiver_dbi
+        return free_space_loss_db(self.antennas_m, frequency_hz) + self.direct_loss_db - gains
+
+    def levels_db(
+        self, frequency_hz: float, waveform: Waveform, clock_hz: float
+    ) -> tuple[float, float]:
+        """`snr_db` and `static_clutter_db` of a scene.
+
+        Parameters
+        ----------
+        clock_hz : float
+            Of the first tag, whose line 1 both refer to.
+        """
+        line = 20 * np.log10(harmonics(1, clock_hz * waveform.averaging_s)[0])
+        received_dbm = self.transmit_dbm - self.tag_path_loss_db(frequency_hz) + line
+        noise = waveform.sample_rate_hz * waveform.channel_noise_gain
+        noise_dbm = THERMAL_DBM_HZ + self.noise_figure_db + 10 * np.log10(noise)
+        static_db = self.transmit_dbm - self.direct_path_loss_db(frequency_hz) - received_dbm
+        return float(received_dbm - noise_dbm), float(static_db)
+
+
+def level_or(default: float, which: int) -> Derived:
+    """A level of a scene that follows from its link budget, or is a number without one."""
+
+    def level(scope: Any) -> float:
+        link, radio = scope["link"], scope["radio"]
+        if link is None or scope.get("packets"):
+            return default
+        waveform = scope["sounding"].waveform_at(radio.sample_rate_hz)
+        frequency_hz, clock_hz = radio.center_frequency_hz, scope["sensors"][0].clock_hz
+        return round(link.levels_db(frequency_hz, waveform, clock_hz)[which], 2)
+
+    return Derived(f"{default:g}; that of `link` where it is stated", level)
