@@ -89,6 +89,16 @@ def test_rules_refuse_what_the_constructors_refuse(tmp_path):
         assert not wiforce.is_scene({"sensors": [sensor]} | wrong)
 
 
+def test_rules_tell_values_that_a_block_takes_from_those_that_it_refuses():
+    """Companion marks a parameter red by these rules before a flowgraph is run."""
+    assert [wiforce.is_carrier_of("line-900mhz", hz) for hz in (900e6, 5e9)] == [True, False]
+    lengths = (0, 256)
+    assert [wiforce.is_waveform("chirp", 720, symbol_length=n) for n in lengths] == [True, False]
+    assert [wiforce.is_amplitude_of("repeated", a) for a in (0.5, 2.0)] == [True, False]
+    assert not wiforce.is_capture("missing")
+    assert [wiforce.symbol_length_of(*a) for a in (("wifi",), ("chirp", 256))] == [64, 256]
+
+
 def test_receivers_and_simulation_accept_the_scenes_that_read_accepts(tmp_path):
     """A scene's name gave an AttributeError wherever it was not loaded or planned before."""
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))

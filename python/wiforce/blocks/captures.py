@@ -85,32 +85,10 @@ _POLL_S = 0.1
 class capture_stream(Kept, gr.sync_block):
     """Samples of a growing capture, with ``rx_time`` at its start and after every gap.
 
-    A gap must be in the metadata before the samples after it are in the data, as
-    ``sigmf_recorder`` writes them. A gap that is reported later ends the stream with an error,
-    since samples have been sent with a wrong time; so does another sample rate or carrier.
-
-    Parameters
-    ----------
-    path : str or Path
-        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-    sample_rate : float
-        Samples per second.
-
-    Attributes
-    ----------
-    item_type : str
-        ``sc16`` or ``fc32``.
-    ended : threading.Event
-        When set, the stream ends with what is in the file.
-    failure : Exception or None
-        The error that ended the stream.
-
-    Examples
-    --------
-    >>> stream = capture_stream("press", sample_rate=12.5e6)  # doctest: +SKIP
-    >>> stream.ended.set()  # doctest: +SKIP
+    A gap must be in the metadata before the samples after it are in the data, as ``sigmf_recorder``
+    writes them. A gap that is reported later ends the stream with an error, its ``failure``, since
+    samples have been sent with a wrong time; so does another sample rate or carrier. When ``ended``
+    is set, the stream ends with what is in the file. ``item_type`` is ``sc16`` or ``fc32``.
     """
 
     @typed
@@ -214,22 +192,10 @@ class capture_stream(Kept, gr.sync_block):
 
 
 class sample_keeper(Kept, gr.sync_block):
-    """Keeps the first complex 16-bit samples of its input, without ever ending the flowgraph.
+    """Keeps the first ``count`` complex 16-bit samples of its input, without ever ending the
+    flowgraph.
 
-    Parameters
-    ----------
-    count : int
-        Samples to keep.
-
-    Attributes
-    ----------
-    samples : ndarray of int16, shape (n, 2)
-        I and Q of the samples kept so far.
-
-    Examples
-    --------
-    >>> sample_keeper(1000).samples.shape
-    (0, 2)
+    ``samples`` (n, 2) are I and Q of those kept so far.
     """
 
     @typed

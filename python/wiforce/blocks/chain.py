@@ -31,23 +31,7 @@ from .readings import ReadingPort
 
 
 class ToneInput:
-    """Converts the output of ``ofdm_channel_estimator`` to Groups.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene: ``wiforce.plan(scene)``.
-    derotated : bool
-        Whether the channel estimator was given the plan's derotation.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> count, groups = ToneInput(wiforce.plan("demo")).collect(
-    ...     np.zeros((1, 24 * 64)), [{names.GROUP: pmt.from_uint64(7)}])
-    >>> count, groups.index.tolist(), groups.tones.shape
-    (1, [7], (1, 24, 62))
-    """
+    """Converts the output of ``ofdm_channel_estimator``, ``derotated`` or not, to Groups."""
 
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
         self._plan = plan
@@ -64,20 +48,8 @@ class ToneInput:
         self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), -1))
 
     def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        """Collect a batch of items whose messages have arrived.
-
-        Parameters
-        ----------
-        items : ndarray of complex, shape (G, N M)
-            Vectors of tones.
-        tags : sequence of dict
-            Of each item, by name.
-
-        Returns
-        -------
-        int
-            Items taken.
-        Groups
+        """Collect a batch of items (G, N M) whose messages have arrived: items taken, and their
+        groups.
         """
         plan = self._plan
         group_length = plan.group_length

@@ -27,38 +27,12 @@ Tag = tuple[int, Any, Any]
 class FrameSearch:
     """Holds the samples of a stream until its frames are found, and gives those from the first on.
 
-    The offset is estimated over the first frames. A gap while they are searched begins the search
-    anew.
+    The offset is estimated over the first frames of the first of several antennas, as many as for
+    recordings unless given. A gap while they are searched begins the search anew.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        Whose frames are searched.
-    search_frames : int, optional
-        Frames that are averaged to find the offset; as many as for recordings unless given.
-    antennas : int
-        Number of antennas whose samples are in each item; the first one is searched.
-
-    Attributes
-    ----------
-    offset : int or None
-        Samples before the first frame; None until frames are found.
-    start_time : tuple or None
-        (whole seconds, fraction) of the first frame's first sample; None without ``rx_time``.
-    searches : int
-        Number of searches without a result.
-    tags : deque of tuple
-        Tags of samples that were not put out yet: (item, key, value).
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> search = FrameSearch(waveform, search_frames=20)
-    >>> sent = np.concatenate([np.zeros(100), np.tile(0.4 * waveform.frame(), 20)])
-    >>> search.take(sent[: search.wanted].astype(np.complex64), [])
-    >>> search.offset
-    92
+    ``offset`` are the samples before the first frame and ``start_time`` (whole seconds, fraction)
+    that of its first sample, each None until known; ``searches`` counts those without a result;
+    ``tags`` are those of samples that were not put out yet: (item, key, value).
     """
 
     def __init__(
@@ -92,14 +66,10 @@ class FrameSearch:
         return self.offset is not None and bool(self._held)
 
     def take(self, items: Array, tags: Iterable[Tag]) -> None:
-        """Take the next samples, and search frames when they are enough.
+        """Take the next samples, at most ``wanted``, and search frames when they are enough.
 
-        Parameters
-        ----------
-        items : ndarray of complex64, shape (n,), or of int16, shape (n, 2 antennas)
-            At most ``wanted``.
-        tags : iterable of tuple
-            Their tags: (item, key, value), the first sample of the stream being item 0.
+        complex64 (n,), or int16 (n, 2 antennas), with tags (item, key, value); the stream begins
+        with item 0.
         """
         gap = None
         for item, key, value in tags:
@@ -125,19 +95,8 @@ class FrameSearch:
         self._begin(held, found)
 
     def put_out(self, block: Any, out: Array) -> int:
-        """Copy samples that are held to the output of a block, with their tags.
-
-        Parameters
-        ----------
-        block : gr.block
-            Whose output begins with the first frame.
-        out : ndarray
-            Its output items.
-
-        Returns
-        -------
-        int
-            Number of samples.
+        """Copy samples that are held to the output of a block, with their tags; returns their
+        number.
         """
         if not self.holds:
             return 0
@@ -150,14 +109,7 @@ class FrameSearch:
         return count
 
     def put_tags(self, block: Any, produced: int) -> None:
-        """Add the tags of the samples that a block puts out now.
-
-        Parameters
-        ----------
-        block : gr.block
-        produced : int
-            Number of the samples.
-        """
+        """Add the tags of the samples that a block puts out now."""
         assert self.offset is not None
         end = self.offset + block.nitems_written(0) + produced
         while self.tags and self.tags[0][0] < end:

@@ -34,12 +34,6 @@ class TarePort:
     """Mix-in of a block with the ports ``tare`` (in) and ``tare_state`` (out).
 
     Requests come as messages, or from another thread by ``tare``.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.blocks.reader import group_reader
-    >>> issubclass(group_reader, TarePort)
-    True
     """
 
     _post: Callable[[Any, Any], None]
@@ -62,15 +56,10 @@ class TarePort:
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
-        """Request a tare, from any thread.
+        """Request a tare, from any thread; ``force`` also while a sensor is touched.
 
-        Parameters
-        ----------
-        force : bool
-            Also while a sensor is touched.
-        done : callable, optional
-            Called once, in the block's thread, with the TareState in which the request ends:
-            ``complete``, ``refused`` or ``failed``.
+        ``done`` is called once, in the block's thread, with the TareState in which the request
+        ends.
         """
         number = next(self._numbers)
         if done is not None:
@@ -134,36 +123,8 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
 
     Input: vectors N x symbol length, the snapshots of a group, from ``preamble_fold.collected`` or
     ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings``, ``tare_state``
-    and ``warnings`` (out).
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a scene: ``wiforce.plan(scene)``.
-    tracked : bool
-        Follow each press over time instead of inverting each group by itself.
-    on_reading : callable, optional
-        Called with every :class:`Reading` in the block's thread.
-    frame_offset : int
-        Samples before the first frame, for warnings.
-
-    Attributes
-    ----------
-    stream : StreamReader
-    watch : StreamWatch
-    on_warning : callable
-        Called with every sentence on what keeps the stream from being read; GNU Radio's log unless
-        it is set.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) when an argument is of another type.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> groups = group_reader(wiforce.plan("demo"), on_reading=print)
+    and ``warnings`` (out). ``on_warning`` is called with every sentence on what keeps the stream
+    from being read, and is GNU Radio's log unless it is set.
     """
 
     @typed
@@ -221,26 +182,8 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
 
 
 def snapshot_group(item: Array, tags: dict[str, Any], symbol_length: int = 64) -> SnapshotGroup:
-    """The group that an item of collected snapshots holds.
-
-    Parameters
-    ----------
-    item : ndarray of complex64, shape (symbol_length N,)
-    tags : dict
-        Of the item, by name.
-    symbol_length : int
-        Samples of a snapshot.
-
-    Returns
-    -------
-    SnapshotGroup
-        Its snapshots are those of the item, not a copy.
-
-    Examples
-    --------
-    >>> tags = {"group": pmt.from_uint64(7), "disturbed": pmt.init_u8vector(4, [0, 1, 0, 0])}
-    >>> snapshot_group(np.zeros(4 * 64, np.complex64), tags).kept.tolist()
-    [True, False, True, True]
+    """The group that an item (symbol_length N,) of collected snapshots holds, which are not
+    copied.
     """
     folded = item.reshape(-1, symbol_length)
     present = np.ones(len(folded), bool)

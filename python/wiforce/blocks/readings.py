@@ -21,18 +21,8 @@ from .argument_types import Kept, typed
 class ReadingPort:
     """Mix-in of a block that ends the chain and implements ``finish``.
 
-    When the stream has ended, ``finish`` publishes the readings of the groups held back.
-
-    Attributes
-    ----------
-    ended : threading.Event
-        Set when the stream has ended and its last group is read.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.blocks.chain import force_inversion
-    >>> issubclass(force_inversion, ReadingPort)
-    True
+    When the stream has ended, ``finish`` publishes the readings of the groups held back; ``ended``
+    is set when the last group is read.
     """
 
     failure: Exception | None

@@ -96,21 +96,11 @@ class ResumedTime:
         return self._stream_clock
 
     def begin(self, device_time: Time | None, frame_offset: int = 0) -> list[Time]:
-        """A stream begins.
+        """A stream begins; gives the times of its first samples, after which time continues.
 
-        Parameters
-        ----------
-        device_time : tuple of (int, float), optional
-            Whole seconds and fraction of its first sample; without it, its clock is the number of
-            its samples.
-        frame_offset : int
-            Where the stream resumes in a frame, by the beginning of the first stream.
-
-        Returns
-        -------
-        list of tuple of (int, float)
-            Times of its first samples, one for each, after which time continues: more than one
-            after a long break.
+        These are more than one after a long break. Without the device's time of its first sample,
+        its clock is the number of its samples. ``frame_offset`` is where the stream resumes in a
+        frame, by the beginning of the first stream.
         """
         device_time = device_time or (0, 0.0)
         self._streams += 1
@@ -137,18 +127,8 @@ class ResumedTime:
         return times
 
     def of(self, item: int, device_time: Time) -> Time:
-        """Time of a sample whose device time is known.
-
-        Parameters
-        ----------
-        item : int
-            Index among the samples of all streams.
-        device_time : tuple of (int, float)
-            By the clock of the present stream.
-
-        Returns
-        -------
-        tuple of (int, float)
+        """Time of a sample, by its index in all streams, whose time by the present stream's
+        clock is known.
         """
         seconds, fraction = _added(device_time, self._offset)
         value = max(seconds, 0), fraction  # a device may report a time that cannot be
@@ -179,38 +159,16 @@ _DONE = -1
 class sample_receiver(Kept, gr.sync_block):
     """Reads complex 16-bit samples and their device tags from stream sockets.
 
-    When a stream ends, the block waits for the next one. What passes between the two is a gap:
-    the next stream's first sample is tagged with the ``rx_time`` at which it follows the samples
+    When a stream ends, the block waits for the next one. What passes between the two is a gap: the
+    next stream's first sample is tagged with the ``rx_time`` at which it follows the samples
     before, by the host's clock, and ``retuned``, because the device's oscillators have new phases.
+    The output begins with the first frame that ``search`` finds; antennas come side by side, with
+    an output each.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Samples per second.
-    frame_length : int
-        Samples per sounding frame; a gap keeps the frame timing.
-    search : FrameSearch, optional
-        The output begins with the first frame that it finds; with the first sample without it.
-    antennas : int
-        Number of outputs: antennas whose samples come side by side.
-
-    Attributes
-    ----------
-    received : int
-        Samples received in all streams.
-    peak : int
-        Largest magnitude of I or Q that was put out since it was last set to 0.
-    idle_s : float
-        Seconds since the last sample was received.
-    called_s : float
-        When the scheduler last asked for samples (``time.monotonic``). It stops to ask while the
-        blocks after this one are busy.
-
-    Examples
-    --------
-    >>> ours, theirs = socket.socketpair()
-    >>> receiver = sample_receiver(12.5e6, 720)
-    >>> receiver.attach(ours)  # theirs is given to a sample_sender
+    ``received`` counts samples of all streams; ``peak`` is the largest magnitude of I or Q that was
+    put out since it was last set to 0; ``idle_s`` is the time since the last sample. ``called_s``
+    is when the scheduler last asked for samples (``time.monotonic``): it stops to ask while the
+    blocks after this one are busy.
     """
 
     @typed
@@ -247,11 +205,7 @@ class sample_receiver(Kept, gr.sync_block):
     def attach(self, stream: socket.socket, aligned: bool = False) -> None:
         """Read another stream once those before it have ended.
 
-        Parameters
-        ----------
-        stream : socket.socket
-        aligned : bool
-            It begins with a frame; otherwise where the first stream began in a frame.
+        ``aligned``: it begins with a frame; otherwise where the first stream began in a frame.
         """
         self._waiting.append((stream, aligned))
 
@@ -360,15 +314,7 @@ class sample_receiver(Kept, gr.sync_block):
         return bytes(data)
 
     def _fill(self, data: memoryview) -> int:
-        """Read until all is there or the stream ends; the number of bytes.
-
-        Raises
-        ------
-        TimeoutError
-            When nothing of it comes in time.
-        EOFError
-            When the stream has ended.
-        """
+        """Read until all is there, a TimeoutError or EOFError otherwise; the number of bytes."""
         assert self._stream is not None
         received = 0
         while received < len(data):
@@ -428,34 +374,13 @@ _BUFFER_BYTES = 1 << 20
 
 
 class sample_sender(Kept, gr.sync_block):
-    """Writes complex 16-bit samples and their device tags to a stream socket.
+    """Writes complex 16-bit samples and their device tags to the stream socket of a
+    ``sample_receiver``.
 
-    Parameters
-    ----------
-    stream : socket.socket
-        Connected; a ``sample_receiver`` reads the other end.
-    interval_s : float
-        Time from one packet to the next, at least. What arrives meanwhile is sent together: the
-        processor time of both processes depends on the number of packets.
-    accepts_time : callable, optional
-        Whether a time in seconds is sent as ``rx_time``; all are by default.
-    antennas : int
-        Number of inputs; their samples are sent side by side.
-
-    Attributes
-    ----------
-    sent : int
-        Number of samples sent.
-    waiting : bool
-        The other process is slower than the samples come.
-    ended : bool
-        Nothing is sent any more.
-
-    Examples
-    --------
-    >>> ours, theirs = socket.socketpair()
-    >>> sample_sender(ours).sent
-    0
+    What arrives within ``interval_s`` is sent together: the processor time of both processes
+    depends on the number of packets. ``accepts_time`` says whether a time in seconds is sent as
+    ``rx_time``. ``sent`` counts samples, ``waiting`` says that the other process is slower than
+    they come, ``ended`` that nothing is sent any more.
     """
 
     @typed

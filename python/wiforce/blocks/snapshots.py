@@ -92,7 +92,7 @@ class antenna_ratio(Kept, gr.sync_block):
 
 
 _RX_TIME, _RETUNED = pmt.intern(names.RX_TIME), pmt.intern(names.RETUNED)
-_SNAPSHOT, _NOISE = pmt.intern(names.SNAPSHOT), pmt.intern(names.NOISE)
+_SNAPSHOT = pmt.intern(names.SNAPSHOT)
 _SATURATED = pmt.intern(names.SATURATED)
 _MOST_WAITING = 4096  # vectors
 # The largest code of a converter of 12 bits, left-justified; as in preamble_folder.cc.
@@ -103,27 +103,11 @@ class free_fold(Kept, gr.basic_block):
     """Folds the frames of a transmitter on a sample clock of its own.
 
     ``preamble_fold`` expects frames of a constant length. Here the length follows the transmitter
-    (:class:`estimation.frame_follower.FrameFollower`), and both antennas keep the same frames.
-    Connect the outputs to an ``antenna_ratio``.
+    (:class:`.FrameFollower`), and both antennas keep the same frames. Connect the outputs to an
+    ``antenna_ratio``.
 
     Input 0 and 1: complex 16-bit samples of two antennas, from the first frame on, with the tags of
     input 0. Output 0 and 1: vectors of a symbol's samples, as ``preamble_fold`` gives them.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        As it was sent.
-
-    Attributes
-    ----------
-    follower : FrameFollower
-        Its period and what it has lost.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> free_fold(sounding_waveform("repeated", 400, 2.5e6)).samples_lost()
-    0
     """
 
     @typed

@@ -18,21 +18,8 @@ from .frame_settings import WaveformOrScene, frames_of, scene_meant
 
 
 def largest_amplitude(frame: Array) -> float:
-    """The amplitude at which the largest component of a frame reaches full scale.
-
-    Parameters
-    ----------
-    frame : ndarray of complex, shape (n,)
-        Of unit mean preamble power.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> largest_amplitude(np.array([0.5 + 2j]))
-    0.5
+    """The amplitude at which the largest component of a frame of unit mean power reaches full
+    scale.
     """
     return 1 / np.abs(frame.view(float)).max()
 

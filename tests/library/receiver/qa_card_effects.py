@@ -7,7 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.packets.antenna_states import LEAST_STEP, find_states
+from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_noise
+from gnuradio.wiforce.estimation.packets.antenna_states import (
+    LEAST_STEP,
+    AntennaStates,
+    find_states,
+)
+from gnuradio.wiforce.estimation.packets.packet_channels import PacketChannels, rotation_std_deg
+from gnuradio.wiforce.estimation.packets.packet_survey import (
+    find_tag,
+    phase_std_deg,
+    snapshot_snr_db,
+)
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
@@ -175,3 +186,40 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
     size = np.mean(np.abs(found.channel) ** 2, axis=1)
     gain_db = 10 * np.log10(size[:, 1] / size[:, 0])
     assert 5.0 < np.ptp(np.quantile(gain_db, [0.05, 0.95])) < 10.0
+
+
+def test_packet_channels_of_a_still_room_hold_nothing_but_static_paths():
+    """Oscillator phases and a flip between antennas are divided out to rounding errors."""
+    rng = np.random.default_rng(1)
+    room = rng.standard_normal((16, 2, 2)) @ np.array([1, 1j])
+    received = np.exp(2j * np.pi * rng.random(400))[:, None, None] * room
+    received[100:150, :, 1] *= -1
+    time_s, hertz = 0.001 * np.arange(400), 312.5e3 * np.arange(16)
+    channels = PacketChannels(received, time_s, time_s < 0.2, hertz, 0.1)
+    assert np.abs(channels.divide().combined).max() < 1e-6
+
+
+def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
+    rng = np.random.default_rng(1)
+    one, states = np.ones((400, 8, 2), complex), AntennaStates(np.zeros(400, int), 0)
+    noise = 0.1 * rng.standard_normal((500, 52, 1, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    assert snapshot_snr_db(1 + noise, np.arange(52.0))[0] == pytest.approx(20, abs=1)
+    one[:, :, 1] *= np.exp(1j * np.radians(10) * np.sin(np.arange(400)))[:, None]
+    # A sine of 10 degrees has an rms of 10 / sqrt(2).
+    assert phase_std_deg(one, states) == pytest.approx(7.07, abs=0.05)
+    time_s = np.sort(rng.uniform(0, 2, 2000))
+    tag = 0.1 * (np.abs((120 * time_s + 0.5) % 1 - 0.5) < 1 / 8)
+    channel = np.ones((2000, 8, 2), complex)
+    channel[:, :, 1] += tag[:, None] + 0.1 * rng.standard_normal((2000, 8))
+    found = find_tag(channel, time_s, AntennaStates(np.zeros(2000, int), 0))
+    # Within a bin, the inverse of two seconds.
+    assert found is not None and found.clock_hz == pytest.approx(120, abs=0.5)
+
+
+def test_ratio_of_antennas_has_the_noise_of_both_and_bends_with_the_tag():
+    ones, noise = np.ones((1, 64)), np.array([[0.1, 0.2]])
+    assert ratio_noise((ones, 2 * ones), (noise, 4 * noise), ones / 2) == pytest.approx(noise / 2)
+    # |1 - exp(j 60 deg)| is 1: 0.01 rad of which half the power lies along the phase.
+    turned = np.exp(1j * np.radians([0.0, 60.0]))
+    assert curvature_deg(turned, 0.01) == pytest.approx([0, np.degrees(0.01) / np.sqrt(2)])
+    assert rotation_std_deg(np.array([0.0, 1e-6, 1e-3]), 1)[:2].tolist() == [0.0, 0.0]
