@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.io.palette import SERIES
-from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
-from gnuradio.wiforce.planning.clocks.spacing import (
+from gnuradio.wiforce.planning.clocks import (
+    assess_clocks,
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,

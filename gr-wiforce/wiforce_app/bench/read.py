@@ -19,7 +19,7 @@ import yaml
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader

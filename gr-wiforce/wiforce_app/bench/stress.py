@@ -7,7 +7,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
+from gnuradio.wiforce.planning.clocks import assess_clocks
 from gnuradio.wiforce.sensor import load_sensor
 
 from ..shell.options import IntegerRange

@@ -9,7 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note, recommendation
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
-from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of

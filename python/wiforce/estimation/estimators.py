@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from ..errors import InputError
-from ..signal.packets import PacketWaveform
-from ..signal.waveform import Waveform
+from ..signal.waveform import PacketWaveform, Waveform
 from ..signal.weights import ToneTable
 from .clocks.tracked_tag import TagClock
 from .ends.paper import LineSeparator

@@ -10,14 +10,14 @@ from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
-from .clocks.assessment import (
+from .clocks import (
     ClockReport,
     assess_clocks,
+    clocks_for,
     lamp_multiples,
     lines_lie,
     lines_near_lamps,
 )
-from .clocks.proposals import clocks_for
 from .expected import phase_std_deg, receive_levels, why_not_readable
 from .plan import Plan
 from .plan import plan as plan_of

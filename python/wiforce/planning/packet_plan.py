@@ -12,8 +12,8 @@ from ..estimation.groups import Groups
 from ..estimation.packets.packet_channels import DividedPackets
 from ..estimation.packets.packet_groups import PacketGroups
 from ..estimation.packets.tag_parts import SolvedTags, solve_tags
-from ..signal.packets import packet_waveform
 from ..signal.timed_weights import TimedTable
+from ..signal.waveform import packet_waveform
 from .plan import Plan
 
 # Clutter bands that are tried, how far they may come to a clock, and by which factor a band must

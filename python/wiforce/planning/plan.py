@@ -21,8 +21,7 @@ from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
 from ..surface.skin import Skin
-from .loss import clutter_band_hz, losses_db
-from .packet_clocks import typical_times_s
+from .loss import clutter_band_hz, losses_db, typical_times_s
 
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be. More
 # lines cost processor time in proportion; 0.1 dB is 1 % of a standard deviation.

@@ -25,9 +25,8 @@ from ..io.text.values import (
 )
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
-from ..signal.packets import packet_waveform
 from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
-from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
+from ..signal.waveform import WAVEFORMS, Waveform, packet_waveform, sounding_waveform
 from .packets import Packets
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH

@@ -8,7 +8,19 @@ from typing import Any
 
 from ..io.text.schema import Derived, ListOf, Mapping, declared, key
 from ..io.text.values import Integer, Number, Text
-from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, RadioNoise, Ripple, Walker
+from .effects import (
+    Bursts,
+    Fan,
+    FrontEnd,
+    Hopper,
+    Lamps,
+    OtherTag,
+    Plate,
+    RadioNoise,
+    Ripple,
+    SurfacePress,
+    Walker,
+)
 from .link import Link, level_or
 from .packets import PacketFaults
 from .simulated_tags import (
@@ -19,7 +31,6 @@ from .simulated_tags import (
     Tag,
     sensor_name,
 )
-from .surface_presses import Plate, SurfacePress
 
 MAX_EVENTS = 1000
 _LONGEST_S = 1e6

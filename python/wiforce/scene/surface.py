@@ -13,8 +13,8 @@ from ..io.text.values import Choice, Integer, Text
 from ..surface.checks import law_violations
 from ..surface.file import SpreadingKeys, read_spreading
 from ..surface.skin import Skin, Spreading, Strip
+from .effects import POSITION
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
-from .surface_presses import POSITION
 
 if TYPE_CHECKING:
     from .schema import Scene

@@ -3,16 +3,15 @@
 
 `model` is what every sensor can do, `line` the physics of a pressed line, `curves` calibrated
 curves and `location` what lies between their locations. `inversion` gives force and location of
-phases by a model tabulated in `forward`; `tracker` and `smoother` follow a press over time.
+phases by a tabulated model, and `tracker` follows a press over time.
 """
 
 from importlib import import_module
 from typing import Any
 
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
-from .inversion import Inversion
+from .inversion import Inversion, touch_of
 from .model import LineModel, SensorModel
-from .touch_test import touch_of
 from .tracker import PressTracker, smooth_press
 
 # Where `calibration` and `gauges` have the names that programs import from here.

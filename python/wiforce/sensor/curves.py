@@ -16,10 +16,10 @@ import numpy as np
 
 from ..signal.carrier import wrap_deg
 from . import line
+from .line import transfer_std_deg
 from .location import LocationInterpolation
 from .model import SensorModel
 from .splines import basis_splines
-from .transfer import transfer_std_deg
 
 FORMS = ("cubic", "power", "spline")
 # Relative step of the force for the slope of a phase.

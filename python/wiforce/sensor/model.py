@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from . import line
-from .transfer import transfer_assumption
+from .line import transfer_assumption
 
 if TYPE_CHECKING:
     from .inversion import Inversion

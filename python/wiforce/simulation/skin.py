@@ -13,7 +13,7 @@ from .presses import PressedSensor, TouchState, press_force
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from ..scene.surface_presses import SurfacePress
+    from ..scene.effects import SurfacePress
     from ..surface.skin import Skin
 
 

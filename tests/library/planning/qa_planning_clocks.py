@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
-from gnuradio.wiforce.planning.clocks.spacing import (
+from gnuradio.wiforce.planning.clocks import (
+    assess_clocks,
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,

@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.advice import (
     recommendation,
     warnings,
 )
-from gnuradio.wiforce.planning.clocks.proposals import clocks_for, propose_clocks
+from gnuradio.wiforce.planning.clocks import clocks_for, propose_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema

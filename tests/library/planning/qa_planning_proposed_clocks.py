@@ -9,9 +9,12 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve
-from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
-from gnuradio.wiforce.planning.clocks.proposals import propose_clocks
-from gnuradio.wiforce.planning.clocks.spacing import line_distances_hz, most_that_fit
+from gnuradio.wiforce.planning.clocks import (
+    assess_clocks,
+    line_distances_hz,
+    most_that_fit,
+    propose_clocks,
+)
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from long_cases import cases
@@ -129,8 +132,7 @@ def test_most_that_fit_equals_exhaustive_search(seed):
 @pytest.mark.parametrize("bins", [1.0, 2.0, 4.0])
 def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
     """The claim behind the search: lower octaves make room for no further tag."""
-    from gnuradio.wiforce.planning.clocks.proposals import _candidates, _Search
-    from gnuradio.wiforce.planning.clocks.spacing import double_rate_pulses
+    from gnuradio.wiforce.planning.clocks import _candidates, _Search, double_rate_pulses
 
     grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
     search = _Search(grid, [], (WAVEFORM, 250, double_rate_pulses(), 100.0, 0.0), ())

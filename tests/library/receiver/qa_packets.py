@@ -12,7 +12,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.advice import recommendation
-from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.plan import plan
 from packet_simulator import PacketCapture, PacketTag
 

@@ -11,11 +11,7 @@ import pytest
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.sensor.line import (
-    ContactLaw,
-    round_trip_deg_per_mm,
-    shorting_points_mm,
-)
+from gnuradio.wiforce.sensor.line import ContactLaw, round_trip_deg_per_mm, shorting_points_mm
 
 NAMES = {"line-900mhz": 900e6, "line-2400mhz": 2400e6}
 

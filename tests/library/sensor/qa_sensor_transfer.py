@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
-from gnuradio.wiforce.sensor.transfer import transfer_std_deg
+from gnuradio.wiforce.sensor.line import transfer_std_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from sensor_laws import LAWS, LENGTH_MM, untouched_deg, vna_rows
 

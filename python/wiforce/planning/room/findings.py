@@ -14,8 +14,7 @@ from ...estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ...estimation.room.survey import Survey
 from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from ...signal.waveform import Waveform
-from ..clocks.assessment import line_numbers
-from ..clocks.proposals import propose_clocks
+from ..clocks import line_numbers, propose_clocks
 from ..plan import Plan
 from .adaptation import NEGLIGIBLE, added_noise
 

@@ -1,0 +1,836 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which clocks tags can have: their lines, what they cost each other, and proposals."""
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError
+from ..estimation.clocks.likelihood import PHASE_MARGIN, own_lines, phase_margin
+from ..estimation.clocks.tracked_tag import TagClock
+from ..scene import Scene, load_scene
+from ..signal.lines import (
+    CLUTTER_MARGIN,
+    HIGHEST_LINE,
+    NYQUIST_MARGIN,
+    STRONG_LINES,
+    aliased_hz,
+    centered_times_s,
+    clutter_basis,
+    lamp_distances_hz,
+    tag_lines,
+)
+from ..signal.switching import harmonics
+from ..signal.timed_weights import clutter_at, timed_lines
+from ..signal.waveform import Waveform
+from ..signal.weights import WORST_GAIN, design_weights
+from .loss import BANDS_HZ, end_variances, typical_times_s
+from .plan import Plan
+
+Pulses = Sequence[tuple[float, float]]
+
+
+def double_rate_pulses(duty1: float = 0.25, duty2: float = 0.25) -> tuple[Pulses, Pulses]:
+    """On-intervals of switch 1 and 2, in cycles of fs: the scheme of the WiForce paper.
+
+    Clock 2 at twice the frequency, its pulses midway between those of clock 1. Refuses duty cycles
+    outside (0, 1), and pulses that overlap.
+    """
+    _check_duties(duty1, duty2)
+    if duty1 / 2 + duty2 / 4 > 1 / 4:
+        rule = "2 duty1 + duty2 must be at most 1: the two switches are never on together"
+        raise InputError("duty2", rule, duty2)
+    return (_pulse(0.0, duty1),), (_pulse(0.25, duty2 / 2), _pulse(0.75, duty2 / 2))
+
+
+def one_rate_pulses(
+    duty1: float = 0.25, duty2: float = 0.25, delay: float = 0.5
+) -> tuple[Pulses, Pulses]:
+    """On-intervals of switch 1 and 2 of clocks at fs, the second later by ``delay`` cycles.
+
+    The ends share all lines; they differ in how a line's phase depends on its number. Refuses
+    parameters outside (0, 1), and pulses that overlap.
+    """
+    _check_duties(duty1, duty2)
+    if not 0 < delay < 1:
+        raise InputError("delay", "must lie between 0 and 1 cycle", delay)
+    if min(delay, 1 - delay) < (duty1 + duty2) / 2:
+        rule = "must be (duty1 + duty2) / 2 or more: the two switches are never on together"
+        raise InputError("delay", rule, delay)
+    return (_pulse(0.0, duty1),), (_pulse(delay, duty2),)
+
+
+def _check_duties(*duties: float) -> None:
+    for i, duty in enumerate(duties):
+        if not 0 < duty < 1:
+            raise InputError(f"duty{i + 1}", "must lie between 0 and 1", duty)
+
+
+def _pulse(center: float, width: float) -> tuple[float, float]:
+    return center - width / 2, center + width / 2
+
+
+def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.0) -> np.ndarray:
+    """Fourier coefficients of one switch at harmonics m of fs, averaged over fs Ta cycles.
+
+    c[m] = sum over pulses of width sinc(m width) exp(-j 2 pi m center), times sinc(m fs Ta).
+    """
+    m = np.asarray(m)
+    total = np.zeros(m.shape, complex)
+    for on, off in pulses:
+        total += (off - on) * np.sinc(m * (off - on)) * np.exp(-1j * np.pi * m * (on + off))
+    return total * np.sinc(m * averaging_cycles)
+
+
+def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> np.ndarray:
+    """Part (n,) of each window, centred at these cycles of the clock and fs Ta long, in which a
+    switch is on.
+    """
+    cycles = np.asarray(cycles, float)
+    total = np.zeros(cycles.shape)
+    for on, off in pulses:
+        start, end = (cycles + side * window_cycles / 2 - on for side in (-1, 1))
+        total += _on_time(end, off - on) - _on_time(start, off - on)
+    return total / window_cycles
+
+
+def _on_time(cycles: np.ndarray, width: float) -> np.ndarray:
+    """How long a pulse that begins each cycle has been on since cycle 0, in cycles."""
+    whole = np.floor(cycles)
+    return whole * width + np.minimum(cycles - whole, width)
+
+
+# Lines of two tags: strong lines at the same number, or at numbers 1:2 and 1:4. Other pairs of
+# lines 1, 2 and 4 are multiples of these.
+_PAIRS = np.array([(1, 1), (1, 2), (2, 1), (1, 4), (4, 1)], float)
+# Lines whose overlaps are added up; line 16 is 24 dB below line 1.
+_HARMONICS = 16
+
+
+def line_distances_hz(
+    one_hz: np.ndarray, other_hz: np.ndarray, tolerance_ppm: float = 0.0
+) -> np.ndarray:
+    """Least distance of strong lines of two tags, at the worst errors of both clocks, in Hz.
+
+    0 where the lines may coincide; the clocks are broadcast against each other.
+    """
+    a, b = _PAIRS.T
+    ours = np.multiply.outer(one_hz, a)
+    others = np.multiply.outer(other_hz, b)
+    wander = 1e-6 * tolerance_ppm * (ours + others)
+    return np.maximum(np.min(np.abs(ours - others) - wander, axis=-1), 0.0)
+
+
+@dataclass(frozen=True)
+class LineTable:
+    """Lines of a list of C clocks, which may be off by ``tolerance_ppm``, as snapshots show
+    them.
+    """
+
+    clocks_hz: np.ndarray
+    waveform: Waveform
+    group_length: int
+    pulses: tuple[Pulses, Pulses]
+    tolerance_ppm: float
+
+    @cached_property
+    def _amplitudes(self) -> np.ndarray:
+        """Of the lines, for waveforms of unit power; shape (C, 2, harmonics)."""
+        m = np.arange(1, _HARMONICS + 1)
+        averaged = self.clocks_hz[:, None] * self.waveform.averaging_s
+        lines = np.stack([np.abs(line_coefficients(p, m)) for p in self.pulses])
+        lines = lines * np.abs(np.sinc(averaged * m))[:, None, :]
+        return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
+
+    def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
+        """Share of an end's power that an end of another tag may explain, at the worst clock
+        phases.
+
+        (C', 2, 2), by end of each ``chosen`` tag and end of the tag ``index``, whose overlap with
+        itself is that of its lines of different numbers, where one of them is aliased.
+        """
+        rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
+        m = np.arange(1, _HARMONICS + 1)
+        ours = self.clocks_hz[rows, None, None] * m[:, None]
+        others = self.clocks_hz[index] * m
+        total = np.zeros((len(rows), 2, 2))
+        for sign in (1, -1):
+            near = self._near(ours - sign * others, ours + others)
+            if sign == 1:
+                near[rows == index] *= 1 - np.eye(_HARMONICS)
+            total += self._amplitudes[rows] @ near @ self._amplitudes[index].T
+        return np.minimum(total, 1.0) ** 2
+
+    def noise_gain(self, frequencies_hz: np.ndarray) -> float:
+        """Noise of the worst tone when tones are separated by least squares, over that of a
+        Fourier sum.
+        """
+        cycles = np.subtract.outer(frequencies_hz, frequencies_hz)
+        cycles *= np.pi * self.waveform.snapshot_period_s
+        np.fill_diagonal(cycles, np.pi / 2)
+        overlap = np.sin(self.group_length * cycles) / (self.group_length * np.sin(cycles))
+        np.fill_diagonal(overlap, 1.0)
+        try:
+            return float(np.max(np.diag(np.linalg.inv(overlap))))
+        except np.linalg.LinAlgError:
+            return np.inf
+
+    def _near(self, apart_hz: np.ndarray, wander_hz: np.ndarray) -> np.ndarray:
+        """1 for lines that coincide, 0 for those a bin or more apart."""
+        rate = 1 / self.waveform.snapshot_period_s
+        apart = np.abs((apart_hz + rate / 2) % rate - rate / 2)
+        apart = np.maximum(apart - 1e-6 * self.tolerance_ppm * wander_hz, 0)
+        return np.maximum(1 - apart * self.group_length / rate, 0)
+
+
+def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
+    """How many clocks of one octave can be used together, the first free one after ``start`` among
+    them.
+
+    ``conflicts`` (C, C) are pairs of clocks, ascending within an octave, that are too near to each
+    other. Clocks of an octave conflict with their neighbours only, so that the nearest one which is
+    possible is never a wrong choice. The octave is a circle, since the lines of its lowest clock
+    lie beside those of its highest.
+    """
+    open_ = np.roll(free, -start)
+    turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
+    count = 0
+    while open_.any():
+        open_ = open_ & ~turned[np.argmax(open_)]
+        count += 1
+    return count
+
+
+def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
+    """The largest of :func:`count_that_fit` over all starts."""
+    if not free.any():
+        return 0
+    first = int(np.argmax(free))
+    # Whatever the best choice is, it has a clock that conflicts with the first free one or is it.
+    starts = np.flatnonzero(free & (conflicts[first] | (np.arange(len(free)) == first)))
+    return max(count_that_fit(conflicts, free, int(start)) for start in starts)
+
+
+# An end that loses more than half its information to its neighbours, or to aliases, is not
+# readable.
+WORST_LOSS_DB = 3.0
+# Lines weaker than this against the strongest of their end are not listed.
+_WEAKEST_LINE_DB = -20.0
+_HIGHEST_HARMONIC = 64
+# Clock phases that are tried; clocks that are multiples of each other hide one another at few.
+_TRIALS = 48
+_BATCHES = 8
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of an end's spectrum."""
+
+    harmonic: int  # multiple of the tag's clock
+    # on the air; ``seen_hz`` where snapshots show it, folded at half their rate
+    frequency_hz: float
+    seen_hz: float
+    level_db: float  # against the strongest line of the end
+    # tag, end and harmonic of lines of other ends that a group cannot resolve from it
+    shared_with: tuple[tuple[int, int, int], ...] = ()
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of a tag: its lines, its information, and what the other ends cost it."""
+
+    tag: int  # from 0; ``end`` is 1 or 2
+    end: int
+    information: float  # q, the worst over relative clock phases and clock errors within tolerance
+    loss_db: float  # against the same switch alone, not aliased, with nothing moving
+    lines: tuple[Line, ...]  # in ascending order of harmonics
+
+    @property
+    def alone(self) -> tuple[Line, ...]:
+        """Lines that no other end shares."""
+        return tuple(line for line in self.lines if not line.shared_with)
+
+
+@dataclass(frozen=True)
+class ClockReport:
+    """How well a set of switching clocks can be read."""
+
+    ends: tuple[End, ...]  # two per tag
+    # per tag, the part of its signal that distinguishes the right clock phase from the wrong one
+    # that resembles it most; 0 when the ends could be swapped
+    phase_margins: tuple[float, ...]
+
+    @property
+    def worst_loss_db(self) -> float:
+        """Loss of the weakest end, in dB."""
+        return max(end.loss_db for end in self.ends)
+
+    @property
+    def collisions(self) -> tuple[tuple[int, int, int, int], ...]:
+        """Lines of two tags that coincide: (tag, harmonic, other tag, its harmonic)."""
+        found = {
+            (end.tag, line.harmonic, tag, harmonic)
+            for end in self.ends
+            for line in end.lines
+            for tag, _, harmonic in line.shared_with
+            if tag > end.tag
+        }
+        return tuple(sorted(found))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Reasons why ends cannot be read, a sentence each; empty when all can."""
+        found = [
+            f"tag {end.tag + 1}, end {end.end}: loses {end.loss_db:.1f} dB because its signal "
+            "resembles that of other ends, aliases or clutter"
+            for end in self.ends
+            if end.loss_db > WORST_LOSS_DB
+        ]
+        found += [
+            f"tag {tag + 1}: two phases of its clock look alike, so that its ends could be swapped"
+            for tag, margin in enumerate(self.phase_margins)
+            if margin < PHASE_MARGIN
+        ]
+        return tuple(found)
+
+    @property
+    def readable(self) -> bool:
+        """Whether every end of every tag can be read."""
+        return not self.problems
+
+
+def assess_clocks(
+    clocks_hz: Sequence[float],
+    waveform: Waveform,
+    group_length: int,
+    pulses: tuple[Pulses, Pulses] | None = None,
+    tolerance_ppm: float = 100.0,
+    clutter_hz: float = 0.0,
+) -> ClockReport:
+    """How well the ends of tags with given clocks can be separated.
+
+    ``pulses`` are the on-intervals of the two switches, the paper's by default. Clocks may be off
+    by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of anything that moves.
+    """
+    pulses = double_rate_pulses() if pulses is None else pulses
+    lines = _lines(clocks_hz, waveform, group_length, pulses, tolerance_ppm)
+    information = worst_information(
+        clocks_hz, waveform, group_length, pulses, tolerance_ppm, clutter_hz
+    )
+    ends = []
+    for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
+        ideal = _ideal_information(pulses[end - 1], clocks_hz[tag] * waveform.averaging_s)
+        loss_db = 10 * np.log10(ideal / max(q, 1e-12))
+        ends.append(End(tag, end, float(q), float(loss_db), lines[tag, end]))
+    margins = tuple(_phase_margin(pulses, f * waveform.averaging_s) for f in clocks_hz)
+    return ClockReport(tuple(ends), margins)
+
+
+def _lines(
+    clocks_hz: Sequence[float],
+    waveform: Waveform,
+    group_length: int,
+    pulses: tuple[Pulses, Pulses],
+    tolerance_ppm: float,
+) -> dict[tuple[int, int], tuple[Line, ...]]:
+    """Lines of every (tag, end) at positive harmonics, and which others share them."""
+    rate = 1 / waveform.snapshot_period_s
+    resolution_hz = rate / group_length
+    found: list[tuple[int, int, Line]] = []
+    for tag, clock_hz in enumerate(clocks_hz):
+        m = np.arange(1, _HIGHEST_HARMONIC + 1)
+        for end in (1, 2):
+            level = np.abs(line_coefficients(pulses[end - 1], m, clock_hz * waveform.averaging_s))
+            level_db = 20 * np.log10(np.maximum(level / level.max(), 1e-9))
+            for i in np.flatnonzero(level_db >= _WEAKEST_LINE_DB):
+                frequency = float(m[i] * clock_hz)
+                seen = abs(aliased_hz(frequency, rate))
+                found.append((tag, end, Line(int(m[i]), frequency, seen, float(level_db[i]))))
+    tags, ends = np.array([each[:2] for each in found]).T
+    frequencies, seen_hz = np.array([(x.frequency_hz, x.seen_hz) for _, _, x in found]).T
+    wander = 1e-6 * tolerance_ppm * np.add.outer(frequencies, frequencies)
+    shared = np.abs(np.subtract.outer(seen_hz, seen_hz)) < resolution_hz + wander
+    shared &= np.not_equal.outer(2 * tags + ends, 2 * tags + ends)
+    result: dict[tuple[int, int], tuple[Line, ...]] = {}
+    for (tag, end, line), row in zip(found, shared, strict=True):
+        others = tuple(
+            (found[i][0], found[i][1], found[i][2].harmonic) for i in np.flatnonzero(row)
+        )
+        result[tag, end] = (*result.get((tag, end), ()), replace(line, shared_with=others))
+    return result
+
+
+def _ideal_information(pulses: Pulses, averaging_cycles: float) -> float:
+    """Power of one switch's averaged waveform about its mean."""
+    m = np.arange(1, 4 * _HIGHEST_HARMONIC)
+    return float(2 * np.sum(np.abs(line_coefficients(pulses, m, averaging_cycles)) ** 2))
+
+
+def worst_information(
+    clocks_hz: Sequence[float],
+    waveform: Waveform,
+    group_length: int,
+    pulses: tuple[Pulses, Pulses],
+    tolerance_ppm: float,
+    clutter_hz: float,
+) -> np.ndarray:
+    """Information q (2S,) of every end at the least favourable clock phases and errors.
+
+    Power per snapshot of the part of its waveform that no other waveform explains.
+    """
+    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
+    times_s = centered_times_s(group_length, period_s)
+    clutter = clutter_basis(group_length, period_s, clutter_hz)
+    worst = np.full(2 * len(clocks_hz), np.inf)
+    phases = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
+    trials = np.arange(_TRIALS)
+    # Some trials at once: all of them would take 100 MB for many tags in long groups.
+    for some in np.array_split(trials, _BATCHES):
+        columns = []
+        for tag, clock_hz in enumerate(clocks_hz):
+            error = tolerance_ppm * 1e-6 * ((some + tag) % 3 - 1)
+            cycles = np.multiply.outer(clock_hz * (1 + error), times_s) + phases[some, tag, None]
+            columns += [switch_waveform(p, cycles, clock_hz * averaging_s) for p in pulses]
+        waveforms = np.stack(columns, axis=-1)
+        waveforms -= clutter @ (clutter.T @ waveforms)
+        found = _unexplained(waveforms) / group_length
+        worst = np.minimum(worst, found.min(axis=0))
+    return worst
+
+
+def _unexplained(waveforms: np.ndarray) -> np.ndarray:
+    """Energy of each column's residual after projection on the others; shape (..., columns)."""
+    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=-2), 1e-300))
+    scaled = waveforms / scale[..., None, :]
+    values, vectors = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
+    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9)[..., None, :], axis=-1)
+    return scale**2 / inverse
+
+
+def _phase_margin(pulses: tuple[Pulses, Pulses], averaging_cycles: float) -> float:
+    """``phase_margin`` of all lines of a tag."""
+    m = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
+    spectra = np.stack([line_coefficients(p, m, averaging_cycles) for p in pulses], axis=1)
+    return phase_margin(spectra, m)
+
+
+@dataclass(frozen=True)
+class LampLines:
+    """A tag with strong lines that a phase group cannot separate from those of lamps."""
+
+    tag: int
+    lines: tuple[int, ...]  # of its lines 1, 2 and 4, those within one bin of a lamp's line
+    distance_hz: float  # least distance of a strong line to a lamp's line
+
+
+def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
+    """Tags of a scene whose strong lines lie within one bin of those of lamps."""
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    bin_hz = 1 / plan.group_period_s
+    for tag, clock in enumerate(plan.clocks):
+        distances_hz = lamp_distances_hz(clock.clock_hz, mains_hz)
+        near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < bin_hz)
+        if near:
+            yield LampLines(tag, near, float(distances_hz.min()))
+
+
+def line_numbers(lines: Sequence[int]) -> str:
+    """Lines of a tag in words, one or more."""
+    *first, last = map(str, lines)
+    return f"lines {', '.join(first)} and {last}" if first else f"line {last}"
+
+
+def lines_lie(lines: Sequence[int], sensor: str) -> str:
+    """Lines of a tag and the verb of a sentence that says where they lie."""
+    verb = "lies" if len(lines) == 1 else "lie"
+    return f"{line_numbers(lines)} of '{sensor}' {verb}"
+
+
+def lamp_multiples(mains_hz: Sequence[float]) -> str:
+    """The lines of lamps in words, for the mains frequencies that are possible."""
+    return f"multiples of {' and '.join(f'{2 * hz:g}' for hz in mains_hz)} Hz"
+
+
+# Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
+# gain nothing where packets are irregular, and meet their own aliases where they are regular.
+_LOWEST_HZ, _HIGHEST_HZ, _STEP_HZ = 50.0, 200.0, 1.0
+# Clocks that leave the worst end this much of the best one's information have about the same
+# expected error, 2.5 % of a standard deviation; among them lamps decide.
+_NEARLY_ALL = 0.95
+# Bins between strong lines of two tags.
+_APART_BINS = 4
+
+
+def packet_clocks(scene: Scene, count: int) -> tuple[list[float], float] | None:
+    """Clocks in Hz for a number of tags, and what the weakest end loses, in dB.
+
+    One after the other, each leaves the worst end nearly the most information at the times of a
+    typical group; among such clocks, it is the one farthest from the lines of lamps. None where
+    tags cannot be distinguished from each other, from clutter and from themselves.
+    """
+    tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
+    chosen: list[TagClock] = []
+    for tag in (tags + count * tags[:1])[:count]:
+        best = _best(scene, chosen, tag)
+        if best is None:
+            return None
+        chosen.append(best)
+    alone = max(_variances(scene, [clock], 0.0).max() for clock in chosen)
+    loss = _variances(scene, chosen, _clutter_hz(scene)).max() / alone
+    return [clock.clock_hz for clock in chosen], float(10 * np.log10(loss))
+
+
+def _best(scene: Scene, chosen: Sequence[TagClock], clock: TagClock) -> TagClock | None:
+    """The clock of a further tag beside those chosen."""
+    mains_hz = scene.environment.possible_mains_hz
+    others_hz = np.array([other.clock_hz for other in chosen])
+    apart_hz = _APART_BINS / scene.group_period_s
+    found: list[tuple[float, float, TagClock]] = []
+    for hertz in np.arange(_LOWEST_HZ, _HIGHEST_HZ + _STEP_HZ / 2, _STEP_HZ).tolist():
+        trial = replace(clock, clock_hz=hertz)
+        if np.any(line_distances_hz(np.array(hertz), others_hz) < apart_hz):
+            continue
+        if not _distinct(scene, [*others_hz.tolist(), hertz]):
+            continue
+        information = float(1 / _variances(scene, [*chosen, trial], _clutter_hz(scene)).max())
+        found.append((information, float(lamp_distances_hz(hertz, mains_hz).min()), trial))
+    if not found:
+        return None
+    most = max(information for information, _, _ in found)
+    good = [each for each in found if each[0] >= _NEARLY_ALL * most]
+    return max(good, key=lambda each: (each[1], each[0]))[2]
+
+
+def _clutter_hz(scene: Scene) -> float:
+    """Nothing is rejected at irregular times before a survey has found something."""
+    return scene.environment.moving_clutter_hz or 0.0
+
+
+def _distinct(scene: Scene, clocks_hz: Sequence[float]) -> bool:
+    """Whether strong lines are those of one tag each, and not their own mirror images."""
+    times_s, period_s = typical_times_s(scene), scene.group_period_s
+    lines = timed_lines(clocks_hz, times_s, period_s, _clutter_hz(scene))
+    alone = {owner for line in lines if len(line.owners) == 1 for owner in line.owners}
+    return all({(tag, m), (tag, -m)} & alone for tag in range(len(clocks_hz)) for m in STRONG_LINES)
+
+
+def _variances(scene: Scene, clocks: Sequence[TagClock], clutter_hz: float) -> np.ndarray:
+    """Of the ends at the times of a typical group, beside clutter of a band; shape (2S,)."""
+    times_s = typical_times_s(scene)
+    clutter = np.linalg.qr(clutter_at(times_s, scene.group_period_s, clutter_hz))[0]
+    return end_variances(clocks, times_s, scene.waveform().averaging_s, clutter)
+
+
+# Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
+# two are only a reserve, so that they are given up for a place away from lamps.
+_GENEROUS, _CLOSE = (4.0, 3.0, 2.0), (1.5, 1.0)
+# Bins between the lowest clock and clutter: at ten bins their sidelobes cost 0.1 dB, at three up to
+# 1 dB. Short groups have to do with less than ten where this would take more than a quarter of all
+# clocks.
+_CLEAR_BINS, _FEWEST_CLEAR_BINS, _CLEAR_PART = 10, 3, 0.25
+# Clocks are multiples of this, or of less where half a bin is less: crystals and dividers are
+# bought for round numbers.
+_STEP_HZ = 5.0
+# Clocks that are compared; a finer grid would only take longer.
+_CANDIDATES = 1000
+# Clocks that cost the weakest end so much more than the best one have about the same expected
+# error: 5 % of the variance, 2.5 % of the standard deviation. Among them lamps decide.
+_ABOUT_EQUAL = 0.05
+# Sets that are assessed before the search gives up.
+_ATTEMPTS = 8
+
+
+def propose_clocks(
+    count: int,
+    waveform: Waveform,
+    group_length: int,
+    taken: Sequence[float] = (),
+    tolerance_ppm: float = 100.0,
+    clutter_hz: float = 0.0,
+    mains_hz: Sequence[float] = (50.0, 60.0),
+    near_hz: Sequence[float] = (),
+    avoid_hz: Sequence[float] = (),
+) -> list[float]:
+    """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
+
+    Each costs the weakest end of all tags hardly more than the best candidate would. Among such
+    candidates, it is the one whose strong lines lie farthest from the lines of lamps (``mains_hz``
+    is empty without any); among equals of these, the one nearest to the clock that the tag has now
+    (``near_hz``, in whose order clocks are returned). Strong lines keep a bin from ``avoid_hz``.
+
+    Every end is readable. At the worst errors of the clocks, lines 1, 2 and 4 of different tags are
+    at least two bins apart, a bin being the inverse of the length of a phase group; 1.5 bins or one
+    where nothing else fits. When so many do not fit, an InputError states how many do.
+
+    Candidates are multiples of 5 Hz, or of half a bin where that is less. As far as the distances
+    of lines decide, as many tags as can be found among them are found.
+    """
+    settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
+    bin_hz = 1 / (group_length * waveform.snapshot_period_s)
+    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm)
+    apart_hz = np.multiply.outer(candidates, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
+    candidates = candidates[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= bin_hz]
+    search = _Search(candidates, taken, settings, mains_hz, near_hz)
+    found = search.best(count, bin_hz)
+    if found is None:
+        fewer = range(1, min(count - 1, search.fitting(bin_hz)) + 1)
+        fitting = bisect_left(fewer, True, key=lambda n: search.best(n, bin_hz) is None)
+        beside = "beside these clocks " if taken else ""
+        rule = (
+            f"must be at most {fitting}: no more tags fit {beside}with lines 1, 2 and 4 one bin "
+            f"({bin_hz:.3g} Hz) apart and every end readable; longer phase groups have smaller bins"
+        )
+        raise InputError("count", rule, count)
+    return _in_order_of_tags(found, near_hz)
+
+
+def _in_order_of_tags(clocks_hz: Sequence[float], near_hz: Sequence[float]) -> list[float]:
+    """Clocks in an order that changes those of the first tags least; further ones behind them."""
+    from scipy.optimize import linear_sum_assignment  # 0.1 s to import
+
+    moved_hz = np.abs(np.subtract.outer(np.asarray(near_hz), np.asarray(clocks_hz)))
+    chosen = linear_sum_assignment(moved_hz)[1].tolist()
+    return [clocks_hz[i] for i in (*chosen, *sorted(set(range(len(clocks_hz))) - {*chosen}))]
+
+
+@dataclass(frozen=True)
+class SceneClocks:
+    """Clocks for the tags of a scene."""
+
+    clocks_hz: list[float]
+    # least one of lines 1, 2 and 4 of two tags, clocks off by their tolerance
+    line_distance_hz: float | None
+    # of these lines of each tag to a lamp's; None where lamps are excluded
+    lamp_distances_hz: list[float] | None
+    bin_hz: float  # inverse of the length of a phase group
+    worst_loss_db: float  # what neighbours, aliases and clutter cost the weakest end
+
+
+def clocks_for(scene: Any, count: int) -> SceneClocks:
+    """Clocks for a number of tags in the frame, the groups and the room of a scene
+    (:func:`propose_clocks`).
+
+    The scene's own clocks are kept where they are as good as any other.
+    """
+    scene = load_scene(scene)
+    mains_hz = scene.environment.possible_mains_hz
+    tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
+    tolerance_ppm = max(tag.planned_ppm for tag in tags)
+    choose = _clocks_on_grid if scene.packets is None else _clocks_of_packets
+    clocks_hz, loss_db = choose(scene, count, tolerance_ppm)
+    clocks = np.array(clocks_hz)
+    one, other = np.triu_indices(count, 1)
+    distances = line_distances_hz(clocks[one], clocks[other], tolerance_ppm)
+    lamps = [float(lamp_distances_hz(hz, mains_hz).min()) for hz in clocks_hz]
+    return SceneClocks(
+        clocks_hz,
+        float(distances.min()) if count > 1 else None,
+        lamps if mains_hz else None,
+        1 / scene.group_period_s,
+        loss_db,
+    )
+
+
+def _clocks_on_grid(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
+    """Clocks for snapshots at regular times, and what the weakest end loses, in dB."""
+    waveform, group_length = scene.waveform(), scene.phase_group.snapshots
+    stated_hz = scene.environment.moving_clutter_hz
+    # The plan rejects a wide band where the clocks leave room for it.
+    for clutter_hz in [BANDS_HZ[0], 0.0] if stated_hz is None else [stated_hz]:
+        try:
+            clocks_hz = propose_clocks(
+                count,
+                waveform,
+                group_length,
+                tolerance_ppm=tolerance_ppm,
+                clutter_hz=clutter_hz,
+                mains_hz=scene.environment.possible_mains_hz,
+                near_hz=[sensor.clock_hz for sensor in scene.sensors],
+            )
+            break
+        except InputError:
+            if clutter_hz in (0.0, stated_hz):
+                raise
+    report = assess_clocks(clocks_hz, waveform, group_length, None, tolerance_ppm, clutter_hz)
+    return clocks_hz, report.worst_loss_db
+
+
+def _clocks_of_packets(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
+    """The same for snapshots at the times of packets."""
+    found = packet_clocks(scene, count)
+    if found is None:
+        raise InputError("count", "must be fewer: no more tags can be separated", count)
+    return _in_order_of_tags(found[0], [sensor.clock_hz for sensor in scene.sensors]), found[1]
+
+
+class _Search:
+    """Chooses from candidates those that fit together."""
+
+    def __init__(
+        self,
+        candidates: np.ndarray,
+        taken: Sequence[float],
+        settings: tuple[Waveform, int, tuple[Pulses, Pulses], float, float],
+        mains_hz: Sequence[float],
+        near_hz: Sequence[float] = (),
+    ) -> None:
+        waveform, group_length, pulses, tolerance_ppm, self._clutter_hz = settings
+        self._settings, self._candidates, self._near_hz = settings, candidates, near_hz
+        self._taken = [float(hz) for hz in taken]
+        self._clocks = np.r_[candidates, self._taken]
+        self._lines = LineTable(self._clocks, waveform, group_length, pulses, tolerance_ppm)
+        self._distances_hz = line_distances_hz(candidates[:, None], self._clocks, tolerance_ppm)
+        self._lamps_hz = np.array([lamp_distances_hz(hz, mains_hz).min() for hz in candidates])
+        # The highest octave, where most fit.
+        self._octave = np.flatnonzero(candidates > candidates.max(initial=0) / 2)
+        every = range(len(self._clocks))
+        own = [self._lines.overlaps(i, np.array([i]))[0].sum(axis=1) for i in every]
+        # Of each end: what its tag's own aliases cost it.
+        self._own_losses = np.reshape(own, (len(every), 2))
+
+    def best(self, count: int, bin_hz: float) -> list[float] | None:
+        """Clocks of ``count`` tags at the best distance of their lines; None without any."""
+        possible = []
+        for bins in _GENEROUS:
+            chosen = self._readable(count, bins * bin_hz)
+            if chosen is not None:
+                possible.append((np.sum(self._lamps_hz[chosen] >= bin_hz), bins, chosen))
+        if possible:
+            return self._clocks[max(possible, key=lambda each: each[:2])[2]].tolist()
+        for bins in _CLOSE:
+            chosen = self._readable(count, bins * bin_hz)
+            if chosen is not None:
+                return self._clocks[chosen].tolist()
+        return None
+
+    def fitting(self, distance_hz: float) -> int:
+        """How many candidates can be used together when only the distance of lines counts."""
+        return self._packed(*self._constraints(distance_hz))
+
+    def _constraints(self, distance_hz: float) -> tuple[np.ndarray, np.ndarray]:
+        """Which candidates are too near to each other, and which are not to those in use."""
+        conflicts = self._distances_hz < distance_hz
+        count = len(self._candidates)
+        return conflicts[:, :count], ~conflicts[:, count:].any(axis=1)
+
+    def _packed(self, conflicts: np.ndarray, free: np.ndarray) -> int:
+        """The largest number of free candidates of the highest octave without a conflict."""
+        return most_that_fit(conflicts[np.ix_(self._octave, self._octave)], free[self._octave])
+
+    def _readable(self, count: int, distance_hz: float) -> list[int] | None:
+        """``count`` candidates with which all ends are readable; None where none are found."""
+        conflicts, free = self._constraints(distance_hz)
+        for _ in range(_ATTEMPTS):
+            if self._packed(conflicts, free) < count:
+                return None
+            chosen = self._fill(count, conflicts, free)
+            if chosen is None:
+                return None
+            clocks_hz = [*self._taken, *self._clocks[chosen]]
+            report = assess_clocks(clocks_hz, *self._settings)
+            if report.readable and (self._clutter_hz == 0 or self._accepted(clocks_hz)):
+                return chosen
+            added = report.ends[2 * len(self._taken) :]
+            worst = max(added, key=lambda end: end.loss_db)
+            free[chosen[worst.tag - len(self._taken)]] = False
+        return None
+
+    def _fill(self, count: int, conflicts: np.ndarray, free: np.ndarray) -> list[int] | None:
+        """``count`` candidates, the best one first; None where lines cannot be distinguished."""
+        lost = self._own_losses.copy()
+        overlaps: dict[int, np.ndarray] = {}
+        for tag in range(len(self._candidates), len(self._clocks)):
+            self._add(tag, overlaps, lost)
+        chosen: list[int] = []
+        near_hz = [*self._near_hz]
+        while len(chosen) < count:
+            cost = lost[: len(free)].max(axis=1)
+            for tag, overlap in overlaps.items():
+                cost = np.maximum(cost, (lost[tag] + overlap[: len(free)].sum(axis=1)).max(axis=1))
+            for best in self._ranked(free, cost, near_hz):
+                rest = free & ~conflicts[best]
+                fits = self._packed(conflicts, rest) >= count - len(chosen) - 1
+                if fits and self._separable([*overlaps, best]):
+                    break
+            else:
+                return None
+            free = rest
+            chosen.append(best)
+            if near_hz:
+                near_hz.remove(min(near_hz, key=lambda hz: abs(hz - self._clocks[best])))
+            self._add(best, overlaps, lost)
+        return chosen
+
+    def _add(self, tag: int, overlaps: dict[int, np.ndarray], lost: np.ndarray) -> None:
+        """Add what a tag costs the ends of all others, and what those before it cost its own."""
+        overlap = self._lines.overlaps(tag)
+        overlap[tag] = 0.0
+        lost += overlap.sum(axis=2)
+        overlaps[tag] = overlap
+
+    def _ranked(
+        self, free: np.ndarray, cost: np.ndarray, near_hz: Sequence[float]
+    ) -> Iterator[int]:
+        """Free candidates, the best one first."""
+        if not free.any():
+            return
+        good = cost <= cost[free].min() + _ABOUT_EQUAL
+        apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
+        moved_hz = apart_hz.min(axis=1) if len(near_hz) else np.zeros(len(free))
+        order = np.lexsort((cost, *np.where(good, (moved_hz, -self._lamps_hz), 0.0), ~good))
+        yield from (int(i) for i in order if free[i])
+
+    def _separable(self, tags: Sequence[int]) -> bool:
+        """Whether a receiver can separate the lines that it uses at least."""
+        clocks_hz, lines = self._clocks[list(tags)], self._lines
+        tones = tag_lines(
+            clocks_hz,
+            lines.waveform.snapshot_period_s,
+            lines.group_length,
+            clutter_hz=self._clutter_hz,
+        )
+        for tag, clock_hz in enumerate(clocks_hz):
+            _, own = own_lines(tones, tag)
+            spectra = harmonics(own, clock_hz * lines.waveform.averaging_s)
+            if phase_margin(spectra, own) < PHASE_MARGIN:
+                return False
+        frequencies_hz = np.array([0.0, *(tone.frequency_hz for tone in tones)])
+        return lines.noise_gain(frequencies_hz) <= WORST_GAIN
+
+    def _accepted(self, clocks_hz: Sequence[float]) -> bool:
+        """Whether the receiver's weights can be designed, clutter included."""
+        waveform, group_length = self._lines.waveform, self._lines.group_length
+        period_s = waveform.snapshot_period_s
+        try:
+            design_weights(clocks_hz, group_length, period_s, self._clutter_hz)
+        except InputError:
+            return False
+        return True
+
+
+def _candidates(
+    waveform: Waveform, bin_hz: float, clutter_hz: float, tolerance_ppm: float
+) -> np.ndarray:
+    """Frequencies within three octaves, in Hz, ascending; at most _CANDIDATES.
+
+    Strong lines of clocks further apart than three octaves cannot coincide.
+    """
+    nyquist_hz = 0.5 / waveform.snapshot_period_s
+    highest_hz = NYQUIST_MARGIN * nyquist_hz / HIGHEST_LINE
+    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / HIGHEST_LINE)
+    highest_hz /= 1 + 1e-6 * tolerance_ppm
+    fewest_hz = max(_FEWEST_CLEAR_BINS * bin_hz, _CLEAR_PART * (highest_hz - clutter_hz))
+    lowest_hz = max(clutter_hz + min(_CLEAR_BINS * bin_hz, fewest_hz), highest_hz / 8)
+    if lowest_hz >= highest_hz:
+        return np.empty(0)
+    wanted_hz = max(min(_STEP_HZ, bin_hz / 2), (highest_hz - lowest_hz) / _CANDIDATES)
+    decade = 10 ** np.floor(np.log10(wanted_hz))
+    step = decade * max(s for s in (1, 2, 5) if s * decade <= wanted_hz * (1 + 1e-9))
+    found = np.arange(np.ceil(lowest_hz / step), np.floor(highest_hz / step) + 1) * step
+    return np.round(found, 9)
