@@ -50,9 +50,7 @@ class InputError(ValueError):
         return self._what
 
     def renamed(self, names: Mapping[str, str]) -> "InputError":
-        """The same error with the caller's name of each parameter, such as the key of a scene
-        file.
-        """
+        """The same error with the caller's name of each parameter, such as a key of a scene."""
         return type(self)(names.get(self.where, self.where), self._what)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -48,9 +48,7 @@ class ToneInput:
         self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), -1))
 
     def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        """Collect a batch of items (G, N M) whose messages have arrived: items taken, and their
-        groups.
-        """
+        """Collect items (G, N M) whose messages have arrived: items taken, and their groups."""
         plan = self._plan
         group_length = plan.group_length
         index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)

@@ -95,9 +95,7 @@ class FrameSearch:
         self._begin(held, found)
 
     def put_out(self, block: Any, out: Array) -> int:
-        """Copy samples that are held to the output of a block, with their tags; returns their
-        number.
-        """
+        """Copy held samples to the output of a block, with their tags; returns their number."""
         if not self.holds:
             return 0
         count = min(len(self._held[0]), len(out))

@@ -102,9 +102,7 @@ class NoiseTags:
 
 
 def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
-    """The occupied subcarriers (G, rows, K), by their FFT bins, of vectors (G, N rows) of whole
-    spectra.
-    """
+    """Occupied subcarriers (G, rows, K), by their FFT bins, of whole spectra (G, N rows)."""
     return items.reshape(len(items), rows, -1)[:, :, bins].astype(complex)
 
 

@@ -182,9 +182,7 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
 
 
 def snapshot_group(item: Array, tags: dict[str, Any], symbol_length: int = 64) -> SnapshotGroup:
-    """The group that an item (symbol_length N,) of collected snapshots holds, which are not
-    copied.
-    """
+    """The group that an item (symbol_length N,) of collected snapshots holds, not copied."""
     folded = item.reshape(-1, symbol_length)
     present = np.ones(len(folded), bool)
     if names.MASK in tags:

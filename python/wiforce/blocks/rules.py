@@ -96,9 +96,7 @@ def is_waveform(
 
 
 def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> bool:
-    """Whether a sounding frame of some amplitude (root of the mean power) stays within full
-    scale.
-    """
+    """Whether a sounding frame of some amplitude (root mean power) stays within full scale."""
     from .frame_settings import LONGEST_PREAMBLE, frames_of
     from .sounding import largest_amplitude
 

@@ -127,8 +127,8 @@ class ResumedTime:
         return times
 
     def of(self, item: int, device_time: Time) -> Time:
-        """Time of a sample, by its index in all streams, whose time by the present stream's
-        clock is known.
+        """Time of a sample, by its index in all streams, from that of the present stream's
+        clock.
         """
         seconds, fraction = _added(device_time, self._offset)
         value = max(seconds, 0), fraction  # a device may report a time that cannot be

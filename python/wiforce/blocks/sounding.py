@@ -18,9 +18,7 @@ from .frame_settings import WaveformOrScene, frames_of, scene_meant
 
 
 def largest_amplitude(frame: Array) -> float:
-    """The amplitude at which the largest component of a frame of unit mean power reaches full
-    scale.
-    """
+    """Amplitude at which the largest component of a frame of unit mean power is at full scale."""
     return 1 / np.abs(frame.view(float)).max()
 
 

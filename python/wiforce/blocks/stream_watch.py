@@ -28,9 +28,7 @@ from ..wiforce_python import rx_time_value
 
 
 def time_value(seconds: int, fraction: float) -> Any:
-    """Value of an ``rx_time`` tag, as gr-uhd makes it: whole seconds (uint64) and the fraction
-    of one.
-    """
+    """Value of an ``rx_time`` tag as gr-uhd makes it: whole seconds (uint64) and a fraction."""
     return pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(fraction))
 
 
@@ -59,8 +57,8 @@ class Timeline:
         return lost
 
     def time_at(self, offset: int) -> tuple[int, float] | None:
-        """Whole seconds and the fraction of one, by the device's clock, of an item at or after
-        the last tag; None before any.
+        """Device time (whole seconds, fraction) of an item not before the last tag; None
+        without.
         """
         return self._timeline.time_at(offset)
 
@@ -202,9 +200,7 @@ rate of the scene; nothing was read
             self.say(self._problem)
 
     def read(self, readings: Sequence[Reading], problems: Mapping[str, str]) -> None:
-        """Look at readings; ``problems`` say why it is not known which phases of a sensor are
-        the untouched ones.
-        """
+        """Look at readings; ``problems`` say why the untouched phases are not known."""
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)

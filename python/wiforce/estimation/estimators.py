@@ -40,9 +40,7 @@ class Estimator:
         derotated: bool,
         others: Sequence[TagClock] = (),
     ) -> EndSeparator | LineSeparator:
-        """Make the stage that separates the ends (:class:`.EndSeparator`, which alone knows
-        ``others``).
-        """
+        """Make the stage that separates the ends; only :class:`.EndSeparator` knows ``others``."""
         more = {"others": others} if others else {}
         return self.separator(table, clocks, waveform, derotated, **more)
 

@@ -62,9 +62,7 @@ class GroupWeights:
         return np.linalg.inv(self.whitener)
 
     def mix(self, waveforms: Array) -> Array:
-        """Whitened tones (..., M, C) of C waveforms at the snapshots of some groups, (..., n,
-        C).
-        """
+        """Whitened tones (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""
         *groups, snapshots, columns = waveforms.shape
         # Contiguous in the order in which the switching waveforms are made.
         rows = waveforms.swapaxes(-1, -2).reshape(-1, snapshots)

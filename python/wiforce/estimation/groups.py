@@ -18,9 +18,7 @@ _CLIPPED_SHARE = 0.01
 
 
 def is_clipped(saturated: Array, group_length: int) -> Array:
-    """Whether groups of N snapshots count as saturated, by how many have samples at full scale
-    (G,).
-    """
+    """Whether groups of N snapshots count as saturated, by how many reach full scale (G,)."""
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 

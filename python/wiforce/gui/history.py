@@ -18,9 +18,7 @@ _MOST = 20_000
 
 
 class Track:
-    """One sensor's readings over the last ``history_s`` seconds of signal; ``latest`` is the
-    newest.
-    """
+    """One sensor's readings over the last ``history_s`` of signal, and the ``latest``."""
 
     def __init__(self, history_s: float) -> None:
         self._history_s = history_s

@@ -17,9 +17,7 @@ _LEAST_POWER = 1e-20
 
 
 class Spectrum(Display):
-    """Power over Doppler frequency, from 0 Hz to half the snapshot rate, with marked lines by
-    label.
-    """
+    """Power over Doppler frequency up to half the snapshot rate, with labelled lines."""
 
     def __init__(
         self,

@@ -103,9 +103,7 @@ class SurfaceView(SensorView):
 
 
 def ellipse(reading: SurfaceReading) -> tuple[tuple[float, float] | None, float]:
-    """Half axes in mm of two standard deviations of x and y, or None, and the angle of the first
-    in deg.
-    """
+    """Half axes (mm, or None) of two standard deviations of x and y, and their angle (deg)."""
     x_std, y_std = reading.location_std_mm, reading.y_std_mm
     if x_std is None or y_std is None:
         return None, 0.0

@@ -47,9 +47,7 @@ def notes(reading: Reading) -> str:
 
 
 def tare_outcome(state: dict[str, Any]) -> str:
-    """What became of a tare, as from the port ``tare_state``; empty while it is measured, and
-    without.
-    """
+    """What became of a tare (port ``tare_state``); empty while measured, and without one."""
     outcome, reason = state.get("state", "none"), state.get("reason", "")
     if outcome in ("none", "measuring"):
         return ""

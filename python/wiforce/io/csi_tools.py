@@ -37,9 +37,7 @@ _INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
 
 
 def tool_of(path: str | Path) -> str | None:
-    """The CSI tool that has written a file, as for :func:`open_csi`; None for files of other
-    kinds.
-    """
+    """The CSI tool that has written a file (:func:`open_csi`); None for other kinds."""
     if not Path(path).is_file():
         return None
     with Path(path).open("rb") as file:
@@ -374,9 +372,7 @@ def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnap
 
 
 def check_tool(tool: str, mac: str | None = None, second: str | Path | None = None) -> None:
-    """Refuse the name of a tool that is not known, and what does not go with it, as
-    :func:`open_csi`.
-    """
+    """Refuse an unknown tool, and what does not go with it, as :func:`open_csi`."""
     chips = "|".join(_NEXMON_CHIPS)
     if not re.fullmatch(rf"intel|atheros|esp32|nexmon/({chips})/(20|40|80)", tool):
         raise InputError("--csi-tool", f"must be one of {', '.join(TOOLS)}", tool)

@@ -18,8 +18,6 @@ BEAM, GROUND = "#cdd4db", "#9aa3ac"
 
 
 def series_style(number: int) -> dict[str, str]:
-    """Colour and marker of a series, as keywords of Matplotlib; each of the first 49 has another
-    pair.
-    """
+    """Colour and marker of a series for Matplotlib; the first 49 have different pairs."""
     cycle, index = divmod(number, len(SERIES))
     return {"color": SERIES[index], "marker": MARKERS[(index + cycle) % len(MARKERS)]}

@@ -317,9 +317,7 @@ def written_utc(utc_s: float | None) -> str:
 
 
 def parsed_utc(text: str) -> datetime:
-    """Parse a time that :func:`written_utc`, or another program, has written, or raise
-    ValueError.
-    """
+    """Parse a time that :func:`written_utc` or another program wrote, or raise ValueError."""
     # Python 3.10 accepts neither Z nor other decimals than three or six.
     decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)
     return datetime.fromisoformat(decimals.replace("Z", "+00:00"))

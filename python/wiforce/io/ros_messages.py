@@ -152,9 +152,7 @@ def topic_of(sensor: str, name: str) -> str:
 
 
 def topics_of(sensors: Iterable[str]) -> dict[str, str]:
-    """All topics of a run, with the types of their messages; refuses two sensors with the same
-    topics.
-    """
+    """All topics of a run, with message types; refuses two sensors with the same topics."""
     topics = {_HEALTH_TOPIC: DIAGNOSTICS}
     named: dict[str, str] = {}
     for sensor in sensors:
@@ -216,9 +214,7 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
 
 
 def health_message(report: Mapping[str, Any]) -> RosMessage:
-    """The health of a run, by a heartbeat or its end: a status of the reader, and one of each
-    sensor.
-    """
+    """Health of a run, by a heartbeat or its end: the reader's status and each sensor's."""
     stamp_ns = _nanoseconds(report.get("time_utc"))
     run, state, reason = (str(report.get(key, "")) for key in ("run", "state", "reason"))
     level = _LEVELS.get(state, _WARN)

@@ -96,9 +96,7 @@ def _alias_warnings(plan: Plan) -> Iterator[str]:
 
 
 def recommendation(plan: Plan) -> str | None:
-    """The clocks recommended for a scene with packets, as a sentence; None for samples, or
-    without any.
-    """
+    """Clocks recommended for packets, as a sentence; None for samples, or without any."""
     scene = plan.require_scene()
     if scene.packets is None:
         return None

@@ -89,9 +89,7 @@ def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.
 
 
 def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> np.ndarray:
-    """Part (n,) of each window, centred at these cycles of the clock and fs Ta long, in which a
-    switch is on.
-    """
+    """Part (n,) of windows of fs Ta, centred at cycles of the clock, in which a switch is on."""
     cycles = np.asarray(cycles, float)
     total = np.zeros(cycles.shape)
     for on, off in pulses:
@@ -129,9 +127,7 @@ def line_distances_hz(
 
 @dataclass(frozen=True)
 class LineTable:
-    """Lines of a list of C clocks, which may be off by ``tolerance_ppm``, as snapshots show
-    them.
-    """
+    """Lines of C clocks, which may be off by ``tolerance_ppm``, as snapshots show them."""
 
     clocks_hz: np.ndarray
     waveform: Waveform
@@ -168,9 +164,7 @@ class LineTable:
         return np.minimum(total, 1.0) ** 2
 
     def noise_gain(self, frequencies_hz: np.ndarray) -> float:
-        """Noise of the worst tone when tones are separated by least squares, over that of a
-        Fourier sum.
-        """
+        """Noise of the worst tone by least squares, over that of a Fourier sum."""
         cycles = np.subtract.outer(frequencies_hz, frequencies_hz)
         cycles *= np.pi * self.waveform.snapshot_period_s
         np.fill_diagonal(cycles, np.pi / 2)

@@ -201,9 +201,7 @@ class Plan:
         return InputError(_key_of(self.require_scene(), key), rule, value)
 
     def with_clocks(self, clocks: tuple[TagClock, ...]) -> "Plan":
-        """The plan for other clocks of the scene's tags; refuses clocks whose lines nearly
-        coincide.
-        """
+        """The plan for other clocks of the tags, refused where their lines nearly coincide."""
         scene = self.require_scene()
         changed = replace(self, clocks=clocks, clutter_hz=clutter_band_hz(scene, clocks))
         try:

@@ -123,9 +123,7 @@ class Receiver:
         return {name: sensor.state for name, sensor in self.readout.sensors.items()}
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
-        """Mistakes that the presses since the last tare suggest, by sensor, such as another
-        sensor's file.
-        """
+        """Mistakes that presses since the last tare suggest, by sensor, such as a wrong file."""
         return {name: sensor.suspicions for name, sensor in self.readout.sensors.items()}
 
     def process(self, groups: Groups) -> list[Reading]:
@@ -193,9 +191,7 @@ class Receiver:
         return self.separation.acquisition_groups
 
     def begin_reference_at(self, group: int) -> None:
-        """Measure the untouched reference from a group on instead of 0; called before the first
-        batch.
-        """
+        """Measure the reference from a group on instead of 0; before the first batch."""
         self.reference.begin_at(group)
 
     @property

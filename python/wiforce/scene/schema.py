@@ -390,9 +390,7 @@ class Scene:
 
     @property
     def snapshot_period_s(self) -> float:
-        """Time between two snapshots of the channel: the length of a frame, or the mean between
-        packets.
-        """
+        """Time between two snapshots: length of a frame, or mean between packets."""
         if self.packets:
             return self.packets.interval_s
         return self.sounding.frame_length / self.radio.sample_rate_hz

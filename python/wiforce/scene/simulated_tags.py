@@ -22,9 +22,7 @@ _DUTY_ERROR = Number(low=-0.1, high=0.1)
 
 
 def sensor_name() -> Any:
-    """Declare the key by which an entry names one of the scene's sensors; by default the only
-    one.
-    """
+    """Declare the key by which an entry names a sensor of the scene; or the only one."""
     return key(
         Text(limit=64),
         derived=Derived("the only sensor", _only_sensor),
@@ -147,9 +145,7 @@ class Tag:
 def with_all_tags(
     simulation: "Simulation", sensors: Iterable["SceneSensor"], where: KeyPath
 ) -> "Simulation":
-    """Complete the list of tags: one entry per sensor, in their order; refuses two entries of
-    one.
-    """
+    """Complete the list of tags to one per sensor, in their order; refuses two of one."""
     stated: dict[str, Tag] = {}
     for index, tag in enumerate(simulation.tags):
         if tag.sensor in stated:

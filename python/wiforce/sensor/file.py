@@ -453,9 +453,7 @@ def _shipped(path: Path) -> SensorModel:
 
 
 def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> SensorModel:
-    """Build the model that the content of a sensor file describes; errors name ``where`` and
-    key.
-    """
+    """The model that the content of a sensor file describes; errors name file and key."""
     top = KeyPath(str(where))
     if not isinstance(content, dict):
         raise top.error("must be a mapping of keys to values", content)
@@ -529,9 +527,7 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
 
 
 def sensor_to_dict(model: SensorModel) -> dict[str, Any]:
-    """The content of a model's file, as plain values with nine significant digits, enough for
-    any phase.
-    """
+    """The content of a model's file as plain values with nine significant digits."""
     kind = next(kind for kind, (cls, _) in _MODELS.items() if isinstance(model, cls))
     content: dict[str, Any] = {}
     for name, declaration in keys(FILES[kind]).items():

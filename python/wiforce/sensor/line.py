@@ -16,9 +16,7 @@ from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 
 def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> float:
-    """2 beta: the round-trip phase of a line in degrees per millimetre, by its effective
-    permittivity.
-    """
+    """2 beta: round-trip phase of a line in deg/mm, by its effective permittivity."""
     return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
 
 
@@ -105,9 +103,7 @@ class ContactLaw:
 def shorting_points_mm(
     contact: ContactLaw, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
 ) -> np.ndarray:
-    """Distances d_1 and d_2, (..., 2), not below 0, of each end from the nearer edge of the
-    short.
-    """
+    """Distances d_1 and d_2, (..., 2), of each end from the nearer edge of the short; 0 or more."""
     location = np.asarray(location_mm, float)
     extents = contact.extents_mm(force_n, location, length_mm)
     centre = np.stack(np.broadcast_arrays(location, length_mm - location), axis=-1)

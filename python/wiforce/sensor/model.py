@@ -175,9 +175,7 @@ class SensorModel:
         return float(psi[0]), float(psi[1])
 
     def is_untouched(self, phases_deg, std_deg=None, frequency_hz=None):
-        """Whether both phases (n, 2) are within three standard deviations (1 deg by default) of
-        the untouched ones.
-        """
+        """Whether both phases (n, 2) are within three standard deviations of the untouched ones."""
         change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
         return np.all(np.abs(change) <= 3 * (1.0 if std_deg is None else std_deg), axis=-1)
 
@@ -283,9 +281,7 @@ class SensorModel:
 
 @dataclass(frozen=True)
 class LineModel(SensorModel):
-    """A sensor evaluated by physics: a line of some permittivity, a contact law, a constant per
-    port.
-    """
+    """A sensor by physics: a line and its permittivity, a contact law, a constant per port."""
 
     contact: line.ContactLaw = None
     permittivity: float = 1.0

@@ -20,8 +20,3 @@ def same_carrier(frequency_hz: ArrayLike, carrier_hz: float) -> np.ndarray:
 def wrap_deg(angle: ArrayLike) -> np.ndarray:
     """Wrap angles in degrees into (-180, 180]."""
     return 180.0 - np.mod(180.0 - np.asarray(angle, float), 360.0)
-
-
-def wrapped(angle: float) -> float:
-    """Wrap a single angle in degrees to (-180, 180], faster than :func:`wrap_deg` for arrays."""
-    return 180.0 - (180.0 - angle) % 360.0

@@ -87,9 +87,7 @@ def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
 
 
 def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
-    """Distances of a tag's lines 1, 2 and 4 to the nearest line of a lamp, in Hz; infinite
-    without mains.
-    """
+    """Distances of lines 1, 2 and 4 of a tag to the nearest of a lamp; infinite without mains."""
     lines = np.array(STRONG_LINES) * clock_hz
     found = np.full(len(lines), np.inf)
     for mains in mains_hz:
@@ -109,9 +107,7 @@ _EXTRA_SEQUENCES = 10
 
 
 def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float) -> int:
-    """Number of sequences in :func:`clutter_basis`: min(ceil(2 B N T) + 10, N), 1 when nothing
-    moves.
-    """
+    """Sequences of :func:`clutter_basis`: min(ceil(2 B N T) + 10, N), 1 when nothing moves."""
     if clutter_hz == 0:
         return 1
     half_bandwidth = clutter_hz * group_length * snapshot_period_s

@@ -105,9 +105,7 @@ def switch_edges(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> SwitchEdges:
-    """Edges that windows of clock phase hold (:func:`switch_averages`), one of each waveform at
-    most.
-    """
+    """Edges in windows of clock phase (:func:`switch_averages`), at most one per waveform."""
     cycles = _cycles_from_pulse(phase, clock2_delay)
     half_duty, half = np.array(duty)[:, None] / 2, half_window * np.array([[0.5], [1.0]]) / np.pi
     found = []

@@ -99,9 +99,7 @@ def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
 
 
 def peak_to_average_db(symbol: np.ndarray) -> float:
-    """Peak to average power ratio in dB of the band-limited signal through the samples of a
-    symbol that repeats.
-    """
+    """PAPR in dB of the band-limited signal through the samples of a repeated symbol."""
     length = len(symbol)
     spectrum, half = np.fft.fft(symbol), (length + 1) // 2
     wide = np.zeros(_OVERSAMPLING * length, complex)
@@ -142,9 +140,7 @@ def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
 
 
 def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
-    """Read the symbol of a ``.npy`` file, or refuse it as :func:`checked_symbol`; objects are
-    not unpickled.
-    """
+    """Read the symbol of a ``.npy`` file; checked, and objects are not unpickled."""
     name = str(path) if where is None else f"{where}: {path}"
     if not Path(path).is_file():
         raise InputError(name, "is no file" if Path(path).exists() else "does not exist")

@@ -33,9 +33,7 @@ _WORST_CONDITION = 1e6
 
 @dataclass(frozen=True)
 class TimedWeights(PartialWeights):
-    """Least-squares weights at the times (n,) of a group's snapshots from its centre, all
-    present.
-    """
+    """Least-squares weights at the times (n,) of a group's snapshots, all present."""
 
     times_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
 

@@ -69,9 +69,7 @@ class PartialSolver:
         self._gram = self._basis.T @ self._basis
 
     def solve(self, mask: np.ndarray) -> PartialWeights | None:
-        """Weights over the snapshots that are present; None when they do not determine the
-        tones.
-        """
+        """Weights over the snapshots present; None when they do not determine the tones."""
         present = self._basis[mask]
         count, columns = present.shape
         if count <= columns:
@@ -109,9 +107,7 @@ class PartialSolver:
 
 
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
-    """``weights @ snapshots``, (M, n): rows of opposite frequency are conjugates, and share two
-    real products.
-    """
+    """``weights @ snapshots``, (M, n); conjugate rows of opposite frequency share products."""
     upper = weights[len(weights) // 2 :]
     samples = np.ascontiguousarray(snapshots, complex).view(float)
     products = (np.vstack([upper.real, upper.imag]) @ samples).view(complex)
@@ -214,9 +210,7 @@ class ToneTable:
         return np.array([tone.line_hz for tone in self.tones])
 
     def for_present(self, mask: np.ndarray) -> PartialWeights | None:
-        """Weights of a group in which the snapshots of ``mask`` are present; None if these do
-        not determine the tones.
-        """
+        """Weights of a group with the snapshots of ``mask``; None if they do not suffice."""
         if self.basis is None:
             weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
             return PartialWeights(mask, weights) if mask.any() else None

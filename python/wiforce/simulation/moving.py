@@ -72,9 +72,7 @@ _LAMP_POINTS = 16384
 
 
 class MainsLamps:
-    """A path by way of lamps: a waveform with lines at all harmonics of twice the mains
-    frequency.
-    """
+    """A path by way of lamps, with lines at all harmonics of twice the mains frequency."""
 
     def __init__(self, stated: "Lamps", seeds: Seeds) -> None:
         rng = seeds.generator()
@@ -262,9 +260,7 @@ class UnlistedTag:
 
 @dataclass(frozen=True)
 class ModulatedPath:
-    """A path with FIR taps, and a gain of its own from first sample and count to complex64
-    (count,).
-    """
+    """FIR taps, and a gain from first sample and count to complex64 (count,)."""
 
     taps: np.ndarray
     gain: Callable[[int, int], np.ndarray]

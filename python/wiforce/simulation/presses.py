@@ -118,9 +118,7 @@ class PressedSensor:
         return self._presses
 
     def hold(self, force_n: float | None, location_mm: float | None) -> None:
-        """Press with a constant force from now on, instead of as the scene states; None returns
-        to it.
-        """
+        """Press with a constant force from now on; None returns to what the scene states."""
         self._held = None
         if force_n is not None and location_mm is not None:
             self._held = float(force_n), float(location_mm)
@@ -137,9 +135,7 @@ class PressedSensor:
         return TouchState(touch, force, location, self._phases_deg(shown, location))
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
-        """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes over these
-        times.
-        """
+        """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes."""
         force, location = self._shown(time_s)
         steady = (force == force[0]).all() and (
             np.isnan(location) | (location == location[0])
@@ -153,9 +149,7 @@ class PressedSensor:
         return self._last[1]
 
     def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
-        """Phases (n, 2) of the mean reflection over ``period_s``, such as a phase group, about
-        each time.
-        """
+        """Phases (n, 2) of the mean reflection over ``period_s`` about each time."""
         inside = ((np.arange(_MEAN_POINTS) + 0.5) / _MEAN_POINTS - 0.5) * period_s
         times = np.add.outer(np.asarray(time_s, float), inside)
         reflections = np.broadcast_to(self.reflections(times.ravel()), (times.size, 2))
@@ -176,9 +170,7 @@ class PressedSensor:
         return np.where(touch, 0.0, passing - alone)
 
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
-        """How near the hand is that presses, and comes and goes in ``reach_s``: 1 while it does,
-        else 0.
-        """
+        """How near the hand is: 1 while it presses, 0 without; it comes and goes in ``reach_s``."""
         if self._held is not None:
             return np.full(time_s.shape, float(self._held[0] > 0))
         nearest = np.zeros(time_s.shape)
@@ -189,9 +181,7 @@ class PressedSensor:
         return nearest
 
     def motion(self, time_s: ArrayLike) -> np.ndarray | float:
-        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda); 1.0 for one that
-        never moves.
-        """
+        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda); 1.0 without."""
         if not self._moves:
             return 1.0
         distance = sum(

@@ -87,9 +87,7 @@ class Fir:
         self.memory = len(taps) - 1
 
     def apply(self, extended: np.ndarray, count: int, out: np.ndarray, scratch: np.ndarray) -> None:
-        """Filter the ``count`` newest samples of ``extended``, which follow the history, into
-        ``out``.
-        """
+        """Filter the ``count`` newest samples of ``extended``, behind the history, into ``out``."""
         start, size = len(extended) - count, 1
         if not self._complex:  # both components alike, at half the work
             extended, out, scratch = (x.view(np.float32) for x in (extended, out, scratch))

@@ -113,9 +113,7 @@ def _write_capture(
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
-    """The samples of a scene's capture in pieces: int16 (2 n,), I and Q in turn, or complex64
-    (n,).
-    """
+    """The samples of a capture in pieces: int16 (2 n,), I and Q in turn, or complex64 (n,)."""
     sent = np.tile(scene.waveform().frame().astype(np.complex64), _FRAMES_AT_ONCE)
     adc = Adc(scene.simulation.adc_bits)
     total = frame_count(scene) * scene.sounding.frame_length

@@ -150,9 +150,7 @@ def states_at(
     times_s: np.ndarray,
     window_s: float,
 ) -> list[np.ndarray]:
-    """Part of a window of ``window_s`` about each of some times in which each switch is on; 0
-    for an instant.
-    """
+    """Part of ``window_s`` about each of some times in which each switch is on; 0: an instant."""
     states = []
     for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
         start, stop = (

@@ -130,9 +130,7 @@ class SwitchedTag:
         return self._sum(states, values, first, count)
 
     def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
-        """Reflection r / rho at single rising times (n,), such as those of packets, averaged
-        over ``window_s``.
-        """
+        """Reflection r / rho at rising times (n,), as of packets, averaged over ``window_s``."""
         first_on, second_on = (
             switch.T
             for switch in states_at(self.clock, self._switches, self._delay_s, times_s, window_s)

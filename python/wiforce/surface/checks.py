@@ -58,9 +58,7 @@ def borne_too_much(skin: Skin) -> str | None:
 
 
 def law_violations(skin: Skin, law: SpreadingKeys) -> Iterator[str]:
-    """What contradicts itself between a law and the strips that it is used for: rules that are
-    broken.
-    """
+    """What contradicts itself between a law and its strips: rules that are broken."""
     count = len(skin.strips)
     for of_strips in (law.strip_shares, law.location_offsets_mm, law.strip_y_mm, law.strip_sensors):
         if of_strips and len(of_strips) != count:

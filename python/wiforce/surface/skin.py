@@ -94,9 +94,7 @@ _POINTS, _REACH = 25, 3.0
 def gaussian_spreading(
     share: float, width_mm: float, share_std: float, location_std_mm: float
 ) -> Spreading:
-    """A law that falls from ``share`` right beneath with the distance d as exp(-d^2 / (2
-    width^2)).
-    """
+    """A law that falls with the distance d from ``share`` beneath as exp(-d^2 / (2 width^2))."""
     distance = np.linspace(0.0, _REACH * width_mm, _POINTS)
     floor = np.exp(-0.5 * _REACH**2)
     shares = share * (np.exp(-0.5 * (distance / width_mm) ** 2) - floor) / (1 - floor)

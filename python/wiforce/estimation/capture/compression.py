@@ -36,9 +36,7 @@ _SIGNIFICANT = 2.5
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """What c s^2 conj(v) adds to the channel, v being the samples that a tag's channel stands
-    for.
-    """
+    """What c s^2 conj(v) adds to the channel, v being the samples of a tag's channel."""
 
     product: Array = field(repr=False)  # c s^2 at each sample of the symbol
     factors: Array = field(repr=False)  # equalizer of the K occupied subcarriers

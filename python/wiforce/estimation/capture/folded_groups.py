@@ -70,9 +70,7 @@ def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
 
 
 def kernel_rows(table: ToneTable, waveform: Waveform) -> tuple[Array, Array]:
-    """Weights (M + 1, N) and rotation (M + 1, symbol_length) or (0, symbol_length) as the kernels
-    take them, with a last row for the static path.
-    """
+    """Weights (M + 1, N) and rotation (M + 1 or 0, symbol_length); the last row is static."""
     mean = np.full((1, table.group_length), 1 / table.group_length)
     rotation = rotation_of(table, waveform)
     if len(rotation):

@@ -377,9 +377,7 @@ class FrameFollower:
         self._jump: float | None = None
 
     def take(self, items: Array) -> Array:
-        """Take I and Q of A antennas, int16 (n, 2 A), timed by the first; give whole frames (m L, 2
-        A).
-        """
+        """Take I and Q of A antennas, int16 (n, 2 A); give whole frames (m L, 2 A)."""
         held = items if self._held is None else np.concatenate([self._held, items])
         frames = []
         while (found := self._cut(held, _BLOCK)) is not None:
@@ -392,9 +390,7 @@ class FrameFollower:
         return self._joined(frames, items.shape[1])
 
     def lose(self, samples: int, width: int = 2) -> Array:
-        """Samples were lost behind those taken so far; give the whole frames before the gap, (m L,
-        width).
-        """
+        """Samples were lost behind those taken so far; give the whole frames before the gap."""
         frames = []
         held = np.empty((0, width), np.int16) if self._held is None else self._held
         while (found := self._cut(held, 1)) is not None:

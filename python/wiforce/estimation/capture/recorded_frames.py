@@ -320,9 +320,7 @@ def search_problem(samples: Array, waveform: Waveform) -> str:
 
 
 def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -> str:
-    """Why a recording cannot be read from sample ``frame_offset`` on, with its name; empty if it
-    can.
-    """
+    """Why a recording cannot be read from a sample on, with its name; empty if it can."""
     samples = recording.read_span(frame_offset, samples_needed(waveform.frame_length))
     problem = level_problem(samples)
     if problem:

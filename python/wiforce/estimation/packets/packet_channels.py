@@ -227,9 +227,7 @@ class AntennaCombination:
         return 1 + tag if self.by_subcarrier else self._common(level * (1 + tag), level)
 
     def without(self, channel: Array, tag: Array, combined: Array) -> Array:
-        """Packets (n, K, A) without tags, whose parts of :meth:`direct` and :meth:`process` are
-        known.
-        """
+        """Packets (n, K, A) without tags, of known :meth:`direct` and :meth:`process`."""
         common = self.direct(channel) / (1 + tag)
         own = combined.reshape(*tag.shape, -1)
         part = tag[:, :, None] * self.static
@@ -294,9 +292,7 @@ class DividedPackets:
 
 
 def undivided(channel: Array) -> DividedPackets:
-    """Packets (n, K, A) of an instrument that measures with one oscillator, which need not be
-    divided.
-    """
+    """Packets (n, K, A) of an instrument with one oscillator, which need not be divided."""
     flat = channel.reshape(len(channel), -1)
     return DividedPackets(flat, flat, flat, np.zeros((len(flat), 1)), np.zeros(len(flat), int))
 
@@ -333,9 +329,7 @@ class PacketChannels:
         self._combination = self._calibrated(channel, states, known, None)
 
     def divide(self, tags: TagParts | None = None) -> DividedPackets:
-        """Packets without oscillator and receiver chains, with tags as they are known from
-        before.
-        """
+        """Packets without oscillator and receiver chains, with tags as known before."""
         along: Array | None = None
         across: Array | float = 0.0
         if tags is not None:

@@ -24,9 +24,7 @@ _OPEN_END = 0.05
 
 
 def whole_groups(time_s: Array, period_s: float) -> int:
-    """Number of whole groups that packets span, by their times since the start of the first
-    group.
-    """
+    """Number of whole groups that packets span, by times since the start of the first."""
     return int(time_s[-1] / period_s + _OPEN_END)
 
 

@@ -44,9 +44,7 @@ class SolvedTags:
     snr: float
 
     def change_since(self, former: TagParts | None) -> tuple[float, ...]:
-        """Rms over the subcarriers by which U differs from a former solution, for each of
-        ``uncertain``.
-        """
+        """Rms over the subcarriers by which U has changed, for each of ``uncertain``."""
         change = self.parts.direct - (0 if former is None else former.direct)
         rms = np.sqrt(np.mean(np.abs(change) ** 2, axis=1))
         return tuple(rms.tolist()[: len(self.uncertain)])

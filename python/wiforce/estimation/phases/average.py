@@ -38,9 +38,7 @@ class SubcarrierAverage:
 
 
 def phase_std_deg(ratios: Array, variance: Array) -> Array:
-    """Standard deviation of the phase of ratios R with a complex variance, in degrees; infinite
-    for 0.
-    """
+    """Standard deviation of the phase of ratios with complex noise; infinite for R = 0."""
     magnitude = np.abs(ratios)
     std = np.full(magnitude.shape, np.inf)
     np.divide(np.sqrt(variance / 2), magnitude, out=std, where=magnitude > 0)

@@ -72,9 +72,7 @@ class Source:
         return _WIDTH_SHARE[self.kind]
 
     def meets(self, clocks_hz: Sequence[float], group_period_s: float) -> Array:
-        """Whether lines 1, 2 or 4 of clocks (S,) coincide with multiples of its fundamental, in
-        groups of this length.
-        """
+        """Whether lines 1, 2 or 4 of clocks (S,) coincide with its multiples, by group length."""
         mains_hz = (self.fundamental_hz / 2,)
         nearest_hz = [lamp_distances_hz(clock_hz, mains_hz).min() for clock_hz in clocks_hz]
         return np.array(nearest_hz) < COINCIDING_BINS / group_period_s

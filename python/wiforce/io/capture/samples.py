@@ -44,9 +44,7 @@ FULL_SCALE = 32768
 
 
 def samples_of(codes: ArrayLike) -> np.ndarray:
-    """Complex samples (n,) of a converter's 16-bit integers, I and Q; full scale is 1 per
-    component.
-    """
+    """Complex samples (n,), full scale 1 per component, of 16-bit integers I and Q."""
     return (np.asarray(codes).astype(np.float32) / FULL_SCALE).view(np.complex64).ravel()
 
 

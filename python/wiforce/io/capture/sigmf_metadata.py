@@ -168,9 +168,7 @@ def write_metadata(
     fields: Mapping[str, Any],
     captures: Sequence[Mapping[str, Any]],
 ) -> None:
-    """Write the metadata of samples that are complete, with version and checksum, or raise
-    OSError.
-    """
+    """Write the metadata of complete samples with version and checksum, or raise OSError."""
     checksum = hashlib.sha512()
     with open(data, "rb") as samples:
         while chunk := samples.read(_CHUNK_BYTES):

@@ -156,9 +156,7 @@ class McapWriter(ReadingsOutput):
         return self
 
     def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row of a file; its topics must not be those of another
-        sensor.
-        """
+        """Write one reading given as a row; no two sensors may have the same topics."""
         self.begin()
         if row["sensor"] not in self._sensors:
             topics_of([*self._sensors, row["sensor"]])
@@ -179,9 +177,7 @@ class McapWriter(ReadingsOutput):
                 pass
 
     def close(self) -> None:
-        """Write the last messages and the index; OutputError when something could not be
-        written.
-        """
+        """Write the last messages and the index, or raise OutputError."""
         self.begin()
         self._end()
         if self._failure is not None:

@@ -51,9 +51,7 @@ class ParquetWriter(ReadingsOutput):
         self._failure: OutputError | None = None
 
     def begin(self) -> "ParquetWriter":
-        """Replace the content of the file, unless that has been done; errors as of
-        :class:`OutputFile`.
-        """
+        """Replace the content of the file, unless done; errors as of :class:`OutputFile`."""
         if self._file is None:
             kept = "without its end, it cannot be read"
             self._file = OutputFile(self._path, kept=kept, reserve_bytes=_RESERVE_BYTES)

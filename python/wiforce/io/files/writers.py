@@ -291,9 +291,7 @@ class RotatingWriter:
         return self
 
     def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading, as :meth:`ReadingsOutput.write`; OutputError when the file cannot
-        be renamed.
-        """
+        """As :meth:`ReadingsOutput.write`; OutputError also when the file cannot be renamed."""
         self.begin()
         if reading.time_s != self._last_s and self._last_s is not None and self._is_due():
             self._writer.close()

@@ -81,9 +81,7 @@ class ServerKeys:
 
 @dataclass(frozen=True)
 class ClientKeys:
-    """Keys of a socket that connects to one with :class:`ServerKeys`; ``server`` is its public
-    key.
-    """
+    """Keys of a client of a socket with :class:`ServerKeys`, and the ``server``'s public one."""
 
     public: bytes
     secret: bytes

@@ -269,9 +269,7 @@ class _Handshake:
         self._cut_off = False
 
     def look(self) -> None:
-        """Take the events so far; InputError when the server has refused the client, and has
-        said why.
-        """
+        """Take the events so far; InputError when the server has refused the client."""
         import zmq
         from zmq.utils.monitor import recv_monitor_message
 

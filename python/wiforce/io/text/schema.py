@@ -144,9 +144,7 @@ def _reject_unknown_keys(cls: type, values: dict[Any, Any], where: KeyPath) -> N
 
 
 def plain(cls: type, source: Any) -> dict[str, Any]:
-    """Write an instance of a declared class, or what has its attributes, with plain values for
-    YAML and JSON.
-    """
+    """A declared mapping, or what has its attributes, as plain values for YAML and JSON."""
     return {name: each.type.plain(getattr(source, name)) for name, each in keys(cls).items()}
 
 

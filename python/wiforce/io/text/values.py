@@ -42,9 +42,7 @@ def as_number(value: Any) -> float | None:
 
 @dataclass(frozen=True)
 class KeyPath:
-    """Where a value is, as error messages name it: file (or source) and dotted key, empty for
-    its top.
-    """
+    """Where a value is, as messages name it: file and dotted key, empty for its top."""
 
     source: str
     dotted: str = ""
@@ -296,9 +294,7 @@ LARGEST = 1e12  # of any number: squares and ratios of such numbers are still fi
 
 @dataclass(frozen=True)
 class Size:
-    """A length that follows from other values of the file: its symbol, and a function of the
-    scope.
-    """
+    """A length that follows from other values: its symbol, and a function of the scope."""
 
     symbol: str
     of: Callable[[Scope], int]
