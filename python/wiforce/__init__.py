@@ -23,6 +23,7 @@ _BLOCKS_IN_PYTHON = {
         "frame_alignment",
         "sigmf_recorder",
         "sounding_source",
+        "usrp",
     ),
     "chain": (
         "antenna_ratio",

@@ -30,15 +30,15 @@ RIGHT = {
 
 def parameters():
     """Every parameter of every block in Python, those without a description in grc/ included."""
-    for module in pkgutil.iter_modules(blocks.__path__):
-        loaded = importlib.import_module(f"{blocks.__name__}.{module.name}")
-        block = getattr(loaded, module.name, None)
+    for module in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}."):
+        name = module.name.rpartition(".")[2]
+        block = getattr(importlib.import_module(module.name), name, None)
         is_class = isinstance(block, type) and issubclass(block, KINDS)
         if not is_class and block is not capture_source:
             continue  # it holds what blocks share
         own = inspect.signature(block).parameters
         required = {n: RIGHT[n] for n, p in own.items() if p.default is inspect.Parameter.empty}
-        yield from (pytest.param(block, name, required, id=f"{module.name}-{name}") for name in own)
+        yield from (pytest.param(block, each, required, id=f"{name}-{each}") for each in own)
 
 
 @pytest.mark.parametrize("block, name, required", parameters())
