@@ -11,7 +11,7 @@ import sys
 
 from chain_from_file import Chain
 from gnuradio import gr, wiforce
-from live_uhd import Usrp, run
+from live_uhd import run
 
 # Groups that may wait while Python pauses: two seconds of the scene `demo`.
 BUFFERED_GROUPS = 56
@@ -24,7 +24,7 @@ class ChainFromUsrp(gr.top_block):
         plan = wiforce.plan(scene)  # the settings of all steps
 
         # Both directions of the device; its samples from the first whole frame on.
-        self.usrp = Usrp(device, scene)
+        self.usrp = wiforce.usrp(scene, device)
 
         # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel. Samples that were lost are noticed by the tag rx_time.
@@ -35,13 +35,13 @@ class ChainFromUsrp(gr.top_block):
         # Doppler, channel, ends, change, average and inversion: see chain_from_file.py.
         self.chain = Chain(plan, on_reading)
         self.chain.channel.set_min_output_buffer(BUFFERED_GROUPS)
-        self.usrp.connect(self, self.fold)
+        self.connect(self.usrp, self.fold)
         self.chain.connect(self, self.fold)
 
 
 def main(device, scene):
     flowgraph = ChainFromUsrp(device, scene, on_reading=print)
-    run(flowgraph, flowgraph.usrp)
+    run(flowgraph)
     flowgraph.chain.check()
 
 

@@ -11,7 +11,7 @@ The same as record_uhd.grc, without a window:
 import sys
 
 from gnuradio import gr, wiforce
-from live_uhd import Usrp, run
+from live_uhd import run
 
 
 def main(device, scene, name):
@@ -24,9 +24,8 @@ def main(device, scene, name):
         item_type="sc16",
         fields={"core:hw": device},
     )
-    usrp = Usrp(device, scene)
-    usrp.connect(flowgraph, recorder)
-    run(flowgraph, usrp)
+    flowgraph.connect(wiforce.usrp(scene, device), recorder)
+    run(flowgraph)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ The same as transmit_uhd.grc, without a window:
 import sys
 
 from gnuradio import gr, uhd, wiforce
-from live_uhd import prepared, run
+from live_uhd import run
+
+GAIN_DB = 15.0
 
 
 def main(device, scene):
@@ -21,7 +23,13 @@ def main(device, scene):
         amplitude=0.5,
         item_type="sc16",
     )
-    flowgraph.connect(sounder, prepared(uhd.usrp_sink, device, scene, "TX/RX"))
+    stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
+    transmitter = uhd.usrp_sink(device, stream)
+    transmitter.set_samp_rate(scene.radio.sample_rate_hz)
+    transmitter.set_center_freq(scene.radio.center_frequency_hz)
+    transmitter.set_gain(GAIN_DB)
+    transmitter.set_antenna("TX/RX")
+    flowgraph.connect(sounder, transmitter)
     run(flowgraph)
 
 

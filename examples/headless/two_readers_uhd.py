@@ -12,7 +12,7 @@ from functools import partial
 from threading import Lock
 
 from gnuradio import gr, wiforce
-from live_uhd import Usrp, run
+from live_uhd import run
 
 printing = Lock()
 
@@ -25,19 +25,10 @@ def show(device, reading):
 
 def main(*devices_and_scenes):
     flowgraph = gr.top_block("two_readers_uhd", catch_exceptions=False)
-    usrps, readers = [], []
     for device, scene in zip(devices_and_scenes[::2], devices_and_scenes[1::2], strict=True):
-        scene = wiforce.load_scene(scene)
-        usrps.append(Usrp(device, scene))
-        readers.append(
-            wiforce.reader(
-                scene,
-                input_type="sc16",
-                on_reading=partial(show, device),
-            )
-        )
-        usrps[-1].connect(flowgraph, readers[-1])
-    run(flowgraph, *usrps)
+        reader = wiforce.reader(scene, input_type="sc16", on_reading=partial(show, device))
+        flowgraph.connect(wiforce.usrp(scene, device), reader)
+    run(flowgraph)
 
 
 if __name__ == "__main__":

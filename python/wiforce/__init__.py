@@ -31,6 +31,7 @@ _BLOCKS_IN_PYTHON = {
     "readings": ("readings_to_floats",),
     "snapshots": ("antenna_ratio",),
     "sounding": ("backscatter_tag", "sounding_source"),
+    "usrp": ("usrp",),
 }
 _MODULES = {
     **dict.fromkeys(_BLOCKS_IN_CPP, "wiforce_python"),

@@ -21,7 +21,7 @@ namespace {
 constexpr int LENGTH = 80;
 
 // The rule of the screen as it is described, written plainly: a transform by its
-// definition, medians of sorted values, everything computed anew for each group.
+// definition, medians of sorted values, all changes computed anew for each group.
 class plain_screen
 {
 public:
@@ -30,10 +30,19 @@ public:
         std::vector<std::vector<double>> changes(LENGTH);
         for (int n = 0; n < LENGTH; n++)
             changes[n] = change_of(group, n);
-        std::vector<double> quiet_medians, quiet_means;
+        std::vector<int> unmarked, quiet;
         for (int n = 0; n < LENGTH; n++)
-            if (!marks[n] && !changes[n].empty())
-                quiet_medians.push_back(median(changes[n]));
+            if (!marks[n] && group.mask()[n])
+                unmarked.push_back(n);
+        const std::size_t most = std::min<std::size_t>(unmarked.size(), 32);
+        std::vector<double> quiet_medians, quiet_means;
+        for (std::size_t i = 0; i < most; i++) {
+            const int n = unmarked[i * unmarked.size() / most];
+            if (changes[n].empty())
+                continue;
+            quiet.push_back(n);
+            quiet_medians.push_back(median(changes[n]));
+        }
         if (quiet_medians.size() >= 8)
             d_typical.push_back(lower(quiet_medians, .15));
         if (d_typical.size() > (4096 + LENGTH - 1) / LENGTH)
@@ -49,14 +58,15 @@ public:
         for (int n = 0; n < LENGTH; n++) {
             if (marks[n] && narrow[n] + narrow[n + 1] + narrow[n + 2] >= 2)
                 kept.push_back(n);
-            if (changes[n].empty() || median(changes[n]) > limit)
+            if (!marks[n] || changes[n].empty() || median(changes[n]) > limit)
                 continue;
-            if (!marks[n])
-                quiet_means.push_back(mean(changes[n]));
-            summed += marks[n];
-            for (int k = 0; k < FFT_LENGTH && marks[n]; k++)
+            summed++;
+            for (int k = 0; k < FFT_LENGTH; k++)
                 spectrum[k] += changes[n][k];
         }
+        for (const int n : quiet)
+            if (median(changes[n]) <= limit)
+                quiet_means.push_back(mean(changes[n]));
         if (summed == 0)
             return;
         const double level = quiet_means.size() < 8 ? 2 * typical : mean(quiet_means);

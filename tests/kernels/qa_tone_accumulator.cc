@@ -130,18 +130,16 @@ tones(const table& t, const std::vector<fc32>& h, const std::set<int>& absent, i
     std::vector<fc32> result(t.rows.size() * FFT_LENGTH);
     for (int round = 0; round < 2; round++) { // the second finds a used object
         group.clear();
-        accumulator.clear();
         for (int n = 0; n < LENGTH;) {
             int count = 0;
             while (n + count < LENGTH && count < packet && !absent.count(n + count))
                 count++;
             if (count)
                 add(group, n, &h[n * FFT_LENGTH], count);
-            accumulator.advance(group);
             n += std::max(count, 1);
         }
         group.finish();
-        accumulator.finish(group, result.data());
+        accumulator.transform(group, result.data());
     }
     return result;
 }
@@ -235,14 +233,12 @@ BOOST_DATA_TEST_CASE(rejected_snapshots_are_left_out_of_the_tones,
     phase_group group(LENGTH);
     tone_accumulator accumulator(tables[2].flat(), LENGTH);
     add(group, 0, h.data(), LENGTH);
-    accumulator.advance(group);
     group.finish();
     std::vector<std::uint8_t> marks(LENGTH);
     marks[first] = marks[60] = 1;
     group.reject(marks);
-    accumulator.clear();
     std::vector<fc32> result(tables[2].rows.size() * FFT_LENGTH);
-    accumulator.finish(group, result.data());
+    accumulator.transform(group, result.data());
     BOOST_TEST(largest_error(result, want) < 2e-5);
     BOOST_TEST(group.rejected() == 2);
     BOOST_TEST(group.missing() == 0);

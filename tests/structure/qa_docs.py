@@ -51,7 +51,7 @@ def test_block_pages_match_descriptions_and_docstrings(maker):
 
 def test_block_parameters_shared_with_grc_are_documented(maker):
     """A single model in force_inversion and output files exist in GRC only."""
-    own = {"model", "more_models", "output", "mode", "gui_hint", "file"}
+    own = {"model", "more_models", "output", "mode", "gui_hint", "file", "sliders"}
     for description in maker.descriptions():
         _, known = maker.source_text(maker.name_of(description))
         for parameter in description.get("parameters", []):

@@ -15,9 +15,7 @@ public:
     int rows() const override { return d_length; }
     bool rejects_interference() const override { return false; }
     bool passes_snapshots() const override { return true; }
-    void clear() override {}
-    void advance(const phase_group&) override {}
-    void finish(const phase_group& group, fc32* out) override { group.copy_to(out); }
+    void transform(const phase_group& group, fc32* out) override { group.copy_to(out); }
 
 private:
     const int d_length;

@@ -23,7 +23,7 @@ doppler_spectrum::doppler_spectrum(int group_length) : d_fft(checked(group_lengt
 
 // As in tone_accumulator, differences from the first snapshot are transformed and that
 // snapshot is added back, so that a static path does not round into the other bins.
-void doppler_spectrum::finish(const phase_group& group, fc32* out)
+void doppler_spectrum::transform(const phase_group& group, fc32* out)
 {
     const int length = rows();
     const float scale = 1.0f / length;

@@ -15,9 +15,7 @@ public:
     explicit doppler_spectrum(int group_length);
     int rows() const override { return d_fft.length(); }
     bool rejects_interference() const override { return false; }
-    void clear() override {}
-    void advance(const phase_group&) override {}
-    void finish(const phase_group& group, fc32* out) override;
+    void transform(const phase_group& group, fc32* out) override;
 
 private:
     fourier_transform d_fft;

@@ -17,12 +17,8 @@ public:
     // Whether the rows are the group's snapshots, for receivers that transform them and
     // know which ones interference hit.
     virtual bool passes_snapshots() const { return false; }
-    // Starts with an empty group.
-    virtual void clear() = 0;
-    // Works ahead on the slots decided so far.
-    virtual void advance(const phase_group& group) = 0;
     // Of a finished group with at least one snapshot.
-    virtual void finish(const phase_group& group, fc32* out) = 0;
+    virtual void transform(const phase_group& group, fc32* out) = 0;
 };
 
 } // namespace gr::wiforce::kernel

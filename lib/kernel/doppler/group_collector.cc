@@ -25,10 +25,8 @@ bool group_collector::end()
     d_group.finish();
     if (d_transform->rejects_interference() || d_transform->passes_snapshots()) {
         const auto& marks = d_screen.examine(d_group);
-        if (d_transform->rejects_interference() && d_screen.rejected() > 0) {
+        if (d_transform->rejects_interference() && d_screen.rejected() > 0)
             d_group.reject(marks);
-            d_transform->clear(); // it had worked ahead on what is rejected
-        }
     }
     return d_group.present() + d_group.rejected() > 0;
 }
@@ -36,7 +34,6 @@ bool group_collector::end()
 void group_collector::clear()
 {
     d_group.clear();
-    d_transform->clear();
     d_saturated = 0;
 }
 

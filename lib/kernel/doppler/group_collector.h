@@ -20,8 +20,8 @@ namespace gr::wiforce::kernel {
 class group_collector
 {
 public:
-    // Frames to fold before their vectors are transformed, which stay in the first cache
-    // until then.
+    // Frames to fold at a time, whose vectors stay in the first cache until they are
+    // known to be finite.
     static constexpr int BATCH = 32;
 
     group_collector(std::unique_ptr<doppler_transform> transform,
@@ -49,7 +49,6 @@ public:
         fc32* const folded = d_group.reserve(slot);
         write(count, folded, d_group.noise());
         d_group.accept(count);
-        d_transform->advance(d_group);
         return count;
     }
     void note_saturated(int snapshots) { d_saturated += snapshots; }
@@ -64,7 +63,7 @@ public:
     // Snapshots that interference hit, 1 each.
     const std::vector<std::uint8_t>& marks() const { return d_screen.marks(); }
     int marked() const { return d_screen.rejected(); }
-    void transform(fc32* out) { d_transform->finish(d_group, out); }
+    void transform(fc32* out) { d_transform->transform(d_group, out); }
 
     void clear();
 

@@ -63,7 +63,6 @@ tone_accumulator::tone_accumulator(const std::vector<std::complex<double>>& weig
                 "must be finite",
                 w);
     lay_out_rows();
-    clear();
 }
 
 void tone_accumulator::lay_out_rows()
@@ -110,53 +109,28 @@ void tone_accumulator::lay_out_rows()
     d_sums.resize(std::size_t(d_padded_rows) * d_width);
 }
 
-void tone_accumulator::clear()
+void tone_accumulator::transform(const phase_group& group, fc32* tones)
 {
     std::fill(d_sums.begin(), d_sums.end(), 0.0f);
-    d_taken = 0;
-}
-
-// Takes the blocks of slots that are decided and were not taken yet.
-void tone_accumulator::advance(const phase_group& group)
-{
-    while (d_taken < d_length) {
-        const int count = std::min(BLOCK, d_length - d_taken);
-        if (d_taken + count > group.decided())
-            return;
-        // Until a first snapshot is there, nothing differs from it.
-        if (group.present() + group.rejected() > 0)
-            fastest_kernels().accumulate(
-                reinterpret_cast<const float*>(group.slot(d_taken)),
-                reinterpret_cast<const float*>(group.reference()),
-                d_weights.data() + std::size_t(d_taken) * d_padded_rows,
-                count,
-                d_padded_rows,
-                d_width,
-                d_sums.data());
-        d_taken += count;
-    }
-}
-
-std::complex<double> tone_accumulator::sum_of_weights(int m,
-                                                      const phase_group& group) const
-{
-    if (group.is_complete())
-        return d_weight_sums[m];
-    std::complex<double> sum = 0;
-    for (int n = 0; n < d_length; n++)
-        if (group.mask()[n])
-            sum += d_table[std::size_t(m) * d_length + n];
-    return sum;
-}
-
-void tone_accumulator::finish(const phase_group& group, fc32* tones)
-{
-    advance(group);
+    for (int first = 0; first < d_length; first += BLOCK)
+        fastest_kernels().accumulate(reinterpret_cast<const float*>(group.slot(first)),
+                                     reinterpret_cast<const float*>(group.reference()),
+                                     &d_weights[std::size_t(first) * d_padded_rows],
+                                     std::min(BLOCK, d_length - first),
+                                     d_padded_rows,
+                                     d_width,
+                                     d_sums.data());
+    std::vector<int> absent;
+    for (int n = 0; n < d_length && !group.is_complete(); n++)
+        if (!group.mask()[n])
+            absent.push_back(n);
     // Real arithmetic: the complex product of the library looks for infinities.
     const std::vector<float> none(d_width, 0.0f);
     for (int m = 0; m < rows(); m++) {
         const tone& t = d_tones[m];
-        const std::complex<double> weight = sum_of_weights(m, group);
+        std::complex<double> weight = d_weight_sums[m];
+        for (const int n : absent)
+            weight -= d_table[std::size_t(m) * d_length + n];
         const fc32* h0 = group.reference();
         const float* a = &d_sums[std::size_t(t.real) * d_width];
         const float* b =

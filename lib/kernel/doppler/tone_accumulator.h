@@ -20,9 +20,6 @@ namespace gr::wiforce::kernel {
  *
  * h is multiplied by real weights: Re w and Im w of a complex row. Rows that are complex
  * conjugates of each other (tones +m and -m) share these sums, and a real row needs one.
- *
- * Sums are taken over blocks of slots that are fixed in the group: how the snapshots
- * arrive does not change a bit of the result.
  */
 class tone_accumulator : public doppler_transform
 {
@@ -36,13 +33,11 @@ public:
     int rows() const override { return static_cast<int>(d_tones.size()); }
     int real_rows() const { return d_real_rows; } // sums taken over the snapshots
 
-    void clear() override;
-    void advance(const phase_group& group) override;
-    void finish(const phase_group& group, fc32* tones) override;
+    void transform(const phase_group& group, fc32* tones) override;
 
 private:
-    static constexpr int BLOCK =
-        32; // snapshots: 16 kB for the default symbol, which stay in the first cache
+    // Snapshots at a time: 16 kB of the default symbol, which stay in the first cache.
+    static constexpr int BLOCK = 32;
 
     // P = sums[real] + j sign sums[imaginary]; a real row has imaginary < 0.
     struct tone {
@@ -52,7 +47,6 @@ private:
     };
 
     void lay_out_rows();
-    std::complex<double> sum_of_weights(int tone, const phase_group& group) const;
 
     const int d_length;
     const int d_width; // floats of a snapshot
@@ -63,7 +57,6 @@ private:
     int d_padded_rows = 0;
     std::vector<float> d_weights; // group_length x padded rows
     std::vector<float> d_sums;    // padded rows x width
-    int d_taken = 0;              // slots
 };
 
 } // namespace gr::wiforce::kernel

@@ -61,32 +61,18 @@ constexpr double TAG_QUANTILE = 0.97;
 constexpr float TAG_MARGIN = 3.0f;
 // Where so many of the pairs differ by a level, that quantile reaches it.
 constexpr int REACHING = PAIRS - static_cast<int>(TAG_QUANTILE * (PAIRS - 1));
-struct statistics {
-    float floor, level;
-    float spread; // of the amplitude between LOW and HIGH, over that of the level
-};
-
-statistics statistics_of(std::vector<float>& values)
-{
-    const auto up_to = [&](double part) -> std::size_t {
-        return part * (values.size() - 1) + 1;
-    };
-    const float high = quantile(values, HIGH);
-    const float level = quantile(values, up_to(HIGH), LEVEL);
-    const float low = quantile(values, up_to(LEVEL), LOW);
-    const float floor = quantile(values, up_to(LOW), FLOOR);
-    const float spread = std::sqrt(high) - std::sqrt(low);
-    return { floor, level, level > 0 ? spread / std::sqrt(level) : 0.0f };
-}
+// Values above it, as a multiple of the group's HIGH, are left out of the next group's
+// quantiles before they are sorted.
+constexpr float BEYOND_HIGH = 1.04f;
 
 // Highest noise that is no interference.
-float limit_of(const statistics& of, float limit)
+float limit_of(const noise_statistics& of, float limit)
 {
     const float amplitude = 1 + SPREADS * of.spread;
     return of.level * std::max(limit, amplitude * amplitude);
 }
 
-float smallest_limit(const statistics& smallest, const statistics& largest)
+float smallest_limit(const noise_statistics& smallest, const noise_statistics& largest)
 {
     const float ratio = largest.floor > 0 ? smallest.level / largest.floor : 0;
     const bool few = !(smallest.level > 0) || smallest.spread > COARSE_SPREAD;
@@ -97,15 +83,37 @@ float smallest_limit(const statistics& smallest, const statistics& largest)
 
 // Largest difference that noise has at most, by the smallest one of most snapshots. Where
 // that is below the converter's steps it says nothing.
-float edge_limit(const statistics& smallest, const statistics& largest)
+float edge_limit(const noise_statistics& smallest, const noise_statistics& largest)
 {
     const float level = std::max(smallest.level / NOISE_RATIO, largest.floor);
     return limit_of({ level, level, smallest.spread }, LARGEST_LIMIT);
 }
 
+constexpr float LARGEST = std::numeric_limits<float>::max();
+constexpr float BEYOND = std::numeric_limits<float>::infinity();
+
 bool is_known(const snapshot_noise& noise)
 {
-    return noise.largest > 0 && std::isfinite(noise.largest);
+    return (noise.smallest >= 0) & (noise.largest > 0) & (noise.largest <= LARGEST);
+}
+
+// |a - b|^2, in sums that the processor takes side by side.
+float squared_distance(const fc32* a, const fc32* b, int count)
+{
+    constexpr int SUMS = 16;
+    const float* const x = reinterpret_cast<const float*>(a);
+    const float* const y = reinterpret_cast<const float*>(b);
+    float sums[SUMS] = {};
+    int n = 0;
+    for (; n + SUMS <= 2 * count; n += SUMS)
+        for (int i = 0; i < SUMS; i++)
+            sums[i] += (x[n + i] - y[n + i]) * (x[n + i] - y[n + i]);
+    float sum = 0;
+    for (; n < 2 * count; n++)
+        sum += (x[n] - y[n]) * (x[n] - y[n]);
+    for (const float part : sums)
+        sum += part;
+    return sum;
 }
 
 } // namespace
@@ -136,25 +144,53 @@ const std::vector<std::uint8_t>& interference_screen::examine(const phase_group&
     return d_marks;
 }
 
+// Of the snapshots with noise; `high` is a guess of HIGH, and becomes it.
+noise_statistics interference_screen::statistics_of(const phase_group& group,
+                                                    float snapshot_noise::*member,
+                                                    std::size_t known,
+                                                    float& high)
+{
+    const auto index = [&](double part) -> std::size_t { return part * (known - 1); };
+    const auto collect = [&](float most) {
+        d_values.resize(d_length + 1);
+        for (int n = 0; n < d_length; n++) {
+            const snapshot_noise& noise = group.noise_of(n);
+            d_values[n] = group.mask()[n] & is_known(noise) ? noise.*member : BEYOND;
+        }
+        std::size_t count = 0;
+        for (int n = 0; n < d_length; n++) {
+            const float value = d_values[n];
+            d_values[count] = value;
+            count += value <= most;
+        }
+        d_values.resize(count);
+    };
+    collect(BEYOND_HIGH * high);
+    if (d_values.size() <= index(HIGH))
+        collect(LARGEST);
+    high = ordered(d_values, d_values.size(), index(HIGH));
+    const float level = ordered(d_values, index(HIGH) + 1, index(LEVEL));
+    const float low = ordered(d_values, index(LEVEL) + 1, index(LOW));
+    const float floor = ordered(d_values, index(LOW) + 1, index(FLOOR));
+    const float spread = std::sqrt(high) - std::sqrt(low);
+    return { floor, level, level > 0 ? spread / std::sqrt(level) : 0.0f };
+}
+
 void interference_screen::learn(const phase_group& group)
 {
-    const auto of = [&](float snapshot_noise::*member) {
-        d_values.clear();
-        for (int n = 0; n < d_length; n++)
-            if (group.mask()[n] && is_known(group.noise_of(n)))
-                d_values.push_back(group.noise_of(n).*member);
-        return d_values.empty() ? statistics{} : statistics_of(d_values);
-    };
-    const statistics largest = of(&snapshot_noise::largest);
-    if (d_values.empty())
+    const std::size_t known = count_if(group, is_known);
+    if (known == 0)
         return;
-    const statistics smallest = of(&snapshot_noise::smallest);
+    const noise_statistics largest =
+        statistics_of(group, &snapshot_noise::largest, known, d_high.largest);
+    const noise_statistics smallest =
+        statistics_of(group, &snapshot_noise::smallest, known, d_high.smallest);
     d_largest_limit.add(limit_of(largest, LARGEST_LIMIT));
     d_smallest_limit.add(smallest_limit(smallest, largest));
     const float limit = edge_limit(smallest, largest);
     const float edges = count_if(
         group, [&](const snapshot_noise& noise) { return noise.largest > limit; });
-    d_edge_share.add(edges / d_values.size());
+    d_edge_share.add(edges / known);
 }
 
 template <class Condition>
@@ -163,7 +199,7 @@ int interference_screen::count_if(const phase_group& group,
 {
     int count = 0;
     for (int n = 0; n < d_length; n++)
-        count += group.mask()[n] && condition(group.noise_of(n));
+        count += group.mask()[n] & condition(group.noise_of(n));
     return count;
 }
 
@@ -178,8 +214,8 @@ bool interference_screen::mark_whole(const phase_group& group)
     float limit = d_smallest_limit.value();
     const auto is_hit = [&](const snapshot_noise& noise) {
         // A single difference (both are the same) shows every edge.
-        return noise.smallest > limit && noise.smallest > LEAST_RATIO * noise.largest &&
-               noise.smallest < noise.largest;
+        return (noise.smallest > limit) & (noise.smallest > LEAST_RATIO * noise.largest) &
+               (noise.smallest < noise.largest);
     };
     const int hits = count_if(group, is_hit);
     if (hits > 0 && hits <= edges_in_all_differences(group))
@@ -254,10 +290,8 @@ float interference_screen::tag_level(const phase_group& group, float noise)
         const std::size_t first = i * count / PAIRS;
         const fc32* a = group.slot(d_slots[first]);
         const fc32* b = group.slot(d_slots[(first + 1 + i * 37 % FARTHEST) % count]);
-        float sum = 0;
-        for (int k = 0; k < group.symbol_length(); k++)
-            sum += std::norm(a[k] - b[k]);
-        d_values.push_back(sum / (2 * group.symbol_length()));
+        d_values.push_back(squared_distance(a, b, group.symbol_length()) /
+                           (2 * group.symbol_length()));
         reaching += TAG_MARGIN * d_values.back() >= noise;
         if (reaching == REACHING)
             return d_values.back();

@@ -10,6 +10,12 @@
 
 namespace gr::wiforce::kernel {
 
+// Quantiles of the noise of a group's snapshots.
+struct noise_statistics {
+    float floor, level;
+    float spread; // of the amplitude around the level, over that of the level
+};
+
 /*
  * Finds the snapshots of a phase group that other transmitters interfered with, by the
  * noise of each snapshot (snapshot_noise).
@@ -44,6 +50,10 @@ public:
 
 private:
     void learn(const phase_group& group);
+    noise_statistics statistics_of(const phase_group& group,
+                                   float snapshot_noise::*member,
+                                   std::size_t known,
+                                   float& high);
     bool mark_whole(const phase_group& group);
     bool mark_beyond_tags(const phase_group& group);
     void mark_neighbours(const phase_group& group);
@@ -61,6 +71,7 @@ private:
     std::vector<std::uint8_t> d_marks;
     int d_rejected = 0;
     narrow_band_screen d_narrow_band;
+    snapshot_noise d_high = {};  // upper quantiles of the latest group
     std::vector<float> d_values; // scratch
     std::vector<int> d_slots;    // scratch
 };

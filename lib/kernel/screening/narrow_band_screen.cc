@@ -2,7 +2,6 @@
 #include "narrow_band_screen.h"
 
 #include <algorithm>
-#include <numeric>
 
 namespace gr::wiforce::kernel {
 
@@ -17,17 +16,15 @@ constexpr float TYPICAL_MEDIAN = 2.5f;
 constexpr float NARROW_MEDIAN = 0.2f;
 // Snapshots without interference whose mean is the typical power of the subcarriers.
 constexpr std::size_t LEAST_QUIET = 8;
+// Snapshots without interference that are compared with their neighbours: the quantile
+// below is known to 9 % from each group's, and the limit is 2.5 times as high.
+constexpr std::size_t MOST_QUIET = 32;
 // That mean where there are none, as a multiple of the typical median; 1.5 to 2.3 with a
 // tag.
 constexpr float MEAN_OF_TYPICAL = 2.0f;
 // Quantile of that median over the snapshots of a group that is its typical value. Edges
 // of two tags are beside seven snapshots of ten.
 constexpr double BAND_QUANTILE = 0.15;
-
-float mean_of(const std::vector<float>& powers)
-{
-    return std::accumulate(powers.begin(), powers.end(), 0.0f) / powers.size();
-}
 
 } // namespace
 
@@ -36,103 +33,149 @@ narrow_band_screen::narrow_band_screen(int group_length, int symbol_length)
       d_width(symbol_length),
       d_typical_median(group_length),
       d_fourier(symbol_length),
-      d_spectra(std::size_t(group_length) * symbol_length),
       d_pairs(group_length),
-      d_changes(group_length),
-      d_powers(symbol_length)
+      d_states(group_length)
 {
 }
 
 int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
 {
-    const float typical = measure_changes(group, marks);
+    std::fill(d_states.begin(), d_states.end(), unknown);
+    learn_quiet(group, marks);
+    const float typical = d_typical_median.value();
     const float limit = TYPICAL_MEDIAN * typical; // an edge of a tag, or a band, is above
-    const auto is_narrow = [&](int n) {
-        if (n < 0 || n >= d_length || !marks[n] || !(d_changes[n].mean > 0))
-            return false;
-        const change& of = d_changes[n];
-        return of.median < std::max(limit, NARROW_MEDIAN * of.mean);
-    };
-    d_narrow.clear();
-    spectrum sums(d_width);
-    float level = 0;
+    d_is_narrow.assign(d_length + 2, 0);          // with one more at each end
+    for (int n = 0; n < d_length; n++)
+        d_is_narrow[n + 1] = marks[n] && is_narrow(group, n, limit);
+    // A single one may be a burst beside an edge of a fading tag, a single other one
+    // between two narrow ones an edge.
+    d_slots.clear();
+    for (int n = 0; n < d_length; n++)
+        if (marks[n] && d_is_narrow[n] + d_is_narrow[n + 1] + d_is_narrow[n + 2] >= 2)
+            d_slots.push_back(n);
+    if (d_slots.empty())
+        return 0;
+
+    d_values.assign(d_width, 0.0f); // powers where interference may be narrow
     std::size_t summed = 0, quiet = 0;
     for (int n = 0; n < d_length; n++) {
-        // A single one may be a burst beside an edge of a fading tag, a single other one
-        // between two narrow ones an edge.
-        if (marks[n] && is_narrow(n - 1) + is_narrow(n) + is_narrow(n + 1) >= 2)
-            d_narrow.push_back(n);
-        if (!(d_changes[n].mean > 0) || d_changes[n].median > limit)
+        const change* const of = marks[n] ? measured_change(group, n) : nullptr;
+        if (!of || of->median > limit)
             continue;
-        if (marks[n]) {
-            measure_pair(d_changes[n].pair);
-            for (int k = 0; k < d_width; k++)
-                sums[k] += d_powers[k];
-            summed++;
-        } else {
-            level += d_changes[n].mean;
-            quiet++;
-        }
+        for (int k = 0; k < d_width; k++)
+            d_values[k] += of->powers[k];
+        summed++;
     }
     if (summed == 0)
         return 0;
+    float level = 0;
+    for (const change* of : d_quiet)
+        if (of->median <= limit) {
+            level += of->mean;
+            quiet++;
+        }
     level = quiet < LEAST_QUIET ? MEAN_OF_TYPICAL * typical : level / quiet;
+    const float share = static_cast<float>(d_slots.size()) / d_length;
     float kept = 0; // information, each subcarrier weighted by its own noise
-    for (const float sum : sums) {
+    for (const float sum : d_values) {
         const float excess = std::max(sum / (summed * level) - 1, 0.0f);
-        kept += 1 / (1 + excess * d_narrow.size() / d_length) / d_width;
+        kept += 1 / (1 + excess * share) / d_width;
     }
-    if (kept <= 1 - static_cast<float>(d_narrow.size()) / d_length)
+    if (kept <= 1 - share)
         return 0;
-    for (const int n : d_narrow)
+    for (const int n : d_slots)
         marks[n] = 0;
-    return static_cast<int>(d_narrow.size());
+    return static_cast<int>(d_slots.size());
 }
 
-// Changes of all snapshots; returns the typical median over the subcarriers, 0 where it
-// is not known.
-float narrow_band_screen::measure_changes(const phase_group& group,
-                                          const std::vector<std::uint8_t>& marks)
+void narrow_band_screen::learn_quiet(const phase_group& group,
+                                     const std::vector<std::uint8_t>& marks)
 {
+    d_slots.clear();
     for (int n = 0; n < d_length; n++)
-        if (group.mask()[n]) {
-            std::copy_n(group.slot(n), d_width, d_fourier.input());
-            std::copy_n(
-                d_fourier.execute(), d_width, &d_spectra[std::size_t(n) * d_width]);
-        }
+        if (group.mask()[n] && !marks[n])
+            d_slots.push_back(n);
+    d_quiet.clear();
     d_values.clear();
-    for (int n = 0; n + 1 < d_length; n++)
-        d_pairs[n] = group.mask()[n] && group.mask()[n + 1] ? measure_pair(n) : change{};
-    for (int n = 0; n < d_length; n++) {
-        d_changes[n] = change_of(n);
-        if (!marks[n] && d_changes[n].mean > 0)
-            d_values.push_back(d_changes[n].median);
+    const std::size_t count = std::min(d_slots.size(), MOST_QUIET);
+    for (std::size_t i = 0; i < count; i++) {
+        const int n = d_slots[i * d_slots.size() / count];
+        if (const change* const of = measured_change(group, n)) {
+            d_quiet.push_back(of);
+            d_values.push_back(of->median);
+        }
     }
     if (d_values.size() >= LEAST_QUIET)
         d_typical_median.add(quantile(d_values, BAND_QUANTILE));
-    return d_typical_median.value();
 }
 
-// Change from a snapshot to the next one, and its powers.
-narrow_band_screen::change narrow_band_screen::measure_pair(int n)
+// Whether the median of a snapshot's change is below the limit, or low against the mean.
+bool narrow_band_screen::is_narrow(const phase_group& group, int n, float limit)
 {
-    const fc32* const here = &d_spectra[std::size_t(n) * d_width];
-    const fc32* const there = here + d_width;
-    for (int k = 0; k < d_width; k++)
-        d_powers[k] = std::norm(here[k] - there[k]);
-    d_sorted = d_powers;
-    return { ordered(d_sorted, d_width, d_width / 2), mean_of(d_powers), n };
+    const auto limit_of = [&](const change& of) {
+        return std::max(limit, NARROW_MEDIAN * of.mean);
+    };
+    // It is not where both changes are above: counting takes less time than a median.
+    const auto may_be = [&](const change* of) {
+        if (!of)
+            return false;
+        const float highest = limit_of(*of);
+        int below = 0;
+        for (const float power : of->powers)
+            below += power < highest;
+        return below > d_width / 2;
+    };
+    if (!may_be(measured_pair(group, n - 1)) && !may_be(measured_pair(group, n)))
+        return false;
+    const change* const of = measured_change(group, n);
+    return of->median < limit_of(*of);
 }
 
 // Change of a snapshot against that neighbour from which it differs less: an edge of a
-// tag is beside one of them. 0 where there is no neighbour.
-narrow_band_screen::change narrow_band_screen::change_of(int n) const
+// tag is beside one of them. None where there is no neighbour.
+const narrow_band_screen::change*
+narrow_band_screen::measured_change(const phase_group& group, int n)
 {
-    const change before = n > 0 ? d_pairs[n - 1] : change{};
-    const change after = n + 1 < d_length ? d_pairs[n] : change{};
-    if (!(before.mean > 0))
-        return after;
-    return after.pair < 0 || after.median >= before.median ? before : after;
+    change* nearest = nullptr;
+    for (const int first : { n - 1, n }) {
+        change* const of = measured_pair(group, first);
+        if (!of)
+            continue;
+        if (d_states[first] != with_median) {
+            d_sorted = of->powers;
+            of->median = ordered(d_sorted, d_width, d_width / 2);
+            d_states[first] = with_median;
+        }
+        if (!nearest || of->median < nearest->median)
+            nearest = of;
+    }
+    return nearest;
+}
+
+// Change from a snapshot to the next one; none where one of them is absent, or both are
+// the same.
+narrow_band_screen::change* narrow_band_screen::measured_pair(const phase_group& group,
+                                                              int n)
+{
+    if (n < 0 || n + 1 >= d_length || !group.mask()[n] || !group.mask()[n + 1])
+        return nullptr;
+    change& of = d_pairs[n];
+    if (d_states[n] == unknown) {
+        const fc32 *const here = group.slot(n), *const there = group.slot(n + 1);
+        fc32* const difference = d_fourier.input();
+        for (int i = 0; i < d_width; i++)
+            difference[i] = here[i] - there[i];
+        const fc32* const spectrum = d_fourier.execute();
+        of.powers.resize(d_width);
+        float sum = 0;
+        for (int k = 0; k < d_width; k++) {
+            of.powers[k] = std::norm(spectrum[k]);
+            sum += of.powers[k];
+        }
+        of.mean = sum / d_width;
+        d_states[n] = measured;
+    }
+    return of.mean > 0 ? &of : nullptr;
 }
 
 } // namespace gr::wiforce::kernel

@@ -19,7 +19,8 @@ namespace gr::wiforce::kernel {
  * group by its own noise (estimation/ends/noise.py).
  *
  * A snapshot is compared with its neighbours, subcarrier by subcarrier. Interference on a
- * few of them raises the mean of the change and not its median.
+ * few of them raises the mean of the change and not its median. Only marked snapshots are
+ * compared, and a few others, from which the noise of a group is learned.
  */
 class narrow_band_screen
 {
@@ -32,30 +33,29 @@ public:
     int keep(const phase_group& group, std::vector<std::uint8_t>& marks);
 
 private:
-    using spectrum = std::vector<float>;
-    // From a snapshot, the pair's first one, to the next; over the subcarriers.
+    // From a snapshot to the next one; over the subcarriers.
     struct change {
-        float median = 0;
+        std::vector<float> powers;
         float mean = 0;
-        int pair = -1; // none
+        float median = 0; // where it was needed
     };
 
-    float measure_changes(const phase_group& group,
-                          const std::vector<std::uint8_t>& marks);
-    change measure_pair(int n);
-    change change_of(int n) const;
+    void learn_quiet(const phase_group& group, const std::vector<std::uint8_t>& marks);
+    bool is_narrow(const phase_group& group, int n, float limit);
+    const change* measured_change(const phase_group& group, int n);
+    change* measured_pair(const phase_group& group, int n);
 
     const int d_length;
     const int d_width;             // subcarriers
     recent_level d_typical_median; // over the subcarriers
     fourier_transform d_fourier;
-    std::vector<fc32> d_spectra;
+    enum state : std::uint8_t { unknown, measured, with_median };
     std::vector<change> d_pairs;
-    std::vector<change> d_changes; // of each snapshot
-    spectrum d_powers;             // of a pair
-    std::vector<float> d_values;   // scratch
-    spectrum d_sorted;             // scratch
-    std::vector<int> d_narrow;     // snapshots with interference on a few subcarriers
+    std::vector<state> d_states;        // of the pairs
+    std::vector<const change*> d_quiet; // of snapshots without interference
+    std::vector<std::uint8_t> d_is_narrow;
+    std::vector<float> d_values, d_sorted; // scratch
+    std::vector<int> d_slots;              // scratch
 };
 
 } // namespace gr::wiforce::kernel

@@ -151,7 +151,7 @@ class FrameSearch:
 
 
 class frame_alignment(Kept, gr.basic_block):
-    """Finds the offset of the first frame once, and drops the samples before it.
+    """Finds the offset of the first frame in each run, and drops the samples before it.
 
     A device delays its own transmit signal by a time that is constant during a run but unknown.
     The offset is estimated over the first frames, which are passed on as well. Tags stay with their
@@ -219,9 +219,13 @@ class frame_alignment(Kept, gr.basic_block):
         )
         gr.basic_block.__init__(self, "frame_alignment", in_sig=[item], out_sig=[item])
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self.search = FrameSearch(frames, search_frames)
-        self._watch = SearchWatch(frames, self._warn)
+        self._frames, self._search_frames = frames, search_frames
+        self._begin()
         self.message_port_register_out(pmt.intern(names.WARNINGS))
+
+    def _begin(self) -> None:
+        self.search = FrameSearch(self._frames, self._search_frames)
+        self._watch = SearchWatch(self._frames, self._warn)
 
     def _warn(self, sentence: str) -> None:
         gr.log.warn(sentence)
@@ -260,6 +264,10 @@ class frame_alignment(Kept, gr.basic_block):
             search.put_tags(self, produced)
         self.consume(0, count)
         return produced
+
+    def start(self) -> bool:
+        self._begin()  # a transmitter that starts again may begin anywhere in a frame
+        return True
 
     def stop(self) -> bool:
         if self.offset is None:

@@ -79,7 +79,8 @@ def _packets(scene: Scene) -> Iterator[Violation]:
     if environment.reader_clock == "free" and antennas == 1:
         rule = (
             "must be 2 or more with packets and reader_clock 'free': each packet has a phase of "
-            "its own, which only a second antenna on the same oscillator can remove"
+            "its own, which is removed by a second antenna on the same oscillator; one antenna "
+            "shows it over a wide channel only, and this is not supported"
         )
         yield "environment.receive_antennas", rule, antennas
     if scene.phase_group.estimator != "harmonic":

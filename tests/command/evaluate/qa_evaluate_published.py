@@ -9,9 +9,16 @@ import pytest
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene
 from wiforce_app.evaluate import published
 from wiforce_app.evaluate.evaluate import evaluate
-from wiforce_app.evaluate.published_series import located_share, series_lines, sum_errors_n
+from wiforce_app.evaluate.published_series import (
+    budgeted_snr_db,
+    located_share,
+    read_series,
+    series_lines,
+    sum_errors_n,
+)
 
 FOLDER = Path(DATA_DIR) / "data" / "paper"
 # The form that cross-validation on the VNA curves chooses; a test below holds that it does.
@@ -137,6 +144,13 @@ def test_the_other_published_series_are_what_the_paper_plots():
     assert (round(np.median(errors), 2), round(errors.max(), 2)) == (0.55, 1.70)
     assert located_share() == pytest.approx(0.91, abs=0.005)
     text = "\n".join(series_lines())
+    # The scenes at the same distances have the levels that stand beside the published ones.
+    ours = dict(
+        zip(read_series("distance_snr")["distance_from_rx_cm"], budgeted_snr_db(), strict=True)
+    )
+    for name, distance_cm in (("20cm", 20.0), ("50cm", 50.0), ("1m", 100.0), ("2m", 200.0)):
+        scene = load_scene(f"distance_{name}")
+        assert ours[distance_cm] == pytest.approx(scene.simulation.snr_db, abs=0.006)
     for wanted in ("median 0.55 N, largest 1.70 N, n = 18; 4 lie", "91 % within 10 mm", "2.13"):
         assert wanted in text
 

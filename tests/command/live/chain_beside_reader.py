@@ -27,8 +27,8 @@ def main(device, scene):
 
     flowgraph = ChainFromUsrp(device, scene, on_reading)
     reader = wiforce.reader(scene, "sc16", on_reading=expected.append)
-    flowgraph.connect(flowgraph.usrp.frames, reader)
-    run(flowgraph, flowgraph.usrp)
+    flowgraph.connect(flowgraph.usrp, reader)
+    run(flowgraph)
     flowgraph.chain.check()
     # Which groups are the last ones, when a flowgraph is stopped, differs from branch to branch.
     both = min(len(readings), len(expected)) - 1

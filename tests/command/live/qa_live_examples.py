@@ -76,7 +76,7 @@ def test_readme_lines_replace_the_file_by_a_radio(device, scene):
     assert "file_source" in file and "file_source" not in kept
     program = f"{kept}\n{radio}".replace("addr=192.168.10.2", f"{device.args},{FRAMES}")
     program = program.replace('"demo"', repr(str(scene)))
-    with running("-u", "-c", program, cwd=EXAMPLES / "headless") as process:
+    with running("-u", "-c", program) as process:
         wait_until(lambda: sum(" N at " in line for line in process.lines) > 20)
     assert process.returncode == 0
     assert all("arm: " in line for line in process.lines if " s " in line)

@@ -56,8 +56,7 @@ public:
             d_group.accept(length);
             if (!d_group.is_complete())
                 throw std::invalid_argument("tone_transform: folded must be finite");
-            d_accumulator.clear();
-            d_accumulator.finish(d_group, d_transform.data());
+            d_accumulator.transform(d_group, d_transform.data());
             d_channel.append(d_transform.data(), tones);
         }
         const py::ssize_t rows = d_accumulator.rows(), bins = d_channel.bins().size();

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a USRP that sends the sounding frames of a scene and receives them, aligned."""
+
+from pathlib import Path
+from typing import Any
+
+import pmt
+from gnuradio import gr
+
+from ..errors import InputError
+from ..estimation.groups import Array
+from ..io.capture.samples import item_type_named
+from ..scene import Scene, load_scene
+from .argument_types import Kept, typed
+from .frame_alignment import frame_alignment
+from .sounding import sounding_source
+
+# From the first call of the transmitter to the start of both directions: a host fills the buffers
+# of a device in a tenth of it.
+_LEAD_S = 1.0
+# Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
+_TOGETHER = 1 << 16
+_ITEM_TYPE = "sc16"
+# Share of a device's range at which gains begin: the software N210 then receives peaks of -10 dBFS.
+_FIRST_GAIN = 1 / 3
+
+
+class usrp(Kept, gr.hier_block2):
+    """Both directions of a full-duplex USRP, set up by a scene.
+
+    Sends the scene's sounding frames and receives with the same device. Both directions start at
+    one device time, each time the flowgraph starts. Output: complex 16-bit samples from the first
+    sample of a frame on, with the tags of gr-uhd. Where no frames are found, GNU Radio's log says
+    why.
+
+    Parameters
+    ----------
+    scene : str, Path or Scene
+        States rate, carrier and frame.
+    device : str
+        Arguments of UHD, such as ``addr=192.168.10.2`` or ``type=b200``.
+    tx_gain, rx_gain : float or None
+        In dB; None for a third of the device's range, which is safe to begin with.
+    tx_antenna, rx_antenna : str
+        Ports of the device.
+    amplitude : float
+        Root of the mean preamble power, of full scale.
+
+    Attributes
+    ----------
+    transmitter, receiver : block
+        The sink and the source of gr-uhd.
+    alignment : frame_alignment
+        Its ``offset`` is the device's delay.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value: no such device, a gain outside its range,
+        an unknown antenna.
+
+    Examples
+    --------
+    >>> device = usrp("demo", "addr=192.168.10.2", rx_gain=20)  # doctest: +SKIP
+    >>> flowgraph.connect(device, reader("demo", input_type="sc16"))  # doctest: +SKIP
+    """
+
+    @typed
+    def __init__(
+        self,
+        scene: str | Path | Scene,
+        device: str = "",
+        tx_gain: float | None = None,
+        rx_gain: float | None = None,
+        tx_antenna: str = "TX/RX",
+        rx_antenna: str = "RX2",
+        amplitude: float = 0.5,
+    ) -> None:
+        from gnuradio import uhd
+
+        scene = load_scene(scene)
+        sounder = sounding_source(scene, amplitude=amplitude, item_type=_ITEM_TYPE)
+        stream = uhd.stream_args(cpu_format=_ITEM_TYPE, otw_format=_ITEM_TYPE, channels=[0])
+        try:
+            self.transmitter = uhd.usrp_sink(device, stream)
+            # The receiver waits for the command that starts both.
+            self.receiver = uhd.usrp_source(device, stream, False)
+        except (RuntimeError, LookupError, ValueError) as error:
+            reason = str(error).strip().splitlines()[-1]
+            raise InputError("device", f"must be a USRP that answers ({reason})", device) from error
+        for direction, end, antenna in (
+            ("tx", self.transmitter, tx_antenna),
+            ("rx", self.receiver, rx_antenna),
+        ):
+            if antenna not in end.get_antennas():
+                rule = f"must be one of {', '.join(end.get_antennas())}"
+                raise InputError(f"{direction}_antenna", rule, antenna)
+            end.set_antenna(antenna)
+            end.set_samp_rate(scene.radio.sample_rate_hz)
+            end.set_center_freq(scene.radio.center_frequency_hz)
+        self.set_tx_gain(tx_gain)
+        self.set_rx_gain(rx_gain)
+        self.receiver.set_recv_timeout(0.1, False)
+        self.receiver.set_max_noutput_items(_TOGETHER)
+        self.alignment = frame_alignment(scene, item_type=_ITEM_TYPE)
+        for block in (self.receiver, self.alignment):
+            block.set_min_output_buffer(4 * _TOGETHER)
+        item_bytes = item_type_named(_ITEM_TYPE).sample_bytes
+        gr.hier_block2.__init__(
+            self, "usrp", gr.io_signature(0, 0, 0), gr.io_signature(1, 1, item_bytes)
+        )
+        # Inner connections hold C++ parts only, and there is no message port: with one, GNU Radio
+        # would never destroy the block, and the device would stay open.
+        self._start = _common_start(self.transmitter, self.receiver)
+        self.connect(sounder, self._start.gateway, self.transmitter)
+        self.connect(self.receiver, self.alignment.gateway, self._impl)
+
+    @typed
+    def set_tx_gain(self, gain_db: float | None) -> None:
+        """Change the gain of the transmitter, in dB; None for a third of its range."""
+        _set_gain("tx_gain", self.transmitter, gain_db)
+
+    @typed
+    def set_rx_gain(self, gain_db: float | None) -> None:
+        """Change the gain of the receiver, in dB; None for a third of its range."""
+        _set_gain("rx_gain", self.receiver, gain_db)
+
+    def gain_sliders(self) -> Any:
+        """A Qt widget with both gains, each over the range of the device."""
+        from gnuradio.qtgui import Range, RangeWidget
+        from PyQt5.QtCore import Qt
+        from PyQt5.QtWidgets import QHBoxLayout, QWidget
+
+        widget, horizontal = QWidget(), Qt.Orientation.Horizontal
+        row = QHBoxLayout(widget)
+        for label, end, change in (
+            ("Transmit gain (dB)", self.transmitter, self.set_tx_gain),
+            ("Receive gain (dB)", self.receiver, self.set_rx_gain),
+        ):
+            limits = end.get_gain_range()
+            # A gain of the device is a multiple of its step; half of a dB where it states none.
+            scale = Range(limits.start(), limits.stop(), limits.step() or 0.5, end.get_gain(), 200)
+            row.addWidget(RangeWidget(scale, change, label, "counter_slider", float, horizontal))
+        return widget
+
+
+def _set_gain(parameter: str, end: Any, gain_db: float | None) -> None:
+    limits = end.get_gain_range()
+    low, high = limits.start(), limits.stop()
+    if gain_db is None:
+        gain_db = low + _FIRST_GAIN * (high - low)
+    if not low <= gain_db <= high:
+        raise InputError(parameter, f"must be {low:g} to {high:g} dB with this device", gain_db)
+    end.set_gain(gain_db)
+
+
+class _common_start(Kept, gr.sync_block):
+    """Passes samples to a transmitter; the first ones set the time at which both ends start."""
+
+    def __init__(self, transmitter: Any, receiver: Any) -> None:
+        item = item_type_named(_ITEM_TYPE).item
+        gr.sync_block.__init__(self, "common_start", in_sig=[item], out_sig=[item])
+        self._transmitter, self._receiver = transmitter, receiver
+        self._started = False
+
+    def start(self) -> bool:
+        self._started = False
+        return True
+
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
+        if not self._started:
+            self._started = True
+            self._schedule()
+        output_items[0][:] = input_items[0]
+        return len(output_items[0])
+
+    def _schedule(self) -> None:
+        from gnuradio import uhd
+
+        start = self._transmitter.get_time_now() + uhd.time_spec(_LEAD_S)
+        command = uhd.stream_cmd(uhd.stream_mode.STREAM_MODE_START_CONTINUOUS)
+        command.stream_now = False
+        command.time_spec = start
+        self._receiver.issue_stream_cmd(command)
+        seconds = pmt.from_uint64(start.get_full_secs()), pmt.from_double(start.get_frac_secs())
+        self.add_item_tag(
+            0, self.nitems_written(0), pmt.intern("tx_time"), pmt.make_tuple(*seconds)
+        )

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block USRP with the software N210: gains, antennas, and the common start."""
+
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
+from live_runs import FRAMES, SLOW, scene_file, wait_until
+from software_usrp import SoftwareUsrp
+
+# Of the device, 250 samples; the search begins frames up to 8 samples early.
+DELAY_US, EARLY = 100, 8
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """An untouched sensor, at a low rate."""
+    return scene_file(tmp_path_factory.mktemp("untouched"), [], 400, 0.3, **SLOW)
+
+
+@pytest.fixture(scope="module")
+def running(scene):
+    with SoftwareUsrp(scene, "--delay-us", DELAY_US) as device:
+        yield device
+
+
+@pytest.fixture(scope="module")
+def device(running):
+    return f"{running.args},{FRAMES}"
+
+
+@pytest.fixture
+def usrp(device, scene):
+    return wiforce.usrp(scene, device, rx_gain=20)
+
+
+def test_usrp_gains_have_the_range_of_the_device(usrp):
+    """A B210 has 0 to 89.75 and 0 to 76 dB, an N210 with SBX 0 to 31.5 and 0 to 38 dB."""
+    assert usrp.receiver.get_gain() == 20
+    # A third of the range, in steps of the device.
+    assert usrp.transmitter.get_gain() == pytest.approx(31.5 / 3, abs=0.5)
+    usrp.set_tx_gain(10)
+    assert usrp.transmitter.get_gain() == 10
+    with pytest.raises(InputError, match="rx_gain: must be 0 to 38 dB with this device, got 65"):
+        usrp.set_rx_gain(65)
+    assert usrp.receiver.get_gain() == 20
+
+
+def test_usrp_gain_sliders_have_the_range_of_the_device(usrp, qt):
+    from PyQt5.QtWidgets import QDoubleSpinBox
+
+    usrp.set_rx_gain(20)
+    widget = usrp.gain_sliders()
+    transmit, receive = widget.findChildren(QDoubleSpinBox)
+    assert (transmit.minimum(), transmit.maximum()) == (0, 31.5)
+    assert (receive.minimum(), receive.maximum()) == (0, 38)
+    assert receive.value() == 20
+    receive.setValue(7.5)
+    assert usrp.receiver.get_gain() == 7.5
+
+
+def test_usrp_bad_parameter_is_refused_in_one_line(device, scene):
+    with pytest.raises(InputError) as refused:
+        wiforce.usrp(scene, device, rx_antenna="RX3")
+    assert str(refused.value) == "rx_antenna: must be one of TX/RX, RX2, CAL, got 'RX3'"
+    with pytest.raises(InputError, match="^device: must be a USRP that answers") as refused:
+        wiforce.usrp(scene, "type=usrp2,addr=127.255.255.254")
+    assert "\n" not in str(refused.value)
+
+
+def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, scene):
+    """The delay from transmitter to receiver would otherwise be another one in each run."""
+    usrp, offsets = wiforce.usrp(scene, device), []
+    for _ in range(2):
+        flowgraph = gr.top_block()
+        received = blocks.null_sink(4)
+        flowgraph.connect(usrp, received)
+        flowgraph.start()
+        wait_until(lambda seen=received: seen.nitems_read(0) > 100_000)
+        flowgraph.stop()
+        flowgraph.wait()
+        flowgraph.disconnect_all()
+        offsets.append(usrp.alignment.offset)
+    # The transmitter of the second run goes on within a frame.
+    delay = DELAY_US * 2.5
+    assert delay - EARLY <= offsets[0] <= delay
+    assert offsets[1] is not None
+    assert running.command("status")["streaming_s"] > 0
+    del usrp, flowgraph
+    wait_until(lambda: running.command("status")["streaming_s"] == 0)  # the device is closed
