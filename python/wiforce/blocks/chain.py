@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The steps from tones to readings, a block each."""
+"""The steps from tones to readings, a block each, and readings as streams of numbers."""
 
+import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -13,13 +15,14 @@ from ..estimation.capture.folded_groups import FoldedGroups
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups, is_clipped
 from ..estimation.phases.average import SubcarrierAverage
-from ..io.readings import GroupCounts, Reading
+from ..io.readings import GroupCounts, Reading, as_reading
 from ..planning.plan import Plan
 from ..receiver.receiver import make_readout
 from . import names
 from .argument_types import Kept, typed
 from .group_block import (
     GroupBlock,
+    ReadingPort,
     Tags,
     count_of,
     groups_of,
@@ -27,7 +30,6 @@ from .group_block import (
     state_from_pmt,
     whole_spectra,
 )
-from .readings import ReadingPort
 
 
 class ToneInput:
@@ -345,3 +347,87 @@ class force_inversion(ReadingPort, GroupBlock):
     def finish(self) -> None:
         """Give the readings of the last group, which has no later neighbour."""
         self.publish(self.stage.flush())
+
+
+_COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")
+# Readings that wait for a flowgraph that is blocked: several minutes of them.
+_MOST_WAITING = 10_000
+# Messages are handled between two calls of work(), so it may wait for a short time only. Far
+# below the length of a group, and long enough to cost no processor time.
+_PAUSE_S = 0.005
+
+
+class readings_to_floats(Kept, gr.sync_block):
+    """Puts the force and the location of a sensor, and their uncertainty, into float streams.
+
+    Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Outputs:
+    four float streams, ``force_n``, ``force_std_n`` (N), ``location_mm`` and ``location_std_mm``
+    (mm), with ``repeat`` items per reading. The force of an untouched sensor is 0 N; values
+    that a reading does not have are ``unknown``.
+
+    Parameters
+    ----------
+    sensor : str
+        Name of the sensor; empty for the sensor of the first reading.
+    repeat : int
+        Items per reading, 1 or more.
+    flagged : bool
+        False gives ``unknown`` for readings with a flag other than ``reference``.
+    unknown : float
+        Value where the reading has none.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> floats = readings_to_floats(sensor="arm", repeat=4)
+    """
+
+    @typed
+    def __init__(
+        self,
+        sensor: str = "",
+        repeat: int = 1,
+        flagged: bool = True,
+        unknown: float = np.nan,
+    ) -> None:
+        if repeat < 1:
+            raise InputError("repeat", "must be 1 or more", repeat)
+        gr.sync_block.__init__(self, "readings_to_floats", None, [np.float32] * len(_COLUMNS))
+        self._sensor = sensor
+        self._flagged = flagged
+        self._unknown = unknown
+        self._waiting: deque[list[float]] = deque(maxlen=_MOST_WAITING)
+        self.set_output_multiple(repeat)
+        self._repeat = repeat
+        self.message_port_register_in(pmt.intern(names.READINGS))
+        self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
+
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
+        if not self._waiting:
+            time.sleep(_PAUSE_S)
+            return 0
+        count = min(len(self._waiting), len(output_items[0]) // self._repeat)
+        rows = np.array([self._waiting.popleft() for _ in range(count)], np.float32)
+        for out, column in zip(output_items, rows.T, strict=True):
+            out[: count * self._repeat] = np.repeat(column, self._repeat)
+        return count * self._repeat
+
+    def _on_reading(self, message: Any) -> None:
+        reading = as_reading(pmt.to_python(message)) if pmt.is_dict(message) else None
+        if reading is None:
+            return
+        self._sensor = self._sensor or reading.sensor
+        if reading.sensor == self._sensor:
+            self._waiting.append(self._values(reading))
+
+    def _values(self, reading: Reading) -> list[float]:
+        if set(reading.flags) - {"reference"} and not self._flagged:
+            return [self._unknown] * len(_COLUMNS)
+        if reading.touch == 0:
+            return [0.0, *[self._unknown] * (len(_COLUMNS) - 1)]
+        values = [getattr(reading, name) for name in _COLUMNS]
+        return [self._unknown if value is None else value for value in values]

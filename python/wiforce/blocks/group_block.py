@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What blocks of the chain share: groups in tags, their state and noise, and subcarriers."""
+"""What blocks of the chain share: groups in tags, their state and noise, and readings."""
 
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array, Groups
+from ..io.readings import Reading
 from ..wiforce_python import input_has_ended
 from . import names
 from .argument_types import Kept
@@ -241,3 +243,51 @@ def groups_of(tags: Tags) -> Groups:
 def count_of(tags: dict[str, Any], name: str) -> int:
     """Value of a tag that counts, 0 where an item has none."""
     return int(pmt.to_uint64(tags[name])) if name in tags else 0
+
+
+class ReadingPort:
+    """Mix-in of a block that ends the chain and implements ``finish``.
+
+    When the stream has ended, ``finish`` publishes the readings of the groups held back; ``ended``
+    is set when the last group is read.
+    """
+
+    failure: Exception | None
+    message_port_register_out: Callable[[Any], None]
+    message_port_pub: Callable[[Any, Any], None]
+
+    def open_port(self, on_reading: Callable[[Reading], None] | None) -> None:
+        """Register the message port; ``on_reading`` takes every Reading in the block's thread."""
+        self._on_reading = on_reading
+        self.ended = Event()
+        self.message_port_register_out(pmt.intern(names.READINGS))
+
+    def finish(self) -> None:
+        """Publish the readings that are held back."""
+        raise NotImplementedError
+
+    def publish(self, readings: Iterable[Reading]) -> None:
+        """Send readings to the callback and the message port."""
+        for reading in readings:
+            if self._on_reading is not None:
+                self._on_reading(reading)
+            known = {key: value for key, value in reading.row().items() if value is not None}
+            self.message_port_pub(pmt.intern(names.READINGS), pmt.to_pmt(known))
+
+    def start(self) -> bool:
+        self.ended.clear()
+        return bool(super().start())  # type: ignore[misc]
+
+    def stop(self) -> bool:
+        self.end()
+        return True
+
+    def end(self) -> None:
+        """Read the groups held back; called by hand where the flowgraph cannot be stopped."""
+        try:
+            if self.failure is None and not self.ended.is_set():
+                self.finish()
+        except Exception as error:
+            # Raised through the scheduler it would abort the process.
+            self.failure = error
+        self.ended.set()

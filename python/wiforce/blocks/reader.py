@@ -23,8 +23,7 @@ from ..receiver.stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from . import names
 from .argument_types import Kept, enlarge_output_buffer, typed
-from .group_block import GroupBlock, Tags, count_of
-from .readings import ReadingPort
+from .group_block import GroupBlock, ReadingPort, Tags, count_of
 from .stream_watch import StreamWatch
 
 _REQUEST, _CANCEL = "request", "cancel"
