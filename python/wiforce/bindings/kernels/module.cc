@@ -3,14 +3,55 @@
 #include "../refusal.h"
 #include "kernels.h"
 
+#include <kernel/timing/timeline.h>
+
+#include <exception>
+#include <unistd.h>
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
+
+static int exit_status = 0;
+
+// UHD's blocks throw when they are stopped without their device. GNU Radio stops blocks
+// in a destructor, out of which no exception can be caught.
+static void exit_on_terminate(int status)
+{
+    exit_status = status;
+    std::set_terminate([] { _exit(exit_status); });
+}
+
+// Samples lost just before an item, 0 unless its time says so.
+static std::uint64_t
+note(timeline& times, std::uint64_t item, std::uint64_t seconds, double fraction)
+{
+    const auto [verdict, off] = times.note(item, { seconds, fraction });
+    return verdict == timeline::verdict::ignored ? 0 : static_cast<std::uint64_t>(off);
+}
+
+static py::object time_at(const timeline& times, std::uint64_t item)
+{
+    const auto time = times.time_at(item);
+    return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
+}
+
 PYBIND11_MODULE(wiforce_kernels, m)
 {
-    pybind11::register_local_exception_translator(translate_refusal);
+    py::register_local_exception_translator(translate_refusal);
     bind_inversion(m);
     bind_press(m);
     bind_recordings(m);
     bind_screening(m);
-    bind_termination(m);
-    bind_timing(m);
     bind_tones(m);
+    m.def("exit_on_terminate",
+          &exit_on_terminate,
+          "From now on, an exception that nothing catches in C++ ends the process with "
+          "this "
+          "status, without a message and without a core dump.",
+          "status"_a);
+    py::class_<timeline>(m, "timeline", "Times on a stream of samples; see Timeline.")
+        .def(py::init<double>(), "sample_rate"_a)
+        .def("note", &note, "item"_a, "seconds"_a, "fraction"_a)
+        .def("time_at", &time_at, "item"_a);
 }
