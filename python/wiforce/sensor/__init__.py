@@ -22,10 +22,10 @@ _ELSEWHERE = {
     "CalibrationTable": "calibration.tables",
     "ForceGauge": "gauges.units",
     "PressMeasurement": "calibration.guided.press_measurement",
-    "SessionPlan": "calibration.guided.session_plan",
+    "SessionPlan": "calibration.guided.session_file",
     "calibrate": "calibration.calibrate",
-    "calibration_warnings": "calibration.verdict",
-    "estimate_line": "calibration.line_estimate",
+    "calibration_warnings": "calibration.validation",
+    "estimate_line": "calibration.mistakes",
     "measure_press": "calibration.guided.press_measurement",
     "measure_untouched": "calibration.guided.press_measurement",
     "measure_vna": "calibration.simulated_vna",
@@ -37,7 +37,7 @@ _ELSEWHERE = {
     "refine": "calibration.refine",
     "suspicions": "calibration.mistakes",
     "table_kind": "calibration.tables",
-    "verdict": "calibration.verdict",
+    "verdict": "calibration.validation",
     "write_vna_csv": "calibration.tables",
 }
 

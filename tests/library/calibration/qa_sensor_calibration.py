@@ -15,8 +15,7 @@ from gnuradio.wiforce.calibration.tables import (
     read_vna_csv,
     table_kind,
 )
-from gnuradio.wiforce.calibration.validation import best_form
-from gnuradio.wiforce.calibration.verdict import calibration_warnings
+from gnuradio.wiforce.calibration.validation import best_form, calibration_warnings
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
