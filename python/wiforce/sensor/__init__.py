@@ -20,7 +20,7 @@ from .tracker import PressTracker
 _ELSEWHERE = {
     "CalibrationSession": "calibration.guided.session",
     "CalibrationTable": "calibration.tables",
-    "ForceGauge": "gauges.units",
+    "ForceGauge": "calibration.gauges.file",
     "PressMeasurement": "calibration.guided.press_measurement",
     "SessionPlan": "calibration.guided.session_file",
     "calibrate": "calibration.calibrate",
@@ -29,7 +29,7 @@ _ELSEWHERE = {
     "measure_press": "calibration.guided.press_measurement",
     "measure_untouched": "calibration.guided.press_measurement",
     "measure_vna": "calibration.simulated_vna",
-    "parse_force": "gauges.units",
+    "parse_force": "calibration.gauges.file",
     "phase_suspicions": "calibration.mistakes",
     "read_tap_csv": "calibration.tables",
     "read_touchstone_index": "calibration.tables",

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.fit import CurveFitter, force_knots, noise_and_misfit
 from gnuradio.wiforce.calibration.refine import refine
@@ -448,3 +449,9 @@ def test_interpolation_passes_through_what_was_calibrated():
             places[:-1] + 5, port, values[port].T[:1].repeat(4, axis=0)
         )
         assert np.all(at < 0.02 * between.max()) and np.all(between > 0)
+
+
+@pytest.mark.parametrize("name", sorted(sensor._ELSEWHERE))
+def test_name_of_calibration_is_found_in_sensor(name):
+    """Programs import these names from ``gnuradio.wiforce.sensor``, wherever they are defined."""
+    assert callable(getattr(sensor, name))
