@@ -12,8 +12,7 @@ from gnuradio.wiforce.errors import InputError
 from .air.cable import Cable
 from .faults import Fault, FaultQueue, apply_fault, check_fault
 from .hardware import Hardware
-from .host.host_link import HostLink
-from .host.sockets import Sockets, check_loopback
+from .host.host_link import HostLink, Sockets, check_loopback
 from .pacing import HostBacklog, Throttle, WallClock
 from .wire import TICK_RATE, TX_PORT
 

@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The device without sockets and without a wall clock: registers, chains and the air."""
+"""Clock and hardware of the device, as the host programs them."""
 
-from .air.frontend import DAUGHTERBOARDS, FrontEnd
-from .air.tuning import Tuning
-from .clock import DeviceClock
-from .host.control import Control
-from .host.eeprom import (
+from .air.frontend import DAUGHTERBOARDS, FrontEnd, Tuning
+from .host.control import (
     DAUGHTERBOARD_RX,
     DAUGHTERBOARD_TX,
     MOTHERBOARD,
+    Control,
     I2cBus,
+    Network,
+    Registers,
     daughterboard_image,
     motherboard_image,
 )
 from .host.fifo import Fifo
-from .host.network import Network
-from .host.registers import Registers
 from .streams.receive import ReceiveChain
 from .streams.transmit import TransmitChain
 from .wire import (
@@ -28,6 +26,67 @@ from .wire import (
     SR_TX_DSP,
     TICK_RATE,
 )
+
+# Device time is a counter of 64 bits: a host may set it right before its end.
+_TIME_SPAN = 1 << 64
+
+
+class DeviceClock:
+    """Ticks at 100 MHz and the settable device time, with a pulse per second.
+
+    Everything inside the device is scheduled in `ticks`, which never decrease. Times that the host
+    reads or sets are device time, ``ticks + offset``.
+
+    ``ticks``: ticks since power-on; ``offset``: device time minus ticks; ``last_pulse``: device
+    time at the last pulse per second (every whole second since power-on).
+    """
+
+    def __init__(self):
+        self.ticks = 0
+        self.offset = 0
+        self.last_pulse = 0
+        self._low = 0
+        self._immediate = False
+        self._at_pulse = None
+
+    @property
+    def time(self):
+        """Device time in ticks."""
+        return (self.ticks + self.offset) % _TIME_SPAN
+
+    def to_ticks(self, time):
+        """Ticks since power-on of a device time."""
+        since = (time - self.offset) % _TIME_SPAN
+        return since - _TIME_SPAN if since >= _TIME_SPAN // 2 else since
+
+    def to_time(self, ticks):
+        """Device time of a tick since power-on."""
+        return (ticks + self.offset) % _TIME_SPAN
+
+    def advance(self, ticks):
+        """Advance to `ticks`, and set a time that waits for a pulse per second in between."""
+        pulse = ticks // TICK_RATE * TICK_RATE
+        if pulse > self.ticks:
+            if self._at_pulse is not None:
+                self.offset = self._at_pulse - pulse
+                self._at_pulse = None
+            self.last_pulse = (pulse + self.offset) % _TIME_SPAN
+        self.ticks = ticks
+
+    def poke(self, register, value):
+        """Write register 0..5 of the time block: 0 high word (latches), 1 low, 3 immediate."""
+        if register == 1:
+            self._low = value
+        elif register == 3:
+            self._immediate = bool(value & 1)
+        elif register == 0:
+            time = value << 32 | self._low
+            if self._immediate:
+                self.offset = time - self.ticks
+                self._at_pulse = None
+            else:
+                self._at_pulse = time
+
 
 # A step of streaming fits a receive buffer of the usual size several times over.
 _STEP_SAMPLES = 32_000

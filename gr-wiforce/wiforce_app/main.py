@@ -15,8 +15,17 @@ import warnings
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
-from .shell.exit_status import BAD_INPUT, DONE, FAILED, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
-from .shell.interrupts import Interrupted, Terminated, interrupt_by_exception
+from .shell.interrupts import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    OUTPUT_CLOSED,
+    TERMINATED,
+    Interrupted,
+    Terminated,
+    interrupt_by_exception,
+)
 from .shell.lazy import LazyGroup
 from .shell.log import PROGRAM, log, printable
 

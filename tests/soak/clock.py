@@ -41,7 +41,7 @@ class PlayedTime:
         """
         from gnuradio.wiforce.blocks import sample_streams
         from gnuradio.wiforce.io.files import writers
-        from wiforce_app.live import health, live, monitor, radio_keeper, service_report, session
+        from wiforce_app.live import health, live, monitor, radio_keeper, service_manager, session
 
         for module in (sample_streams, session, health):
             module.time = self
@@ -55,7 +55,7 @@ class PlayedTime:
         health.RunHealth = run_health
         radio_keeper.RadioKeeper = partial(radio_keeper.RadioKeeper, link=link, now=self.monotonic)
         monitor.SessionMonitor = partial(monitor.SessionMonitor, now=self.monotonic)
-        service_report.ServiceReport = partial(service_report.ServiceReport, now=self.monotonic)
+        service_manager.ServiceReport = partial(service_manager.ServiceReport, now=self.monotonic)
         writers.RotatingWriter = partial(writers.RotatingWriter, now=self.time)
         # These pauses are in the time of the machine.
         live._LOOK_S = health._LOOK_S = 0.03

@@ -7,8 +7,8 @@ import time
 import numpy as np
 from gnuradio.wiforce.io.network.sample_packets import SampleTag, pack_head
 from loops import RATE_HZ
-from wiforce_app.radio.clock_comparison import ClockComparison
 from wiforce_app.radio.request import DeviceAbsent, DeviceLost
+from wiforce_app.radio.streams import ClockComparison
 
 PACKET = 125_000  # 0.1 s
 _BUFFER_BYTES = 1 << 20

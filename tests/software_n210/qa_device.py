@@ -17,7 +17,7 @@ import pytest
 import zmq
 from gnuradio import blocks, gr, uhd
 from software_n210.air.cable import Cable
-from software_n210.console import ZmqControl
+from software_n210.command import ZmqControl
 from software_n210.device import Device
 
 CONTROL, TX = 49152, 49157

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from device_parts import SPACING, Air, unit_gain
 from software_n210 import wire
-from software_n210.clock import DeviceClock
-from software_n210.host.network import Network
+from software_n210.hardware import DeviceClock
+from software_n210.host.control import Network
 from software_n210.streams.receive import ReceiveChain
 
 

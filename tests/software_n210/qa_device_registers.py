@@ -6,11 +6,15 @@ import struct
 import pytest
 from software_n210 import wire
 from software_n210.air.frontend import Synthesizer
-from software_n210.clock import DeviceClock
-from software_n210.host.control import Control
-from software_n210.host.eeprom import I2cBus, daughterboard_image, motherboard_image
+from software_n210.hardware import DeviceClock
+from software_n210.host.control import (
+    Control,
+    I2cBus,
+    Registers,
+    daughterboard_image,
+    motherboard_image,
+)
 from software_n210.host.fifo import Fifo
-from software_n210.host.registers import Registers
 from software_n210.wire import Malformed
 
 SECOND = 100_000_000

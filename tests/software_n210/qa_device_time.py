@@ -7,10 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from software_n210.air.cable import Cable
-from software_n210.air.history import SampleHistory
-from software_n210.clock import DeviceClock
+from software_n210.air.cable import Cable, SampleHistory
 from software_n210.faults import FaultQueue, parse_fault
+from software_n210.hardware import DeviceClock
 from software_n210.pacing import HostBacklog, Throttle, WallClock
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from device_parts import SPACING, Air, unit_gain
 from software_n210 import wire
-from software_n210.clock import DeviceClock
+from software_n210.hardware import DeviceClock
 from software_n210.streams.transmit import TransmitChain
 from software_n210.wire import Malformed
 

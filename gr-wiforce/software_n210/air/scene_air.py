@@ -10,8 +10,7 @@ from gnuradio.wiforce.simulation.radio import Adc
 
 from ..streams.dsp import FULL_SCALE
 from ..wire import TICK_RATE
-from .cable import Cable, amplitude
-from .history import SampleHistory
+from .cable import Cable, SampleHistory, amplitude
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
 # middle gains, gives the levels of the scene.

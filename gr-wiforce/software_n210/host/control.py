@@ -1,9 +1,152 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slow control: discovery, frame-size search, EEPROMs and registers; a reply per request."""
+"""What the firmware answers: network, registers, EEPROM, and control of the board."""
 
+import ipaddress
 import struct
+import time
+from collections.abc import Callable
 
-from ..wire import READBACK_BASE, SETTINGS_BASE, Malformed
+from ..wire import READBACK_BASE, SETTINGS_BASE, SR_TIME, Malformed
+
+
+class Network:
+    """Passes datagrams, except while it is cut.
+
+    ``now``: wall time in seconds.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic):
+        self._now = now
+        self._until_s = -float("inf")
+        self._tears = False  # the next packet
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether nothing passes in either direction."""
+        return self._now() < self._until_s
+
+    def cut(self, seconds: float) -> None:
+        """Tear the packet that is sent next, and let nothing pass for some wall time."""
+        self._until_s = self._now() + seconds
+        self._tears = True
+
+    def passed(self, packet: bytes) -> bytes:
+        """What arrives of a packet that is sent now."""
+        if not self.is_cut:
+            return packet
+        tears, self._tears = self._tears, False
+        return packet[: len(packet) // 2] if tears else packet[:0]
+
+
+_COMPATIBILITY = (11 << 16) | 1
+_REFERENCE_LOCKED = 1 << 11
+_ALL_ONES = 0xFFFFFFFF
+
+
+class Registers:
+    """Setting registers by index, readback words by index."""
+
+    def __init__(self, clock):
+        self._clock = clock
+        self._blocks = {}
+        self.attach(SR_TIME, 6, clock.poke)
+
+    def attach(self, base, count, poke):
+        """Pass writes to ``base .. base + count - 1`` on to ``poke(register - base, value)``."""
+        for register in range(count):
+            self._blocks[base + register] = (poke, register)
+
+    def poke(self, index, value):
+        """Write a setting register; registers without a block are ignored."""
+        block = self._blocks.get(index)
+        if block is not None:
+            poke, register = block
+            poke(register, value)
+
+    def peek(self, index):
+        """A readback word."""
+        if index in (10, 11):
+            return _word(self._clock.time, index - 10)
+        if index in (14, 15):
+            return _word(self._clock.last_pulse, index - 14)
+        # Word 9, the daughterboards' pins, reads all ones: every oscillator is locked.
+        return {0: 0, 8: 0, 12: _COMPATIBILITY, 13: _REFERENCE_LOCKED}.get(index, _ALL_ONES)
+
+
+def _word(value, low):
+    return (value if low else value >> 32) & _ALL_ONES
+
+
+MOTHERBOARD = 0x50
+DAUGHTERBOARD_TX = 0x54
+DAUGHTERBOARD_RX = 0x55
+
+_N210_R4 = 0x0A11
+_SIZE = 256
+
+
+def motherboard_image(address, serial):
+    """EEPROM of an N210 r4 at the given IPv4 address; 256 bytes."""
+    image = bytearray(b"\xff" * _SIZE)
+    packed = ipaddress.IPv4Address(address).packed
+    struct.pack_into("<H", image, 0, _N210_R4)
+    image[2:8] = b"\x02\x00" + packed
+    image[8:12] = bytes([255, 0, 0, 0])
+    image[12:16] = packed
+    struct.pack_into("<HH", image, 18, 4, _N210_R4)
+    image[23] = 0
+    image[24:33] = serial.encode("ascii")[:9].ljust(9, b"\0")
+    image[33:56] = bytes(23)  # no name
+    image[56:60] = packed
+    return image
+
+
+def daughterboard_image(board_id):
+    """EEPROM of a daughterboard with this id; 256 bytes, of which 32 are used."""
+    image = bytearray(32)
+    image[0] = 0xDB
+    struct.pack_into("<H", image, 1, board_id)
+    image[9:18] = b"1".ljust(9, b"\0")  # its serial number
+    image[31] = -sum(image[:31]) & 0xFF
+    return image + bytearray(b"\xff" * (_SIZE - 32))
+
+
+class I2cBus:
+    """EEPROMs by address, read through a pointer like the real parts, and write-protected.
+
+    They identify the device. Anybody who reaches the control port may send a write, and every later
+    session would find another device.
+    """
+
+    def __init__(self, images):
+        self._images = images
+        self._pointers = dict.fromkeys(images, 0)
+
+    def write(self, address, data):
+        """The first byte sets the pointer.
+
+        Raises Malformed when bytes to be stored follow.
+        """
+        if address not in self._images or not data:
+            return
+        if len(data) > 1:
+            raise Malformed(f"write to the protected EEPROM at {address:#x}")
+        self._pointers[address] = data[0]
+
+    def read(self, address, count):
+        """`count` bytes from the pointer on; an address nobody answers reads as erased.
+
+        Raises Malformed for more than the 20 bytes a message holds.
+        """
+        if count > 20:
+            raise Malformed(f"I2C read of {count} bytes")
+        image = self._images.get(address)
+        if image is None:
+            return b"\xff" * count
+        start = self._pointers[address]
+        self._pointers[address] = (start + count) % len(image)
+        return bytes(image[(start + i) % len(image)] for i in range(count))
+
 
 PROTOCOL_VERSION = 12
 _HEAD = struct.Struct(">III")

@@ -1,14 +1,150 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The transmit stream: queued packets become bursts at their device time."""
+"""Transmit streams, their packets, and flow control."""
 
+import struct
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..wire import TX_BURST_ACK, TX_LATE, TX_SEQUENCE_ERROR, TX_UNDERFLOW, Malformed
+from ..wire import (
+    END_OF_BURST,
+    HAS_TIME,
+    HAS_TRAILER,
+    TX_BURST_ACK,
+    TX_FLOW,
+    TX_LATE,
+    TX_SEQUENCE_ERROR,
+    TX_UNDERFLOW,
+    TYPE_MASK,
+    Malformed,
+    tx_report,
+    words,
+)
 from .dsp import FULL_SCALE, DspRegisters
-from .flow_control import FlowControl
-from .tx_packets import parse_packet
+
+_TIME = struct.Struct(">Q")
+
+
+@dataclass
+class Packet:
+    """A data packet.
+
+    ``time``: ticks of device time, None when the packet carries no time; ``end``: whether it ends a
+    burst; ``payload``: samples not transmitted yet, as big-endian 16-bit I and Q.
+    """
+
+    sequence: int
+    time: int | None
+    end: bool
+    payload: memoryview
+
+    @property
+    def samples(self):
+        """Number of samples not transmitted yet."""
+        return len(self.payload) // 4
+
+
+def parse_packet(datagram):
+    """The packet in a datagram.
+
+    Raises Malformed when it is no data packet, or shorter than its header states.
+    """
+    sequence, header = words(datagram, 2)
+    if header & TYPE_MASK:
+        raise Malformed(f"data header 0x{header:08x}")
+    length = 4 + 4 * (header & 0xFFFF)
+    first = 16 if header & HAS_TIME else 8
+    last = length - 4 if header & HAS_TRAILER else length
+    # Ethernet pads short frames, so a datagram may be longer than its header states.
+    if len(datagram) < length or last <= first:
+        raise Malformed(f"data packet of {len(datagram)} bytes states {length}")
+    time = _TIME.unpack_from(datagram, 8)[0] if header & HAS_TIME else None
+    return Packet(sequence, time, bool(header & END_OF_BURST), memoryview(datagram)[first:last])
+
+
+_UPDATE_ENABLED = 1 << 31
+# The driver takes the device for a FIFO of 1 MiB, and asks for eight reports per FIFO length.
+_FIFO_BYTES = 1 << 20
+_REPORTS_PER_FIFO = 8
+
+
+class FlowControl:
+    """Reports to the host: acknowledgements of packets, and events of the stream.
+
+    ``socket_bytes``: capacity of the socket that packets arrive at; None when it is unlimited. The
+    host is acknowledged fewer packets than were consumed when its window would not fit.
+    """
+
+    def __init__(self, clock, socket_bytes=None):
+        self.stream_id = 2
+        self._clock = clock
+        self._socket_bytes = socket_bytes
+        self._withheld = 0
+        self._ticks_per_update = 0
+        self._packets_per_update = 0
+        self._report_count = 0
+        self.clear()
+
+    def clear(self):
+        """Forget the packets of the last stream."""
+        self._consumed = 0
+        self._unreported = 0
+        self._next_update = self._clock.ticks
+        self._reports = []
+
+    def report_every_ticks(self, value):
+        """Set the register by which the driver asks for reports in time."""
+        self._ticks_per_update = value & 0xFFFFFF if value & _UPDATE_ENABLED else 0
+        self._next_update = self._clock.ticks
+
+    def report_every_packets(self, value):
+        """Set the register by which the driver asks for reports per number of packets."""
+        self._packets_per_update = value & 0xFFFF if value & _UPDATE_ENABLED else 0
+        self._fit_window_to_socket()
+
+    def consumed(self, packet):
+        """Note that a packet has left the queue; report it when enough have."""
+        self._consumed = packet.sequence
+        self._unreported += 1
+        if self._packets_per_update and self._unreported >= self._packets_per_update:
+            self.report(TX_FLOW, self._clock.ticks)
+
+    def report(self, event, tick):
+        """Queue a report of an event; every report acknowledges the consumed packets too."""
+        self._unreported = 0
+        time = self._clock.to_time(tick)
+        acknowledged = self._consumed - self._withheld & 0xFFFFFFFF
+        self._reports.append(
+            tx_report(self._report_count, self.stream_id, time, event, acknowledged)
+        )
+        self._report_count += 1
+
+    def take(self):
+        """Reports to send, which leave the queue; list of bytes."""
+        if self._ticks_per_update and self._clock.ticks >= self._next_update:
+            self._next_update = self._clock.ticks + self._ticks_per_update
+            self.report(TX_FLOW, self._clock.ticks)
+        reports, self._reports = self._reports, []
+        return reports
+
+    def _fit_window_to_socket(self):
+        """Acknowledge fewer packets, so that the host's window fits the socket."""
+        self._withheld = 0
+        if self._socket_bytes is None or not self._packets_per_update:
+            return
+        window = _REPORTS_PER_FIFO * self._packets_per_update
+        room = self._socket_bytes // _kernel_bytes(_FIFO_BYTES // window)
+        if room < window:
+            self._withheld = window - max(room, 2)
+            self._packets_per_update = min(self._packets_per_update, max(room // 2, 1))
+            self.report(TX_FLOW, self._clock.ticks)
+
+
+def _kernel_bytes(datagram_bytes):
+    """Bytes of a socket's buffer that a datagram takes: a power of two, and its bookkeeping."""
+    return (1 << (datagram_bytes + 511).bit_length()) + 512
+
 
 _POLICY_NEXT_BURST = 4
 _MAX_QUEUE = 4096

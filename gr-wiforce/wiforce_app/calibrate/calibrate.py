@@ -209,7 +209,7 @@ def calibrate(
 
 def _without_incomplete(data):
     """The table without locations that were left before they had enough forces."""
-    from gnuradio.wiforce.calibration.checks import LEAST_FORCES, complete_locations
+    from gnuradio.wiforce.calibration.data import LEAST_FORCES, complete_locations
 
     complete = complete_locations(data)
     places = sorted(set(data.location_mm[~data.untouched].tolist()) - set(complete))

@@ -3,7 +3,7 @@
 
 import time
 
-from gnuradio.wiforce.calibration.gauges.units import parse_force
+from gnuradio.wiforce.calibration.gauges.file import parse_force
 from gnuradio.wiforce.calibration.guided.press_measurement import (
     measure_press,
     measure_untouched,

@@ -89,7 +89,7 @@ def paper(output, plot_path, in_full):
     for limit in published.LIMITS:
         click.echo(f"- {limit}")
     if plot_path is not None:
-        from .published_plot import plot_error_distributions
+        from .pictures import plot_error_distributions
 
         plot_error_distributions(scores, forms, plot_path)
 

@@ -19,9 +19,8 @@ from gnuradio.wiforce.simulation.truth import read_truth, score
 
 from ..read.recordings import read_capture
 from .causes import OWN, other_causes, with_cause
-from .channels import snapshot_channels
 from .error_summary import calibration_bias_deg, summary
-from .paper_method import paper_changes, paper_errors
+from .paper_method import paper_changes, paper_errors, snapshot_channels
 
 # The paper's method with the constant offset of the tag's clock removed, as a row of the report.
 CORRECTED = "paper, clock offset removed"

@@ -4,6 +4,7 @@
 from dataclasses import replace
 
 import numpy as np
+from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
@@ -11,8 +12,30 @@ from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.truth import steady_rows
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from scipy.fft import fft
 
 from .error_summary import calibration_bias_deg, summary
+
+# Samples of folded frames that are read at a time: 32 MB.
+_BATCH_SAMPLES = 1 << 22
+
+
+def snapshot_channels(recording, scene, path):
+    """Compute H of every snapshot of the first receive antenna.
+
+    Returns memmap of complex64, shape (N, K): subcarriers as in the scene's waveform.
+
+    ``path``: file that holds the result.
+    """
+    waveform = scene.waveform()
+    factors = waveform.equalizer().astype(np.complex64)
+    frames = folded_reader(**frame_settings(recording, waveform, frame_offset=0))
+    with open(path, "wb") as file:
+        while len(folded := frames.read(_BATCH_SAMPLES // waveform.symbol_length)["folded"]):
+            (fft(folded, axis=1) * factors).tofile(file)
+    return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]
+
 
 _ESTIMATOR = "paper"
 _BATCH = 64  # groups

@@ -93,7 +93,7 @@ def score(
         _write(output, found)
     click.echo(json.dumps(found.report(), indent=1) if as_json else str(found))
     if plot_path is not None:
-        from .score_plot import plot_comparison
+        from .pictures import plot_comparison
 
         plot_comparison(readings, gauge, found, plot_path, f"{capture} against {against}")
 

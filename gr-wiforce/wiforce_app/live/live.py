@@ -18,8 +18,8 @@ from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..read.file_outputs import open_mcap
-from ..shell.exit_status import BAD_INPUT, FAILED
 from ..shell.grouped_help import GroupedHelp
+from ..shell.interrupts import BAD_INPUT, FAILED
 from ..shell.log import FORMATS, LEVELS, log
 from ..shell.options import (
     FiniteRange,
@@ -319,14 +319,12 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     Raises DeviceLost when the device is gone and must not be reopened; all readings have been
     written.
     """
-    from ..radio.reaction_time import shorten_pauses
-    from .health import Heartbeat, RunHealth
+    from ..radio.request import shorten_pauses
+    from .health import Heartbeat, RunClock, RunHealth
     from .monitor import SessionMonitor
     from .radio_keeper import RadioKeeper
     from .requests import TareLog, serve_requests
-    from .run_clock import RunClock
-    from .service_manager import ServiceManager
-    from .service_report import ServiceReport
+    from .service_manager import ServiceManager, ServiceReport
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -11,11 +11,10 @@ from gnuradio.wiforce.estimation.capture.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.planning.room.report import finding_rows
 
-from ..read.room_news import RoomNews
-from ..read.stream_events import describe_events, describe_loss
+from ..read.room_news import RoomNews, describe_events, describe_loss
 from ..shell.log import log
+from .requests import WarningPace
 from .session import LiveSession
-from .warning_pace import WarningPace
 
 _LINE_S = 0.5
 _WARN_S = 1.0

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Requests to a live reader: tare, status, stop."""
+"""Requests to a live run, and the pace of what it says."""
 
 import json
+import math
 import time
 from collections.abc import Callable
 
@@ -10,7 +11,32 @@ from gnuradio.wiforce.io.network.zmq_sockets import Later, Replies, answer_words
 from gnuradio.wiforce.press.tares import TareState
 
 from .session import LiveSession
-from .warning_pace import WarningPace
+
+_SHORTEST_S, _LONGEST_S = 1.0, 600.0
+
+
+class WarningPace:
+    """Allows a kind of warning at once, and ever less often while its cause goes on.
+
+    The pause between two warnings of a kind doubles from 1 s to 10 min. It is short again once
+    nothing has happened for two pauses.
+    """
+
+    def __init__(self, now: Callable[[], float]):
+        self._now = now
+        self._last_s: dict[str, float] = {}
+        self._pause_s: dict[str, float] = {}
+
+    def allows(self, kind: str) -> bool:
+        """Whether a warning that is due may be written now; if so, it counts as written."""
+        now, pause_s = self._now(), self._pause_s.get(kind, 0.0)
+        quiet_s = now - self._last_s.get(kind, -math.inf)
+        if quiet_s < pause_s:
+            return False
+        longer = quiet_s < 2 * max(pause_s, _SHORTEST_S)
+        self._pause_s[kind] = min(2 * pause_s, _LONGEST_S) if longer and pause_s else _SHORTEST_S
+        self._last_s[kind] = now
+        return True
 
 
 class TareLog:

@@ -21,12 +21,11 @@ from gnuradio.wiforce.scene.schema import Scene
 
 from ..live.live import radio_request, warn_of_oscillators
 from ..radio.request import DeviceLost
-from ..read.stream_events import describe_events
-from ..shell.exit_status import FAILED
+from ..read.room_news import describe_events
+from ..shell.interrupts import FAILED
 from ..shell.log import log
 from ..shell.options import csi_file, csi_options, optional_radio_options, sample_type
-from .check_advice import advice_on_levels, advice_on_sensors
-from .check_capture import LEVEL_FRAMES, level_lines
+from .check_capture import LEVEL_FRAMES, advice_on_levels, advice_on_sensors, level_lines
 from .check_file import check_file
 
 _SEARCHES = 16

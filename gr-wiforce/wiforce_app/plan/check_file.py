@@ -1,16 +1,336 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce check FILE``: what any file is, and whether a tag is seen in it."""
+"""``check FILE``: what a capture or a file of snapshots is, and what to change first."""
 
+from dataclasses import asdict
 from pathlib import Path
 
-from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
+import numpy as np
+from gnuradio.wiforce.estimation.packets.antenna_states import (
+    FOREIGN,
+    LEAST_STEP,
+    TAG_STEP,
+    find_states,
+)
+from gnuradio.wiforce.estimation.packets.packet_survey import (
+    find_tag,
+    phase_std_deg,
+    snapshot_snr_db,
+)
+from gnuradio.wiforce.io.capture.channel_snapshots import CLOCK_STEP_S, ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.capture.samples import likely_datatype
 from gnuradio.wiforce.io.csi_tools import tool_of
+from gnuradio.wiforce.signal.lines import lamp_distances_hz
 
+from ..plan import check_capture
 from ..read.recordings import SAMPLES_ONLY, open_recording
 from ..shell.options import refuse
-from . import check_capture, check_samples, check_snapshots
+from .check_capture import advice_on_levels
+
+# Samples that are looked at, the first ones, and the length of a piece whose power is compared.
+_MOST_SAMPLES, _PIECE = 4_000_000, 64
+# Power above the noise at which a burst begins, and samples of a piece that repeat: 10 dB.
+_BURST = 10.0
+_CLIPPED = 1 - 2**-11
+# Lags at which symbols repeat: short and long training symbols of 802.11 sampled at 20 Msps, the
+# second one also that of the project's own frames; and how alike repetitions are at least.
+_LAGS, _ALIKE = {16: "short training symbols", 64: "symbols"}, 0.8
+
+
+def check_samples(capture):
+    """What a file of samples is, when no scene says so.
+
+    Returns dict: ``file``, ``levels``, ``bursts``, ``advice`` and ``notes``.
+    """
+    samples = capture.read(_MOST_SAMPLES)
+    finite = np.isfinite(samples)
+    samples[~finite] = 0
+    rate = capture.sample_rate_hz
+    parts = np.abs(samples.view(np.float32).reshape(-1, 2))
+    power = np.abs(samples[: len(samples) // _PIECE * _PIECE]).reshape(-1, _PIECE) ** 2
+    power = power.mean(axis=1)
+    noise = float(np.quantile(power, 0.05)) if len(power) else 0.0
+    loud = power > _BURST * max(noise, 1e-30)
+    dc = float(np.abs(samples.mean()) ** 2)
+    found = {
+        "file": {
+            "path": str(capture.path),
+            "datatype": capture.datatype,
+            "likely_datatype": likely_datatype(capture.path),
+            "samples": capture.samples,
+            "sample_rate_hz": rate,
+            "center_frequency_hz": capture.center_frequency_hz,
+            "seconds": None if rate is None else capture.span / rate,
+            "gaps": len(capture.segments) - 1,
+            "samples_lost": capture.span - capture.samples,
+        },
+        "levels": {
+            "peak_dbfs": _db(float(parts.max(initial=0)) ** 2),
+            "mean_dbfs": _db(float(np.mean(power)) if len(power) else 0.0),
+            "quietest_dbfs": _db(noise),
+            "dc_dbfs": _db(dc),
+            "clipped": float(np.mean(np.any(parts >= _CLIPPED, axis=1))) if len(parts) else 0.0,
+            "not_finite": float(np.mean(~finite)) if len(finite) else 0.0,
+        },
+        "bursts": {
+            "count": int(np.count_nonzero(np.diff(loud.astype(int), prepend=0) == 1)),
+            "share": float(np.mean(loud)) if len(loud) else 0.0,
+            "repeated": [name for lag, name in _LAGS.items() if _repeats(samples, loud, lag)],
+        },
+        "tag": None,
+    }
+    found["notes"] = [
+        "without a scene the frames, and thus a tag, cannot be looked for; name one with --scene"
+    ]
+    found["advice"] = list(_sample_advice(found)) or ["none on levels"]
+    return found
+
+
+def _repeats(samples, loud, lag):
+    """Whether loud pieces are equal to what follows them after a lag."""
+    best = 0.0
+    for piece in np.flatnonzero(loud)[:2000]:
+        first = samples[piece * _PIECE : (piece + 1) * _PIECE]
+        second = samples[piece * _PIECE + lag : (piece + 1) * _PIECE + lag]
+        if len(second) == len(first):
+            energy = np.linalg.norm(first) * np.linalg.norm(second)
+            best = max(best, float(np.abs(np.vdot(first, second))) / max(float(energy), 1e-30))
+    return best > _ALIKE
+
+
+def _sample_advice(found):
+    file = found["file"]
+    if file["likely_datatype"] not in (None, file["datatype"]):
+        likely = file["likely_datatype"]
+        yield f"the values are those of {likely} rather than {file['datatype']}: check the type"
+    elif found["levels"]["not_finite"]:
+        yield "some samples are NaN or infinite: check what wrote the file"
+    yield from advice_on_levels(found["levels"])
+    if file["samples_lost"]:
+        yield "samples were lost while recording: use a faster machine or larger buffers"
+
+
+def samples_text(found):
+    """The result of :func:`check_samples` for a terminal."""
+    file, levels, bursts = found["file"], found["levels"], found["bursts"]
+    rate, carrier = file["sample_rate_hz"], file["center_frequency_hz"]
+    where = "carrier unknown" if carrier is None else f"carrier {carrier / 1e6:g} MHz"
+    long = "rate unknown" if rate is None else f"{rate / 1e6:g} Msps, {file['seconds']:.3g} s"
+    symbols = ", ".join(bursts["repeated"]) or "no symbols"
+    return "\n".join(
+        [
+            f"file       {file['path']}: samples, {file['datatype']}",
+            f"length     {file['samples']} samples, {long}, {where}, {file['gaps']} gaps",
+            f"levels     peak {levels['peak_dbfs']:.1f} dBFS, mean {levels['mean_dbfs']:.1f}, "
+            f"quietest {levels['quietest_dbfs']:.1f}, {100 * levels['clipped']:.3g} % clipped",
+            f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
+            f"signal     {bursts['count']} bursts, {100 * bursts['share']:.0f} % of the time; "
+            f"{symbols} repeat",
+            *(f"note       {note}" for note in found["notes"]),
+            *(f"advice     {advice}" for advice in found["advice"]),
+        ]
+    )
+
+
+def _db(power):
+    return float(10 * np.log10(max(power, 1e-30)))
+
+
+# Length of a reading that errors are stated for, in s, and the error at which readings are flagged
+# (`weak`), in degrees.
+_READING_S, _WEAK_DEG = 0.5, 3.0
+# Packets that are looked at, the first ones: states are found among all of them.
+_MOST_PACKETS = 20_000
+# Stamps that are multiples of these are rounded to them, in s. A tenth of a millisecond is 4
+# degrees of line 1 of a clock at 120 Hz, and 17 degrees of line 4.
+_GRIDS_S = (1e-3, 1e-4)
+# Nearness to a multiple of 100 or 120 Hz at which a clock may be a lamp, in Hz.
+_LAMP_HZ = 1.0
+# Gaps that are reported, in multiples of the median interval and in s.
+_GAP_INTERVALS, _GAP_S = 20, 0.1
+
+
+def check_snapshots(recording, kind):
+    """What a file of channel snapshots is, and what it allows.
+
+    Returns dict: ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``advice`` and ``notes``.
+    ``kind``: of the file, in words.
+    """
+    rows = slice(0, _MOST_PACKETS)
+    channel, time_s = recording.channel[rows], recording.time_s[rows]
+    coarse, fine = find_states(channel, TAG_STEP), find_states(channel, LEAST_STEP)
+    # A strong tag looks like states of the receiver, a weak one is hidden by them.
+    states, tag = coarse, find_tag(channel, time_s, coarse)
+    if tag is None:
+        states, tag = fine, find_tag(channel, time_s, fine)
+    timing = _timing(recording)
+    answer = {
+        "file": {
+            "path": str(recording.path),
+            "kind": kind,
+            "packets": len(recording.time_s),
+            "seconds": recording.span_s,
+            "subcarriers": len(recording.subcarrier_hz),
+            "bandwidth_hz": float(np.ptp(recording.subcarrier_hz)),
+            "center_frequency_hz": recording.center_frequency_hz,
+            "scene": recording.scene is not None,
+        },
+        "timing": timing,
+        "antennas": _antennas(channel, recording.subcarrier_hz, states),
+        "tag": None if tag is None else _tag(tag, recording, timing),
+    }
+    answer["notes"] = list(_notes(recording, states))
+    answer["advice"] = list(_snapshot_advice(answer)) or [
+        "none: read it with a scene (docs/wifi.md)"
+    ]
+    return answer
+
+
+def _timing(recording):
+    steps = np.diff(recording.time_s)
+    median = float(np.median(steps))
+    gaps = steps[steps > max(_GAP_S, _GAP_INTERVALS * median)]
+    received_s = recording.span_s - CLOCK_STEP_S * recording.clock_steps
+    stamps = recording.time_s - recording.time_s[0]
+    grid = next(
+        (s for s in _GRIDS_S if np.all(np.abs(stamps / s - np.rint(stamps / s)) < 1e-3)), 0.0
+    )
+    stretch = (stamps / _READING_S).astype(int)
+    counts = np.unique(stretch, return_counts=True)[1]
+    return {
+        "packets_per_s": len(steps) / max(received_s, 1e-9),
+        "median_interval_s": median,
+        "gaps": len(gaps),
+        "longest_gap_s": float(steps.max()),
+        "few_packets": float(np.mean(counts < np.median(counts) / 2)),
+        "clock_steps": recording.clock_steps,
+        "rounded_to_s": grid,
+    }
+
+
+def _antennas(channel, subcarrier_hz, states):
+    level = np.median(np.mean(np.abs(channel) ** 2, axis=1), axis=0)
+    level_db = 10 * np.log10(level / level.max())
+    return {
+        "count": channel.shape[2],
+        "level_db": level_db.round(1).tolist(),
+        "snr_db": np.round(snapshot_snr_db(channel, subcarrier_hz), 1).tolist(),
+        "states": states.count,
+        "changes": int(np.count_nonzero(np.diff(states.label))),
+        "phase_std_deg": phase_std_deg(channel, states) if channel.shape[2] > 1 else None,
+    }
+
+
+def _tag(tag, recording, timing):
+    per_reading = max(int(timing["packets_per_s"] * _READING_S), 1)
+    channels = len(recording.subcarrier_hz) * max(recording.antennas - 1, 1)
+    lamp_hz = float(lamp_distances_hz(tag.clock_hz, (50.0, 60.0)).min())
+    return {
+        **asdict(tag),
+        "phase_error_deg": tag.phase_std_deg(per_reading, channels),
+        "may_be_a_lamp": lamp_hz < _LAMP_HZ,
+    }
+
+
+def _notes(recording, states):
+    yield from recording.notes
+    if states.foreign:
+        yield f"left out {states.foreign} x {FOREIGN}"
+
+
+def _snapshot_advice(found):
+    timing, antennas, tag = found["timing"], found["antennas"], found["tag"]
+    if antennas["count"] == 1:
+        yield (
+            "use a receiver with two antennas on one oscillator: with one, the phase of each "
+            "packet cannot be distinguished from the tag"
+        )
+    if tag is None:
+        yield (
+            "no tag is seen: check that it is on, bring it nearer to sender or receiver, and "
+            "record 1 s or more with at least 100 packets per second"
+        )
+    elif tag["may_be_a_lamp"]:
+        yield (
+            f"{tag['clock_hz']:.1f} Hz is a multiple of 100 or 120 Hz: switch the tag off to "
+            "see whether it is a lamp, and use a clock between these multiples"
+        )
+    elif tag["phase_error_deg"] > _WEAK_DEG:
+        yield "the tag is weak: bring it nearer, send more packets, or read longer groups"
+    if timing["rounded_to_s"]:
+        yield (
+            f"time stamps are rounded to {1e3 * timing['rounded_to_s']:g} ms: store microseconds, "
+            "by the clock of the card"
+        )
+    if timing["clock_steps"]:
+        yield "the card's clock stepped back: record again, or read either part alone"
+    if timing["few_packets"]:
+        yield (
+            f"packets come unevenly: {100 * timing['few_packets']:.0f} % of readings of "
+            f"{_READING_S:g} s would hold fewer than half of the usual number, which are flagged "
+            "`gap`; send them at a constant rate"
+        )
+    if timing["packets_per_s"] < 100:
+        yield f"send more packets: {timing['packets_per_s']:.0f} per second need long readings"
+    if min(antennas["level_db"]) < -20:
+        yield "one antenna receives next to nothing: check its connector"
+
+
+def snapshots_text(found):
+    """The result of :func:`check_snapshots` for a terminal."""
+    file, timing, antennas, tag = (found[key] for key in ("file", "timing", "antennas", "tag"))
+    carrier = file["center_frequency_hz"]
+    where = "carrier unknown" if carrier is None else f"carrier {carrier / 1e6:g} MHz"
+    lines = [
+        f"file       {file['path']}: {file['kind']}",
+        f"packets    {file['packets']} in {file['seconds']:.3g} s, "
+        f"{file['subcarriers']} subcarriers over {file['bandwidth_hz'] / 1e6:.3g} MHz, {where}",
+        f"timing     {timing['packets_per_s']:.0f} packets/s, median interval "
+        f"{1e3 * timing['median_interval_s']:.3g} ms, {_gaps(timing)}",
+        f"antennas   {antennas['count']}, levels {_list(antennas['level_db'])} dB, SNR of one "
+        f"packet {_list(antennas['snr_db'])} dB",
+    ]
+    if antennas["count"] > 1:
+        lines.append(f"phases     {_states(antennas)}")
+    if tag is None:
+        lines.append("tag        none is seen between 50 and 400 Hz")
+    else:
+        seen = "or a lamp, seen" if tag["may_be_a_lamp"] else "seen"
+        lines += [
+            f"tag        {seen} at {tag['clock_hz']:.2f} Hz: line 1 is {-tag['line_db']:.0f} dB "
+            f"below the direct path, snr_db {tag['snr_db']:.0f}",
+            f"allows     phase errors of {tag['phase_error_deg']:.2g} deg in readings of "
+            f"{_READING_S:g} s, by noise alone",
+        ]
+    lines += [f"note       {note}" for note in found["notes"]]
+    lines += [f"advice     {advice}" for advice in found["advice"]]
+    return "\n".join(lines)
+
+
+def _gaps(timing):
+    words = f"{timing['gaps']} gaps" if timing["gaps"] else "no gaps"
+    if timing["gaps"]:
+        words += f" (longest {timing['longest_gap_s']:.3g} s)"
+    if timing["clock_steps"]:
+        words += f", clock stepped back {timing['clock_steps']} x"
+    if timing["rounded_to_s"]:
+        words += f", stamps rounded to {1e3 * timing['rounded_to_s']:g} ms"
+    return words
+
+
+def _states(antennas):
+    within = f"between the antennas they vary by {antennas['phase_std_deg']:.2g} deg rms"
+    if antennas["states"] == 1:
+        return within
+    return (
+        f"{antennas['states']} states, {antennas['changes']} changes: followed; within a state, "
+        f"{within}"
+    )
+
+
+def _list(values):
+    return "/".join(f"{value:g}" for value in values)
+
 
 _TOOLS = {
     "intel": "Linux 802.11n CSI Tool (Intel 5300)",
@@ -32,11 +352,11 @@ def check_file(path, scene_path, datatype, csi):
     recording = open_recording(path, datatype, csi)
     if isinstance(recording, ChannelSnapshots):
         refuse({"--datatype": datatype, "--scene": scene_path}, SAMPLES_ONLY)
-        found = check_snapshots.check_snapshots(recording, _kind(path, csi))
-        return found, check_snapshots.text(found)
+        found = check_snapshots(recording, _kind(path, csi))
+        return found, snapshots_text(found)
     if scene_path is None and recording.scene is None:
-        found = check_samples.check_samples(recording)
-        return found, check_samples.text(found)
+        found = check_samples(recording)
+        return found, samples_text(found)
     found = check_capture.check_capture(path, scene_path, datatype)
     return found, check_capture.report(found)
 

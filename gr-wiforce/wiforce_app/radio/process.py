@@ -18,13 +18,13 @@ import time
 from gnuradio.wiforce.errors import InputError
 
 from .device_lock import DeviceLock
-from .reaction_time import shorten_pauses
 from .request import (
     LOST_STATUS,
     DeviceAbsent,
     DeviceLost,
     DeviceUnusable,
     RadioRequest,
+    shorten_pauses,
 )
 
 _LOOK_S = 0.02

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Both streams of a radio: frames out, samples to the reader."""
+"""The streams of a device: their start, their clock, and the samples."""
 
+import functools
+import os
+import re
 import socket
+import threading
 import time
 from collections.abc import Callable
 
@@ -9,10 +13,136 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.sample_streams import sample_sender
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
-from .clock_comparison import ClockComparison
 from .radio import Radio
-from .request import LOST_STATUS, DeviceLost, RadioRequest
-from .stream_start import start_flowgraph
+from .request import LOST_STATUS, DeviceLost, DeviceUnusable, RadioRequest
+
+# The device's clock is compared again after this time: 25 ppm of it are 0.25 ms.
+_EVERY_S = 10.0
+_QUERIES = 3
+
+
+class ClockComparison:
+    """Compares the clocks of host and device now and then.
+
+    The device is asked for its time, and the host's clock is read before and after. Their mean is
+    the UTC of the answer; half of their difference is the uncertainty, to which that of the host's
+    clock adds.
+
+    ``device_time``: returns the device's time in seconds; may raise RuntimeError; ``utc``, ``now``:
+    return UTC and a steady time in seconds.
+    """
+
+    def __init__(
+        self,
+        device_time: Callable[[], float],
+        utc: Callable[[], float] = time.time,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._device_time, self._utc, self._now = device_time, utc, now
+        self._compared_s = -float("inf")
+
+    def look(self) -> tuple[float, float] | None:
+        """Compare the clocks where the last comparison is ten seconds old.
+
+        Returns tuple of (float, float) or None: offset of UTC from the device's clock and its
+        uncertainty, in s, by the quickest of three answers; None where none is due, or the device
+        does not answer.
+        """
+        if self._now() - self._compared_s < _EVERY_S:
+            return None
+        self._compared_s = self._now()
+        best = None
+        for _ in range(_QUERIES):
+            before_s = self._utc()
+            try:
+                device_s = self._device_time()
+            except RuntimeError:  # UHD's, when the device does not answer
+                return None
+            half_s = (self._utc() - before_s) / 2
+            if half_s >= 0 and (best is None or half_s < best[1]):
+                best = before_s + half_s - device_s, half_s
+        return best
+
+
+# Drivers start a stream within a second or two, by the documentation of their modules.
+_LIMIT_S = 20.0
+_LOOK_S = 0.02
+_MOST_LOG_BYTES = 1 << 16
+# What GNU Radio logs when a block's thread ends with an exception (thread_body_wrapper.h).
+_FAILURE = re.compile(r"ERROR thread\[thread-per-block\[\d+\]: <block [^>]*>\]: ?([^\n]*)")
+
+
+def start_flowgraph(
+    flowgraph: gr.top_block,
+    stopped: Callable[[], bool],
+    option: str,
+    args: str,
+    limit_s: float = _LIMIT_S,
+) -> None:
+    """Start a flowgraph, in bounded time.
+
+    GNU Radio starts each block in a thread of its own, and waits until all of them have started.
+    The thread of a block that throws while it starts ends before, so that GNU Radio waits for ever.
+    It tells the cause to its log only.
+
+    ``stopped``: whether to give up; ``option``, ``args``: name the device, for the message;
+    ``limit_s``: how long to wait for the driver. Raises DeviceUnusable when a block does not start.
+    The flowgraph can neither be stopped nor freed then.
+    """
+    started, errors = threading.Event(), []
+
+    def start():
+        try:
+            flowgraph.start()
+        except Exception as error:
+            errors.append(error)
+        started.set()
+
+    with _ErrorLog() as error_log:
+        threading.Thread(target=start, daemon=True).start()
+        deadline = time.monotonic() + limit_s
+        while not started.wait(_LOOK_S):
+            reason = error_log.failure()
+            if reason is None and time.monotonic() > deadline:
+                reason = f"its driver has not started to stream within {limit_s:g} s"
+            if reason is None and stopped():
+                reason = "stopped before its driver started to stream"
+            if reason is not None:
+                rule = f"must name a device that can stream ({reason})"
+                raise DeviceUnusable(option, rule, args)
+    if errors:
+        raise errors[0]
+
+
+class _ErrorLog:
+    """Keeps the errors that GNU Radio logs to standard output meanwhile; shows nothing else."""
+
+    def __enter__(self):
+        _log_to_standard_output()
+        self._kept, self._file = os.dup(1), os.memfd_create("errors")
+        os.dup2(self._file, 1)
+        self._level = gr.logging().default_level()
+        gr.logging().set_default_level(gr.log_levels.err)
+        return self
+
+    def __exit__(self, *_):
+        gr.logging().set_default_level(self._level)
+        os.dup2(self._kept, 1)
+        os.close(self._kept)
+        os.close(self._file)
+
+    def failure(self):
+        """Why a block's thread has ended; None while none has."""
+        text = os.pread(self._file, _MOST_LOG_BYTES, 0).decode(errors="backslashreplace")
+        found = _FAILURE.search(text)
+        return None if found is None else found[1].strip() or "without a reason"
+
+
+@functools.cache
+def _log_to_standard_output():
+    # GNU Radio's own configuration may send its log elsewhere.
+    gr.logging().add_default_console_sink()
+
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
 _START_LEADS_S = (0.5, 1.5, 4.0)
@@ -20,7 +150,6 @@ _START_GRACE_S = 1.0
 # Without a common start, frames are on the air for this long before samples are received: more
 # than what the buffers of drivers and devices hold.
 _TRANSMIT_AHEAD_S = 0.5
-_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
 _MOST_RECEIVE_SAMPLES = _BUFFER_SAMPLES // 2
 _RECEIVE_TIMEOUT_S = 0.1

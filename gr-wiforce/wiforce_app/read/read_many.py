@@ -10,8 +10,7 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.readings import GroupCounts
 
-from ..shell.exit_status import BAD_INPUT, FAILED
-from ..shell.interrupts import Interrupted
+from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
 from ..shell.log import PROGRAM, printable
 from ..shell.progress import progress
 from ..shell.workers import WorkerLost, run_tasks
@@ -39,7 +38,7 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     whole = _whole_file(output, form)
     folder = _folder_of(output) if whole is None else whole.with_name(f"{whole.name}.parts")
     if whole is not None:
-        from .joined import check_whole, join_parts
+        from .journal import check_whole, join_parts
 
         check_whole(whole)
     suffix = "parquet" if whole is not None else form or "csv"

@@ -12,8 +12,7 @@ from gnuradio.wiforce.scene import accepted_suspicions
 
 from ..shell.log import log
 from ..shell.options import refuse
-from .room_news import RoomNews
-from .stream_events import describe_events
+from .room_news import RoomNews, describe_events
 
 # Why an option does not go with channel snapshots.
 SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Findings of the surveys of a run, printed when they change."""
+"""What is said of a room and of a stream while it is read."""
 
 import sys
 
@@ -41,3 +41,31 @@ def report_room(text):
     """Print what a survey has found, in a line of its own."""
     start = "\r\033[K" if sys.stderr.isatty() else ""
     click.echo(f"{start}gr-wiforce: room: {text}", err=True)
+
+
+def describe_loss(gaps: int, samples_lost: int) -> str:
+    """The loss of samples that gaps account for."""
+    return f"{_count(gaps, 'gap')}, {_count(samples_lost, 'sample')} lost"
+
+
+def describe_events(frames_moved: int, times_ignored: int = 0) -> list[str]:
+    """Events that make times uncertain, although no loss of samples was counted.
+
+    Returns list of str: one phrase for each kind of event that occurred.
+
+    ``frames_moved``: times that the frame timing shifted without an ``rx_time`` tag;
+    ``times_ignored``: implausible ``rx_time`` tags.
+    """
+    phrases = []
+    if frames_moved:
+        times = "once" if frames_moved == 1 else f"{frames_moved} times"
+        phrases.append(
+            f"frame timing shifted {times}; times may be off by a multiple of the frame length"
+        )
+    if times_ignored:
+        phrases.append(f"ignored {_count(times_ignored, 'implausible rx_time tag')}")
+    return phrases
+
+
+def _count(number, noun):
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

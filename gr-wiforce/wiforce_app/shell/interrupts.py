@@ -1,8 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Interruptions: Ctrl-C and SIGTERM end a command by an exception, so that it can clean up."""
+"""Exit statuses, and the end of the command by a signal."""
 
 import signal
 from contextlib import contextmanager
+
+DONE = 0
+# Any failure that is not the user's: a full disk, a lost device, a fault of the program.
+FAILED = 1
+# Bad usage or bad input, explained in one line.
+BAD_INPUT = 2
+# 128 + the number of the signal, as a shell reports a process that a signal ended. SIGPIPE itself
+# stays ignored: it would leave a transmitter on and a file incomplete.
+INTERRUPTED, TERMINATED, OUTPUT_CLOSED = 130, 143, 141
 
 
 class Terminated(KeyboardInterrupt):

@@ -12,8 +12,7 @@ from typing import Any
 
 from gnuradio.wiforce.errors import InputError
 
-from .messages import MOST_SENSORS
-from .page_state import PageState, page_row
+from .page_state import MOST_SENSORS, PageState, page_row
 
 # Of a long file only the end is read: half a minute of eight sensors takes 1 MB.
 _TAIL_BYTES = 4 << 20

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Serves the page to any number of browsers, none of which can delay another."""
+"""The server of the page: its connections, and what each browser is sent."""
 
 import asyncio
 import contextlib
@@ -7,10 +7,11 @@ import ipaddress
 import json
 import logging
 import math
+import resource
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +20,53 @@ import tornado.iostream
 import tornado.web
 import tornado.websocket
 
-from . import connections
 from .address import PageAddress
 from .page import bokeh_scripts, figures
 from .page_state import PageState
+
+# A viewer whose last message has not left this machine for so long is disconnected.
+STALLED_S = 20.0
+# Of data that wait in the system, for each connection. Its own limit is some megabytes: a viewer
+# that stalls would be noticed after minutes only, and files would be sent without a pause.
+_KERNEL_BYTES = 32 << 10
+# Beyond as many connections, further ones are closed, however many descriptors there are: in
+# containers a million.
+_MOST_DESCRIPTORS = 512
+
+
+class LimitedServer(tornado.httpserver.HTTPServer):
+    """A server that refuses connections before the process has no descriptor left.
+
+    Tornado would try to accept them again and again, and print a traceback each time, for
+    everybody who opens a thousand connections, with or without the token. It also has no limit for
+    an answer that nobody reads; the system closes such connections.
+    """
+
+    def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
+        # A new descriptor is the lowest that is free. The upper half is for files that are sent.
+        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        if stream.socket.fileno() > min(most // 2, _MOST_DESCRIPTORS):
+            stream.close()
+            return
+        stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BYTES)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+            limit_ms = round(1000 * STALLED_S)
+            stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, limit_ms)
+        super().handle_stream(stream, address)
+
+
+def in_turn(read: Callable[[int], Awaitable[bytes]]) -> Callable[[int], Awaitable[bytes]]:
+    """Read only after all others had their turn.
+
+    ``read``: reads so many bytes of a stream.
+    """
+
+    async def paced(length: int) -> bytes:
+        await asyncio.sleep(0)
+        return await read(length)
+
+    return paced
+
 
 _ASSETS = Path(__file__).with_name("assets")
 # Most often and least often that viewers are sent something. A reading that comes in wakes the
@@ -92,7 +136,7 @@ class PageServer:
         ``ended``: asked now and then; the page also ends when this is true, after everything was
         sent.
         """
-        server = connections.LimitedServer(
+        server = LimitedServer(
             self._application(),
             idle_connection_timeout=_IDLE_S,
             body_timeout=_IDLE_S,
@@ -280,7 +324,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         stream = self.ws_connection.stream
         # Tornado reads frames as long as there are any, and would do nothing else for a viewer who
         # sends them without a pause.
-        stream.read_bytes = connections.in_turn(stream.read_bytes)  # type: ignore[method-assign]
+        stream.read_bytes = in_turn(stream.read_bytes)  # type: ignore[method-assign]
         self.page.viewers.add(self)
         self.update(status=True)
 
@@ -299,7 +343,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         """Send what the browser lacks, unless it has not taken the last message yet."""
         page_state = self.page.page_state
         if self._waits:
-            if time.monotonic() - self._sent_s > connections.STALLED_S:
+            if time.monotonic() - self._sent_s > STALLED_S:
                 self.drop()
         elif self.answer is not None:
             self._send(self.answer)

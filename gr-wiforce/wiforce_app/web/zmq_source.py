@@ -10,8 +10,7 @@ from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
 from gnuradio.wiforce.io.optional import optional_module
 
-from .messages import loaded, status_of, text
-from .page_state import PageState
+from .page_state import PageState, loaded, status_of, text
 
 # Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
 _SILENT_S = 2.0

@@ -9,10 +9,15 @@ import numpy as np
 from ..errors import InputError
 from ..sensor import curves
 from ..sensor.model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, check_onset
-from .carrier_fit import fit_carrier
-from .checks import check_table
-from .data import CarrierData, anchor_force, carrier_data, carriers_of, with_location_steps
-from .fit import force_knots
+from .data import (
+    CarrierData,
+    anchor_force,
+    carrier_data,
+    carriers_of,
+    check_table,
+    with_location_steps,
+)
+from .fit import fit_carrier, force_knots
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import leave_locations_out, validate_forms

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fit of phase over force at one location: least squares, or a smoothing monotone spline."""
+"""Curves of phase over force at each location, and the model of a carrier that they make."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ..sensor import curves
+from ..sensor import curves, line
+from ..sensor.curves import slope_over_force
+from ..sensor.location import LocationInterpolation, learn_interpolation
+from ..signal.carrier import wrap_deg
+from .data import CarrierData, ContactCurve, compared_forces
 
 # Knots of the spline, at equal steps of touch-down. Their freedom is limited by smoothing, whose
 # weight is chosen among these by cross-validation.
@@ -143,3 +147,150 @@ def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
     noise = np.sqrt(total / sum(fit.freedom for fit in fits))
     products = np.concatenate([fit.residual[1:] * fit.residual[:-1] for fit in fits])
     return float(noise), float(np.sqrt(max(np.mean(products), 0.0)))
+
+
+# The difference is a polynomial of this degree in force.
+_DEGREE = 2
+# Fewest rows of loading, and of unloading, that show a difference.
+_LEAST_ROWS = 12
+# Standard deviations beyond which a difference is not noise: one in 370 at a single force.
+_CERTAIN = 3.0
+# Forces at which the largest difference is sought.
+_FORCES = 50
+
+
+def find_hysteresis(
+    contacts: Sequence[ContactCurve], fits: Sequence[ForceCurve], fitter: CurveFitter
+) -> float | None:
+    """Compare loading and unloading over all locations and ports of a carrier.
+
+    Returns float or None: largest difference within the calibrated forces, in N: what must be added
+    to a force while loading for the contact that it has while unloading. 0 where it is not
+    distinguished from noise, None where the data do not hold both branches.
+
+    A soft beam opens later than it closed, and creeps while it is held: at the same force, its
+    contact is that of a larger force while unloading.
+
+    The residual of a curve, divided by its slope over force, is a deviation in N that all ports and
+    locations have in common. Its part of opposite sign in the two branches is fitted by a
+    polynomial in force, with weights by the squared slope.
+
+    ``fits``: the curve through each, which lies between its two branches.
+    """
+    own = [
+        (contact, fit)
+        for contact, fit in zip(contacts, fits, strict=True)
+        if not contact.copied and contact.direction is not None
+    ]
+    if not own:
+        return None
+    force, residual, slope, direction = (
+        np.concatenate(parts) for parts in zip(*(_rows(*each, fitter) for each in own), strict=True)
+    )
+    if min(np.sum(direction > 0), np.sum(direction < 0)) < _LEAST_ROWS:
+        return None
+    low, high = force.min(), force.max()
+    powers = _powers(force, low, high) * slope[:, None]
+    # The first columns are what both branches have in common, which the curve did not fit.
+    design = np.hstack([powers, -direction[:, None] / 2 * powers])
+    found, *_ = np.linalg.lstsq(design, residual, rcond=None)
+    rest = residual - design @ found
+    variance = np.sum(rest**2) / max(len(rest) - len(found), 1)
+    covariance = variance * np.linalg.pinv(design.T @ design)
+    at = np.linspace(low, high, _FORCES)
+    shape = _powers(at, low, high)
+    differences = shape @ found[_DEGREE + 1 :]
+    std = np.sqrt(np.einsum("fa,ab,fb->f", shape, covariance[_DEGREE + 1 :, _DEGREE + 1 :], shape))
+    certain = np.abs(differences) - _CERTAIN * std
+    largest = int(np.argmax(certain))
+    return float(abs(differences[largest])) if certain[largest] > 0 else 0.0
+
+
+def _rows(
+    contact: ContactCurve, fit: ForceCurve, fitter: CurveFitter
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Forces, residuals, slopes in deg/N and directions of the rows of known direction."""
+    assert contact.direction is not None
+    known = contact.direction != 0
+    force = contact.force_n[known]
+    residual = contact.added_deg[known] - fitter.value(fit, force)
+    slope = slope_over_force(lambda force_n: fitter.value(fit, force_n), force)
+    return force, residual, slope, contact.direction[known]
+
+
+def _powers(force: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Powers of the force, scaled to +-1 within the calibrated ones; shape (n, degree + 1)."""
+    scaled = (2 * force - low - high) / max(high - low, 1e-9)
+    return scaled[:, None] ** np.arange(_DEGREE + 1)
+
+
+# No press is so wide that it moves a short by more than this beyond what the line does.
+_LARGEST_EXTENT_MM = 30.0
+
+
+def fit_carrier(
+    data: CarrierData,
+    form: str,
+    knots: np.ndarray | None,
+    length_mm: float,
+    permittivity: float,
+) -> curves.Carrier:
+    """A :class:`.curves.Carrier` of one carrier's data."""
+    fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
+    fits = [[fitter.fit(c.force_n, c.added_deg) for c in port] for port in data.curves]
+    quality = [noise_and_misfit(port) for port in fits]
+    coefficients = np.array([[fit.coefficients for fit in port] for port in fits])
+    covariance = np.array(
+        [
+            [noise**2 * fit.unit_covariance for fit in port]
+            for port, (noise, _) in zip(fits, quality, strict=True)
+        ]
+    )
+    interpolation = interpolate(
+        data, coefficients, covariance, form, knots, length_mm, data.location_mm
+    )
+    difference_n = find_hysteresis(
+        data.all_curves(), [fit for port in fits for fit in port], fitter
+    )
+    untouched = data.untouched_deg
+    if untouched is None:
+        psi = line.open_phase_deg(length_mm, data.frequency_hz, permittivity)
+        untouched = (float(wrap_deg(psi)),) * 2
+    return curves.Carrier(
+        frequency_hz=data.frequency_hz,
+        untouched_deg=untouched,
+        location_mm=data.location_mm,
+        force_span_n=np.array(
+            [
+                [
+                    max(port[j].force_n[0] for port in data.curves),
+                    min(port[j].force_n[-1] for port in data.curves),
+                ]
+                for j in range(len(data.location_mm))
+            ]
+        ),
+        coefficients_deg=coefficients,
+        covariance_deg2=covariance,
+        noise_deg=tuple(noise for noise, _ in quality),
+        misfit_deg=tuple(misfit for _, misfit in quality),
+        interpolation=interpolation.transitions,
+        hysteresis_n=None if difference_n is None else difference_n / 2,
+    )
+
+
+def interpolate(
+    data: CarrierData,
+    coefficients: np.ndarray,
+    covariance: np.ndarray,
+    form: str,
+    knots: np.ndarray | None,
+    length_mm: float,
+    location_mm: np.ndarray,
+) -> LocationInterpolation:
+    """How to go between some of the locations, from coefficients (2, J, K) and their covariance."""
+    basis = curves.force_basis(form, knots)(compared_forces(data))
+    values = np.einsum("pjk,fk->pjf", coefficients, basis)
+    noise = np.mean(np.einsum("fk,pjkm,fm->pjf", basis, covariance, basis))
+    slope = line.round_trip_deg_per_mm(data.frequency_hz)
+    physical = np.ptp(values, axis=1).max() < _LARGEST_EXTENT_MM * slope
+    return learn_interpolation(location_mm, length_mm, values, noise, physical)

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..sensor import curves
 from ..sensor.tracker import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
-from .checks import check_table
+from .data import check_table
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cross-validation of calibrated curves on forces, presses and locations that were left out."""
+"""Errors of a calibration: of what was left out, of all readings, and what it does not support."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..sensor import curves, line
-from .carrier_fit import interpolate
+from ..sensor.curves import Carrier, CurveModel
+from ..signal.carrier import same_carrier
 from .data import CarrierData, ContactCurve, compared_forces
-from .fit import CurveFitter, force_knots
+from .fit import CurveFitter, force_knots, interpolate
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -147,3 +149,202 @@ def leave_locations_out(
                 }
             )
     return rows
+
+
+_FORCES, _LOCATIONS = 5, 9
+_QUIET_DEG = 1e-3  # phases without noise of their own
+_LIMITS = {
+    "noise": "the noise of the phases in the table",
+    "locations": "the distance between the calibrated locations",
+    "form": "curves that do not follow the data",
+    "hysteresis": "hysteresis between loading and unloading",
+    "ruler": "the accuracy of the ruler",
+    "transfer": "the transfer from another carrier",
+}
+_ENOUGH_LOCATIONS = 5
+_UNEXPECTED = 3.0
+_LARGEST_STEP_MM = 15.0
+_FALL_DEG = 1.0
+_VAGUE_MM = 0.5
+_UNOBSERVABLE_PART = 0.2
+_CURVE_FORCES = 25
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Errors that a calibration leaves when the phases have no noise.
+
+    ``force_std_n``, ``location_std_mm``: standard deviations: medians over the calibrated span;
+    ``limit``: their largest cause; ``flagged``: share of the span in which readings are flagged.
+    """
+
+    frequency_hz: float
+    force_std_n: float
+    location_std_mm: float
+    force_span_n: tuple[float, float]
+    location_span_mm: tuple[float, float]
+    limit: str
+    flagged: float
+
+    def __str__(self) -> str:
+        low, high = self.location_span_mm
+        text = (
+            f"{self.force_std_n:.2g} N and {self.location_std_mm:.2g} mm between {low:g} and "
+            f"{high:g} mm, {self.force_span_n[0]:.3g} to {self.force_span_n[1]:.3g} N; limited by "
+            f"{self.limit}"
+        )
+        return text + (f"; {self.flagged:.0%} of this span is flagged" if self.flagged else "")
+
+
+def verdict(model: CurveModel) -> list[Verdict]:
+    """The errors of each carrier of a calibrated model, and what limits them."""
+    return [_of_carrier(model, index) for index in range(len(model.carriers))]
+
+
+def _of_carrier(model: CurveModel, index: int) -> Verdict:
+    frequency_hz = model.carriers[index].frequency_hz
+    force, location = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            np.linspace(model.force_span_n[0], model.force_span_n[1], _FORCES),
+            np.linspace(model.location_span_mm[0], model.location_span_mm[1], _LOCATIONS),
+        )
+    )
+    phases = model.phases_deg(force, location, frequency_hz)
+    found = model.invert(phases, _QUIET_DEG, frequency_hz=frequency_hz)
+    known = np.isfinite(found.force_std_n) & np.isfinite(found.location_std_mm)
+    clear = known & np.array([not flags for flags in found.flags])
+    used = clear if clear.any() else known
+    parts = model.variance_parts_deg2(np.maximum(force, model.onset_force_n), location, index)
+    per_mm = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
+    parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
+    parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
+    largest = max(parts, key=lambda name: float(np.mean(parts[name])))
+    return Verdict(
+        frequency_hz,
+        float(np.median(found.force_std_n[used])),
+        float(np.median(found.location_std_mm[used])),
+        model.force_span_n,
+        model.location_span_mm,
+        _LIMITS[largest],
+        float(1 - clear.mean()),
+    )
+
+
+def calibration_warnings(model: CurveModel) -> list[str]:
+    """What a calibrated model does not support, a sentence each."""
+    found = []
+    for index, carrier in enumerate(model.carriers):
+        at = f"{carrier.frequency_hz / 1e6:g} MHz: "
+        own = [
+            *_few_locations(model, carrier),
+            *_contradicted_locations(model, carrier),
+            *_misfit(carrier),
+            *_steps(model, index),
+            *_falls(model, index),
+            *_unobservable(model, carrier),
+        ]
+        found += [at + text for text in own]
+    return found
+
+
+def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
+    places = carrier.location_mm
+    texts = []
+    if len(places) < _ENOUGH_LOCATIONS:
+        texts.append(
+            f"{len(places)} locations: five (20, 30, 40, 50, 60 mm) give sub-millimetre readings "
+            "between them"
+        )
+    force = np.mean(model.force_span_n)
+    middles = 0.5 * (places[1:] + places[:-1])
+    std = model.model_std_deg(force, middles, carrier.frequency_hz).max(axis=1)
+    std_mm = std / line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
+    for low, high, vague in zip(places[:-1], places[1:], std_mm, strict=True):
+        if vague > _VAGUE_MM:
+            texts.append(f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only")
+    return texts
+
+
+def location_warnings(model: CurveModel) -> list[str]:
+    """Locations that the others contradict, as a wrong mark of the ruler makes them.
+
+    Returns list of str: a sentence for each carrier, location and port.
+    """
+    return [text for each in model.carriers for text in _contradicted_locations(model, each)]
+
+
+def _contradicted_locations(model: CurveModel, carrier: Carrier) -> list[str]:
+    slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
+    rows = [
+        row
+        for row in model.cross_validation.get("locations", [])
+        if same_carrier(row["frequency_mhz"] * 1e6, carrier.frequency_hz)
+    ]
+    return [
+        f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
+        f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
+        f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
+        for row in rows
+        if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]
+    ]
+
+
+def _misfit(carrier: Carrier) -> list[str]:
+    return [
+        f"the curves do not fit port {port}: {misfit:.2f} deg of the scatter of {noise:.2f} deg "
+        "are alike at neighbouring forces"
+        for port, (noise, misfit) in enumerate(
+            zip(carrier.noise_deg, carrier.misfit_deg, strict=True), 1
+        )
+        if misfit > 0.7 * noise
+    ]
+
+
+def _steps(model: CurveModel, index: int) -> list[str]:
+    carrier = model.carriers[index]
+    places = carrier.location_mm
+    force = np.full(len(places), np.mean(model.force_span_n))
+    phases = model.short_deg(force, places, index)
+    steps = np.diff(phases, axis=0)
+    slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
+    expected = np.outer(np.diff(places), [-slope, slope])
+    worst = np.abs(steps - expected).max() / slope
+    if worst <= _LARGEST_STEP_MM:
+        return []
+    return [
+        f"phases of different locations do not fit a line: steps are up to {worst * slope:.0f} deg "
+        f"({worst:.0f} mm) off; force and location read together are not to be trusted"
+    ]
+
+
+def _falls(model: CurveModel, index: int) -> list[str]:
+    force = np.linspace(model.force_span_n[0], model.force_span_n[1], _CURVE_FORCES)
+    texts = []
+    for place, span in zip(
+        model.carriers[index].location_mm, model.carriers[index].force_span_n, strict=True
+    ):
+        inside = force[(force >= span[0]) & (force <= span[1])]
+        phases = model.short_deg(inside, np.full(len(inside), place), index)
+        falls = np.max(np.maximum.accumulate(phases, axis=0) - phases, axis=0)
+        texts += [
+            f"port {port} falls by {fall:.1f} deg with force at {place:g} mm; a short only widens"
+            for port, fall in enumerate(falls, 1)
+            if fall > _FALL_DEG
+        ]
+    return texts
+
+
+def _unobservable(model: CurveModel, carrier: Carrier) -> list[str]:
+    inverter = model.inverter(carrier.frequency_hz)
+    force = np.linspace(model.force_span_n[0], model.force_span_n[1], _CURVE_FORCES)
+    places = np.linspace(model.location_span_mm[0], model.location_span_mm[1], 9)
+    unobservable = [
+        place
+        for place in places
+        if np.mean(inverter.unobservable(force, np.full(_CURVE_FORCES, place))) > _UNOBSERVABLE_PART
+    ]
+    if not unobservable:
+        return []
+    listed = ", ".join(f"{place:g}" for place in unobservable)
+    return [f"force and location are hard to tell apart at {listed} mm (force-unobservable)"]

@@ -14,6 +14,8 @@ from .plan import Plan
 
 # Phases above this standard deviation flag readings `weak` (docs/sensors.md, flags).
 WEAK_DEG = 3.0
+# Standard deviation of an angle of which nothing is known: 360 deg / sqrt(12).
+_UNKNOWN_DEG = 104.0
 # Factors of the depth that are searched: from a thousandth to a thousand times that of the scene.
 _FACTORS, _HALVINGS = (1e-3, 1e3), 40
 
@@ -119,11 +121,13 @@ def link_lines(plan: Plan, reaches: list[CarrierReach]) -> Iterator[str]:
         f"link: {link.tag_path_loss_db(hz):.1f} dB by way of the tag, "
         f"{link.direct_path_loss_db(hz):.1f} dB straight"
     )
-    yield f"{'carrier':>12}{'snr_db':>8}{'static path':>13}{'phase noise':>13}  reads up to"
+    yield f"{'carrier':>12}{'snr_db':>8}{'static path':>13}{'phase std':>13}  reads up to"
     for each in reaches:
+        std_deg = each.phase_std_deg
+        std = f"{std_deg:.2g} deg" if std_deg < _UNKNOWN_DEG else "unknown"
         yield (
             f"{each.carrier_hz / 1e6:8.5g} MHz{each.snr_db:8.1f}{each.static_db:10.1f} dB"
-            f"{each.phase_std_deg:9.2g} deg  {each.reach:.2g} {unit} {each.band}".rstrip()
+            f"{std:>13}  {each.reach:.2g} {unit} {each.band}".rstrip()
         )
     deepest = max(reaches, key=lambda each: each.reach)
     yield f"deepest: {deepest.carrier_hz / 1e6:.5g} MHz, {deepest.reach:.2g} {unit}"

@@ -7,16 +7,16 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from gnuradio.wiforce.calibration.gauges.units import ForceGauge
+from gnuradio.wiforce.calibration.gauges.file import ForceGauge
 from gnuradio.wiforce.calibration.guided.press_measurement import measure_press, measure_untouched
 from gnuradio.wiforce.calibration.guided.session import CalibrationSession
-from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
+from gnuradio.wiforce.calibration.guided.session_file import SessionPlan
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor
 from wiforce_app.calibrate.calibrate import calibrate
 from wiforce_app.calibrate.dialogue import GuidedCalibration
-from wiforce_app.calibrate.operator_lines import OperatorLines
+from wiforce_app.calibrate.guide import OperatorLines
 
 PLAN = SessionPlan("arm", 900e6, (30.0, 50.0), (1.0, 2.0, 4.0, 6.0, 8.0))
 _ASKED = re.compile(r"([\d.]+) mm, about ([\d.]+) N")

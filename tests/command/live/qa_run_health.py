@@ -8,12 +8,11 @@ from gnuradio.wiforce.io.readings import GroupCounts, Reading
 from gnuradio.wiforce.press.evidence import Suspicion
 from gnuradio.wiforce.press.sensor_state import RETUNED
 from gnuradio.wiforce.press.tares import TareState
-from wiforce_app.live.health import RunHealth
+from wiforce_app.live.health import RunClock, RunHealth
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.live.requests import TareLog
-from wiforce_app.live.run_clock import RunClock
 from wiforce_app.live.status import problems_of
-from wiforce_app.radio.clock_comparison import ClockComparison
+from wiforce_app.radio.streams import ClockComparison
 
 
 class Run:

@@ -40,7 +40,7 @@ HANGING = """
 import os, time
 import numpy as np
 from gnuradio import blocks, gr
-from wiforce_app.radio.stream_start import start_flowgraph
+from wiforce_app.radio.streams import start_flowgraph
 
 class Source(gr.sync_block):
     def __init__(self):

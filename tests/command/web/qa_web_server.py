@@ -19,12 +19,11 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
-from wiforce_app.web import connections, live_page
+from wiforce_app.web import live_page
 from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.file_source import FileSource
-from wiforce_app.web.messages import loaded, status_of
-from wiforce_app.web.page_state import ROW, PageState, page_row
+from wiforce_app.web.page_state import ROW, PageState, loaded, page_row, status_of
 from wiforce_app.web.zmq_source import ZmqSource
 
 TOKEN = "a-token-of-a-test"
@@ -318,7 +317,7 @@ def test_file_source_refuses_a_file_that_holds_no_readings(tmp_path):
 
 def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     """One laptop that was closed must not fill the memory of the robot."""
-    monkeypatch.setattr(connections, "STALLED_S", 0.5)
+    monkeypatch.setattr(server_module, "STALLED_S", 0.5)
 
     with serving(Flood(), history_s=1000.0) as (url, page):
         with (
@@ -392,7 +391,7 @@ def test_viewer_that_sends_without_a_pause_does_not_delay_others(frames):
 @pytest.mark.parametrize("request_line", ["GET /bokeh/bokeh.min.js", "POST /"])
 def test_connection_that_neither_reads_nor_sends_is_closed(request_line, monkeypatch):
     """Some hundred of them kept everybody else out, as long as they were open."""
-    monkeypatch.setattr(connections, "STALLED_S", 0.5)
+    monkeypatch.setattr(server_module, "STALLED_S", 0.5)
     monkeypatch.setattr(server_module, "_IDLE_S", 0.5)
     with serving(NoSource()) as (url, _):
         before = len(os.listdir("/proc/self/fd"))
@@ -480,9 +479,9 @@ def test_connections_beyond_the_limit_are_closed_and_others_served(limited, monk
         # Of each connection, this process has both ends. Free descriptors below are taken first.
         most = max(int(name) for name in os.listdir("/proc/self/fd")) + 20
         descriptors = 2 * most if limited == "descriptors" else 1 << 20  # as in containers
-        monkeypatch.setattr(connections.resource, "getrlimit", lambda _: (descriptors,) * 2)
+        monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (descriptors,) * 2)
         if limited == "connections":
-            monkeypatch.setattr(connections, "_MOST_DESCRIPTORS", most)
+            monkeypatch.setattr(server_module, "_MOST_DESCRIPTORS", most)
         place = (urlsplit(url).hostname, urlsplit(url).port)
         with ExitStack() as stack:
             opened = []

@@ -4,7 +4,7 @@
 import math
 
 import pytest
-from gnuradio.wiforce.calibration.gauges.units import ForceGauge, parse_force
+from gnuradio.wiforce.calibration.gauges.file import ForceGauge, parse_force
 from gnuradio.wiforce.errors import InputError
 
 

@@ -11,11 +11,10 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.line_estimate import estimate_line
-from gnuradio.wiforce.calibration.mistakes import phase_suspicions, suspicions
+from gnuradio.wiforce.calibration.mistakes import estimate_line, phase_suspicions, suspicions
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import write_vna_csv
-from gnuradio.wiforce.calibration.verdict import verdict
+from gnuradio.wiforce.calibration.validation import verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import read_csv
 from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor

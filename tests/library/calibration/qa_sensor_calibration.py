@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.fit import CurveFitter, force_knots, noise_and_misfit
 from gnuradio.wiforce.calibration.refine import refine
@@ -15,8 +16,7 @@ from gnuradio.wiforce.calibration.tables import (
     read_vna_csv,
     table_kind,
 )
-from gnuradio.wiforce.calibration.validation import best_form
-from gnuradio.wiforce.calibration.verdict import calibration_warnings
+from gnuradio.wiforce.calibration.validation import best_form, calibration_warnings
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
@@ -449,3 +449,9 @@ def test_interpolation_passes_through_what_was_calibrated():
             places[:-1] + 5, port, values[port].T[:1].repeat(4, axis=0)
         )
         assert np.all(at < 0.02 * between.max()) and np.all(between > 0)
+
+
+@pytest.mark.parametrize("name", sorted(sensor._ELSEWHERE))
+def test_name_of_calibration_is_found_in_sensor(name):
+    """Programs import these names from ``gnuradio.wiforce.sensor``, wherever they are defined."""
+    assert callable(getattr(sensor, name))

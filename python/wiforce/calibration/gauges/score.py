@@ -11,8 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.files.readings_files import ReadingsFile
-from .comparison import compare_with_gauge
-from .errors import GaugeComparison, TimedForces
+from .comparison import GaugeComparison, TimedForces, compare_with_gauge
 from .file import GaugeRecord, read_gauge_file
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ...sensor import line
 from ...signal.carrier import wrap_deg
-from ..checks import continuous_phase
+from ..data import continuous_phase
 from ..tables import CalibrationTable
 from .press_measurement import PressMeasurement
 

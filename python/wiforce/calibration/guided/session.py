@@ -13,14 +13,13 @@ from ...errors import InputError
 from ...sensor.curves import CurveModel
 from ...signal.carrier import wrap_deg
 from ..calibrate import calibrate
-from ..checks import complete_locations
-from ..gauges.units import UNITS_N
+from ..data import complete_locations
+from ..gauges.file import UNITS_N
 from ..tables import read_tap_csv
-from ..verdict import location_warnings
+from ..validation import location_warnings
 from .entry_plausibility import force_warning, press_warnings
 from .press_measurement import PressMeasurement
-from .session_file import SessionFile
-from .session_plan import Coverage, SessionPlan, Target
+from .session_file import Coverage, SessionFile, SessionPlan, Target
 
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
 _UNTOUCHED_DEG = 1.0
