@@ -9,7 +9,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
-from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG, touch_of
+from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
+from gnuradio.wiforce.sensor.model import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.log import log

@@ -10,8 +10,8 @@ from importlib import import_module
 from typing import Any
 
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
-from .inversion import Inversion, touch_of
-from .model import LineModel, SensorModel
+from .inversion import Inversion
+from .model import LineModel, SensorModel, touch_of
 from .tracker import PressTracker, smooth_press
 
 # Where `calibration` and `gauges` have the names that programs import from here.

@@ -16,6 +16,8 @@ from .line import transfer_assumption
 if TYPE_CHECKING:
     from .inversion import Inversion
 
+# Standard deviations within which phases may be those of another state.
+_SIGMAS = 3.0
 _LEAST_CARRIER_HZ = 1e6  # anything lower was meant in another unit
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
@@ -177,7 +179,7 @@ class SensorModel:
     def is_untouched(self, phases_deg, std_deg=None, frequency_hz=None):
         """Whether both phases (n, 2) are within three standard deviations of the untouched ones."""
         change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
-        return np.all(np.abs(change) <= 3 * (1.0 if std_deg is None else std_deg), axis=-1)
+        return np.all(np.abs(change) <= _SIGMAS * (1.0 if std_deg is None else std_deg), axis=-1)
 
     def phases_deg(self, force_n, location_mm, frequency_hz=None):
         """psi_1, psi_2 for forces and locations, in (-180, 180].
@@ -303,3 +305,40 @@ class LineModel(SensorModel):
         """Fields that change at another carrier."""
         ratio = frequency_hz / self.frequencies_hz[index]
         return {"port_offset_deg": tuple(ratio * offset for offset in self.port_offset_deg)}
+
+
+# Presses that a reading is compared with: finer steps than the 20 deg that separate neighbours
+# change nothing where standard deviations are large enough for the question to arise.
+_FORCES, _LOCATIONS = 12, 41
+
+
+def touch_of(
+    model: SensorModel,
+    phases_deg: np.ndarray,
+    std_deg: float,
+    frequency_hz: float | None = None,
+) -> np.ndarray:
+    """Tell touched (1) from untouched (0) phases (n, 2), where their standard deviation allows it.
+
+    0 for phases within three standard deviations of the untouched ones, 1 for others, -1 for phases
+    that lie within three standard deviations of a press as well.
+    """
+    phases = np.asarray(phases_deg, float)
+    touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)
+    pressed = _pressed_deg(model, frequency_hz)
+    untouched = np.array(model.untouched_deg(frequency_hz))
+    if np.max(np.abs(wrap_deg(pressed - untouched)), axis=1).min() > 2 * _SIGMAS * std_deg:
+        return touch
+    for row in np.flatnonzero(touch == 0):
+        away = np.max(np.abs(wrap_deg(pressed - phases[row])), axis=1)
+        if away.min() <= _SIGMAS * std_deg:
+            touch[row] = -1
+    return touch
+
+
+def _pressed_deg(model: SensorModel, frequency_hz: float | None) -> np.ndarray:
+    """Phases of presses all over the line, up to the highest calibrated force; (m, 2)."""
+    forces = np.geomspace(model.onset_force_n, model.force_span_n[1], _FORCES)
+    places = np.linspace(model.location_span_mm[0], model.location_span_mm[1], _LOCATIONS)
+    force, place = (axis.ravel() for axis in np.meshgrid(forces, places))
+    return np.asarray(model.phases_deg(force, place, frequency_hz))
