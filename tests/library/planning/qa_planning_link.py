@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a plan says of a link budget, and of noise that a radio adds to its static path."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.expected import phase_std_deg
 from gnuradio.wiforce.planning.levels import receive_levels
@@ -52,6 +54,16 @@ def test_tissue_reads_deepest_at_the_lower_carrier():
     assert 50 < by_mhz[900] < 90 and by_mhz[2442] < by_mhz[900] / 5
     *_, last = link_lines(settings, reaches)
     assert last == f"deepest: 900 MHz, {by_mhz[900]:.2g} mm of muscle"
+
+
+def test_command_prints_the_carriers_as_text_and_json():
+    text = run_command("plan", "phantom").stdout
+    found = json.loads(run_command("plan", "phantom", "--json").stdout)["link"]
+    assert "link: 110.1 dB by way of the tag, 60.0 dB straight" in text.splitlines()
+    assert found[0]["band"] == "" and found[1]["band"] == "us-902-928"
+    assert f"deepest: 900 MHz, {found[0]['reach']:.2g} mm of muscle" in text.splitlines()
+    assert "deepest: none reads clearly" in run_command("plan", "phantom_no_plate").stdout
+    assert "link" not in json.loads(run_command("plan", "demo", "--json").stdout)
 
 
 def test_noise_of_two_synthesizers_beside_a_static_path_is_expected():
