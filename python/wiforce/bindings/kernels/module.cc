@@ -10,6 +10,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_press(m);
     bind_recordings(m);
     bind_screening(m);
+    bind_separation(m);
     bind_termination(m);
     bind_timing(m);
     bind_tones(m);

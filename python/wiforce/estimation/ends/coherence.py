@@ -15,7 +15,6 @@ from collections import deque
 
 import numpy as np
 
-from ..group_tones import power_of
 from ..groups import Array
 from .group_fit import GroupFit
 
@@ -72,16 +71,8 @@ class CoherentResidual:
         disturbed : ndarray of bool, shape (G, E)
             Whether something lasting is received on the lines of the end that is no noise.
         """
-        matched = fit.ends.conj() * np.atleast_2d(inverse_noise)[:, None]
-        energy = np.maximum((matched * fit.ends).real.sum(axis=2), 1e-300)
-        # Of every tone along every end's channel, (G, E, M).
-        along = power_of(matched @ fit.residual.swapaxes(1, 2)) / energy[:, :, None]
-        freedom = fit.freedom
-        leverage = (fit.white.swapaxes(1, 2) * fit.solver).real.sum(axis=1)
-        shares = power_of(fit.solver)
-        errors = shares * along / np.maximum(1 - leverage, 0.1)[:, None]
-        sandwich = errors.sum(axis=2) / shares.sum(axis=2)
-        own = along.sum(axis=2) / freedom
+        count, freedom = len(fit.residual), fit.freedom
+        sandwich, own = fit.coherent(np.broadcast_to(inverse_noise, (count, fit.ends.shape[2])))
         spread = freedom**-0.5
         factors = np.where(own > 1 + _GROUP_STDS * spread, own, 1)
         lasting, count = np.empty((2, *sandwich.shape))
