@@ -2,8 +2,14 @@
 #include "kernels.h"
 
 #include <kernel/separation/clock_likelihood.h>
+#include <kernel/separation/coherent_residual.h>
 #include <kernel/separation/end_fit.h>
+#include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_expansion.h>
+
+#include <pybind11/stl.h>
+
+#include <optional>
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -67,16 +73,6 @@ shape by_subcarrier(const end_fit::shape& sizes)
     return { py::ssize_t(sizes.groups), py::ssize_t(sizes.subcarriers) };
 }
 
-py::tuple coherent(const end_fit& fit, const array<double>& inverse_noise)
-{
-    require_shape(inverse_noise,
-                  by_subcarrier(fit.sizes),
-                  "end_fit: inverse_noise must have shape (G, K)");
-    const auto found = fit.coherent(inverse_noise.data());
-    const shape of{ py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) };
-    return py::make_tuple(copy(found.sandwich, of), copy(found.mean, of));
-}
-
 py::array_t<double> power_at(const phase_expansion& of, const array<double>& shifts)
 {
     if (shifts.ndim() != 2 || shifts.shape(0) > py::ssize_t(of.sizes.groups) ||
@@ -115,6 +111,59 @@ py::array_t<double> likelihood_at(const clock_likelihood& of,
         const auto terms = of.at(
             phase.at(group), tones.data(group, 0, 0), inverse_noise.data(), subcarriers);
         std::copy(terms.begin(), terms.end(), found.mutable_data(group, 0));
+    }
+    return found;
+}
+
+py::tuple coherent_factors(coherent_residual& of,
+                           const end_fit& fit,
+                           const std::vector<std::size_t>& rows,
+                           const array<double>& inverse_noise)
+{
+    require_shape(inverse_noise,
+                  by_subcarrier(fit.sizes),
+                  "coherent_residual: inverse_noise must have shape (G, K)");
+    if (rows.size() != fit.sizes.ends)
+        throw std::invalid_argument("coherent_residual: rows must have shape (E,)");
+    const auto found = of.update(fit, rows, inverse_noise.data());
+    const shape by_end{ py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) };
+    py::array_t<bool> disturbed(by_end);
+    std::copy(found.disturbed.begin(), found.disturbed.end(), disturbed.mutable_data());
+    return py::make_tuple(copy(found.factor, by_end), disturbed);
+}
+
+py::tuple follow(noise_estimate& noise,
+                 const array<double>& residuals,
+                 std::size_t freedom,
+                 const std::vector<double>& levels,
+                 const std::vector<bool>& complete)
+{
+    const py::ssize_t groups = levels.size(), subcarriers = noise.variance().size();
+    require_shape(residuals,
+                  { groups, subcarriers },
+                  "noise_estimate: residuals must have shape (G, K)");
+    if (!groups || !subcarriers || complete.size() != levels.size())
+        throw std::invalid_argument("noise_estimate: levels and complete must have shape "
+                                    "(G,), and the noise must be known");
+    const auto found = noise.follow(residuals.data(), freedom, levels, complete);
+    const py::ssize_t count = found.ratio.size();
+    return py::make_tuple(copy(found.ratio, { count }),
+                          copy(found.raised, { count, subcarriers }),
+                          copy(found.inverse, { count, subcarriers }),
+                          copy(found.variance, { count, subcarriers }),
+                          static_cast<int>(found.outcome));
+}
+
+py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
+{
+    if (ratios.ndim() != 2 || !ratios.shape(1))
+        throw std::invalid_argument("raised_subcarriers: ratios must have shape (G, K)");
+    const py::ssize_t subcarriers = ratios.shape(1);
+    py::array_t<double> found(shape{ ratios.shape(0), subcarriers });
+    for (py::ssize_t group = 0; group < ratios.shape(0); group++) {
+        const double* const row = ratios.data(group, 0);
+        const auto raised = raised_subcarriers({ row, row + subcarriers }, freedom);
+        std::copy(raised.begin(), raised.end(), found.mutable_data(group, 0));
     }
     return found;
 }
@@ -179,14 +228,7 @@ void bind_separation(py::module& m)
             [](const end_fit& fit) {
                 return copy(fit.power(), by_subcarrier(fit.sizes));
             },
-            "(G, K), sum of the squared residual over the tones.")
-        .def(
-            "coherent",
-            &coherent,
-            "inverse_noise"_a,
-            "inverse_noise: (G, K), 1 / sigma_k^2. Gives two (G, E): power of the "
-            "residual along\neach end's channel over that of noise, by the power on each "
-            "tone (the estimator HC2),\nand by the mean over all tones.");
+            "(G, K), sum of the squared residual over the tones.");
     py::class_<phase_expansion>(
         m,
         "phase_expansion",
@@ -229,4 +271,110 @@ void bind_separation(py::module& m)
              "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3): J, "
              "J' "
              "and J''.");
+    py::class_<coherent_residual>(
+        m,
+        "coherent_residual",
+        "Factor by which the variance of each end exceeds that of independent noise: "
+        "two\n"
+        "estimates of sum_m |S_im|^2 var(c_im) for the solver S, c_im being the "
+        "residual's\n"
+        "component along the channel of end i. The sandwich estimator HC2 of J. "
+        "MacKinnon "
+        "and\nH. White (1985) takes each tone's own power, in the median of the last "
+        "groups. A sudden\nrise in a single group is judged with equal power on all "
+        "tones, "
+        "which fewer groups\ndetermine.\n\nends: of all tags.")
+        .def(py::init<std::size_t>(), "ends"_a)
+        .def("reset",
+             &coherent_residual::reset,
+             "Forget the groups so far, when the clocks were acquired again.")
+        .def("update",
+             &coherent_factors,
+             "fit"_a,
+             "rows"_a,
+             "inverse_noise"_a,
+             "rows: (E,), the ends that were fitted. inverse_noise: (G, K), 1 / "
+             "sigma_k^2.\n"
+             "Gives the factors (G, E), at least 1, and whether something lasting is "
+             "received on the\nlines of each end that is no noise (G, E).");
+    py::class_<noise_estimate>(
+        m,
+        "noise_estimate",
+        "Variance of the noise in H per subcarrier: a mean over the last two seconds.\n\n"
+        "profile: (K,) noise of the subcarriers relative to each other, where only its "
+        "level is\nto be learned.")
+        .def(py::init([](double group_period_s,
+                         const std::optional<array<double>>& profile) {
+                 return noise_estimate(group_period_s,
+                                       profile ? flat(*profile) : std::vector<double>{});
+             }),
+             "group_period_s"_a,
+             "profile"_a = py::none())
+        .def_readwrite("known",
+                       &noise_estimate::known,
+                       "Whether there is an estimate; until then arrays are empty.")
+        .def_property_readonly(
+            "variance",
+            [](const noise_estimate& of) {
+                return copy(of.variance(), { py::ssize_t(of.variance().size()) });
+            },
+            "(K,), sigma_k^2.")
+        .def_property_readonly(
+            "inverse",
+            [](const noise_estimate& of) {
+                return copy(of.inverse(), { py::ssize_t(of.inverse().size()) });
+            },
+            "(K,), 1 / sigma_k^2.")
+        .def_property_readonly(
+            "level", &noise_estimate::level, "Mean of the variance over the subcarriers.")
+        .def(
+            "set",
+            [](noise_estimate& of,
+               const array<double>& variance,
+               double level,
+               std::optional<std::size_t> groups) {
+                if (variance.ndim() != 1 || !variance.size())
+                    throw std::invalid_argument(
+                        "noise_estimate: variance must have shape (K,)");
+                of.set(flat(variance), level);
+                if (groups)
+                    of.set_groups(*groups);
+            },
+            "variance"_a,
+            "level"_a,
+            "groups"_a = py::none(),
+            "Set the variance, limited to the rounding errors of the tones. level: mean "
+            "power of the\nwhitened tones, the largest of the groups that it was "
+            "measured "
+            "in. groups: number of\nthem, unchanged when not given.")
+        .def(
+            "follow",
+            &follow,
+            "residuals"_a,
+            "freedom"_a,
+            "levels"_a,
+            "complete"_a,
+            "Learn from groups up to the first one that the noise does not fit.\n\n"
+            "residuals: (G, K), mean square of each group's whitened residual per degree "
+            "of freedom.\nlevels: mean power of their whitened tones. complete: whether "
+            "they may be learned from.\nGives ratios (G,), what is raised, 1 / sigma_k^2 "
+            "and sigma_k^2 (G, K) of as many groups as\nwere taken, and the verdict on "
+            "the last: 0 learned, 1 stepped, 2 lost.");
+    m.attr("OUTLIER_RATIO") = outlier_ratio;
+    m.attr("STEP_GROUPS") = step_groups;
+    m.def(
+        "raised_subcarriers",
+        &raised_of,
+        "ratios"_a,
+        "freedom"_a,
+        "ratios: (G, K), noise of groups over the usual one, of so many complex degrees "
+        "of freedom.\nGives the same where they are significantly more, 1 elsewhere.");
+    m.def(
+        "chi_squared_limit",
+        &chi_squared_limit,
+        "freedom"_a,
+        "stds"_a,
+        "Value that a mean of squares exceeds as seldom as a normal variable so many "
+        "deviations.\n\nThe approximation by E. B. Wilson and M. M. Hilferty (1931), of "
+        "complex degrees of freedom.");
 }

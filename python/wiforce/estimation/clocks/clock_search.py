@@ -7,9 +7,9 @@ from copy import copy
 
 import numpy as np
 
-from ...wiforce_kernels import phase_expansion
+from ...wiforce_kernels import OUTLIER_RATIO, phase_expansion
 from ..ends.least_squares import ToneModel
-from ..ends.noise import OUTLIER_RATIO, NoiseEstimate, robust_noise
+from ..ends.noise import NoiseEstimate, robust_noise
 from ..group_tones import GroupTones, without_loud
 from .acquisition import DELAY_EVIDENCE, acquire
 from .joint_clock import likelihood_bias, phase_errors

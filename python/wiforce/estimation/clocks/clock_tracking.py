@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...wiforce_kernels import phase_expansion
+from ...wiforce_kernels import phase_expansion, raised_subcarriers
 from ..ends.least_squares import ToneModel
 from ..ends.noise import NoiseEstimate, NoiseHistory, Verdict
 from ..group_tones import GroupTones
@@ -133,7 +133,7 @@ class ClockTracking:
         noise, clocks = self._noise, self._model.predict(groups)
         fit = self._model.solve(groups, clocks)[2]
         residual = fit.noise()
-        raised = np.array([noise.raised(each, fit.freedom) for each in residual])
+        raised = raised_subcarriers(residual * noise.inverse, fit.freedom)
         last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
         history = NoiseHistory(
             np.mean(residual * noise.inverse / raised, axis=1),

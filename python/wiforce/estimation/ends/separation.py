@@ -3,8 +3,8 @@
 
 A run of groups passes four steps: the tags' clocks are tracked (``clock_tracking``), the tones are
 solved for the ends at those clocks (``least_squares``), the residual gives the noise (``noise``),
-and what it holds of an end's own channel raises the end's gain (``coherence``). Unknown clocks are
-acquired first (``clock_search``).
+and what it holds of an end's own channel raises the end's gain (``coherent_residual``). Unknown
+clocks are acquired first (``clock_search``).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from ...signal.switching import harmonics
 from ...signal.waveform import Waveform
 from ...signal.weights import ToneTable
+from ...wiforce_kernels import STEP_GROUPS, coherent_residual
 from ..clocks.clock_search import ClockSearch
 from ..clocks.clock_tracking import ClockTracking, TrackedClocks
 from ..clocks.tracked_tag import TagClock, TrackedTag
 from ..group_tones import GroupTones, power_of
 from ..groups import Array, Groups
 from .clean_noise import CleanNoise, gain_of_least_error
-from .coherence import CoherentResidual
 from .least_squares import ToneModel
-from .noise import STEP_GROUPS, NoiseEstimate, Verdict
+from .noise import NoiseEstimate, Verdict
 from .spread_lines import SpreadLines
 
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
@@ -84,7 +84,7 @@ class EndSeparator:
         profile, period_s = waveform.noise_profile, self._model.group_period_s
         self._noise = NoiseEstimate(period_s, profile if is_long else None)
         self._clean_noise = CleanNoise(period_s) if has_spread else None
-        self._coherence = CoherentResidual(2 * len(tags))
+        self._coherence = coherent_residual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
@@ -165,7 +165,7 @@ class EndSeparator:
         noise = clocks.noise
         if self._clean_noise is not None:
             noise = self._clean_noise.follow(groups, fit)
-        factors, disturbed = self._coherence.update(fit, noise.inverse)
+        factors, disturbed = self._coherence.update(fit, fit.rows, noise.inverse)
         significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
         own = fit.gain * np.maximum(factors, significant[:, None])
         if self._clean_noise is not None:

@@ -17,9 +17,9 @@ from ...signal.lines import aliased_hz
 from ...signal.room_noise import RoomNoise, room_noise
 from ...signal.switching import line_envelope
 from ...signal.waveform import Waveform
+from ...wiforce_kernels import chi_squared_limit
 from ..capture.frame import whole_frames
 from ..clocks.tracked_tag import TagClock
-from ..ends.noise import chi_squared_limit
 from ..groups import Array
 from .clock_lines import ClockLine, find_clocks
 from .sources import MAINS_HZ, Source, identify
