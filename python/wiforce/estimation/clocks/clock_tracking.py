@@ -202,8 +202,8 @@ class ClockTracking:
             if tag.clock.wanders:  # contained in the wander that was removed
                 shifts[:, i] = 0.0
         residuals = expansion.power_at(shifts) / freedom
-        complete = (groups.missing == 0).tolist()
-        noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
+        levels, complete = groups.level[:count].tolist(), groups.missing[:count] == 0
+        noise = self._noise.follow(residuals, freedom, levels, complete.tolist())
         if noise.verdict is not Verdict.LEARNED:
             # What follows is tracked by the noise that this group has shown.
             self.restart()

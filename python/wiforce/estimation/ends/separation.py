@@ -170,24 +170,32 @@ class EndSeparator:
         own = fit.gain * np.maximum(factors, significant[:, None])
         if self._clean_noise is not None:
             own += gain_of_least_error(fit, noise.inverse)
-        stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
-        stated[:, fit.rows] = np.where(np.isfinite(gain[:, fit.rows]), own, np.inf)
-        disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
+        disturbed = self._of_all(disturbed, fit.rows)
         arrays = {
             **self._clock_arrays(clocks),
             "ends": ends,
-            "gain": stated,
+            "gain": np.where(np.isfinite(gain), self._of_all(own, fit.rows), np.inf),
             "noise": noise.variance * noise.raised,
             "noise_rise": noise.raised,
             "snr_db": self._snr_db(ends, gain, noise.variance),
-            "disturbed": disturbed_tags,
+            "disturbed": disturbed[:, ::2] | disturbed[:, 1::2],
         }
         if update:
-            self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
+            complete = np.flatnonzero(groups.missing == 0)
+            self._latest.extend((groups, row) for row in complete[-STEP_GROUPS:].tolist())
         if clocks.noise.verdict is Verdict.MODEL_LOST:
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
         return arrays
+
+    def _of_all(self, values: Array, rows: Array) -> Array:
+        """Values (G, E) of the ends that were fitted as those of all; 0 for others."""
+        count = 2 * len(self._model.tags)
+        if len(rows) == count:
+            return values
+        every = np.zeros((len(values), count), values.dtype)
+        every[:, rows] = values
+        return every
 
     def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
         """Separate groups whose tones cannot be used."""
