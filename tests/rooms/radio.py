@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 from second_simulator import FRAME, RATE, frame
 
 from rooms.effects import FRAME_S, Effect
@@ -132,6 +133,24 @@ class Ripple(Effect):
     def receive(self, block, first, peak):
         t = first * FRAME_S + np.arange(block.size).reshape(block.shape) / RATE
         return block * (1 + self.depth * np.cos(2 * np.pi * (self.frequency_hz * t + self.phase)))
+
+
+@dataclass
+class PhaseNoise(Effect):
+    """Two synthesizers, whose phase is white up to the bandwidth of their loops; in order only."""
+
+    dbc_hz: float = -101.0
+    loop_hz: float = 30e3
+
+    def begin(self, air, rng):
+        self.rng, self.state = rng, np.zeros(1)
+
+    def receive(self, block, first, peak):
+        decay = np.exp(-2 * np.pi * self.loop_hz / RATE)
+        std = np.sqrt(10 ** (self.dbc_hz / 10) * np.pi * self.loop_hz * (1 - decay**2))
+        steps = std * self.rng.standard_normal(block.size)
+        phase, self.state = lfilter([1.0], [1.0, -decay], steps, zi=self.state)
+        return block * np.exp(1j * phase.reshape(block.shape))
 
 
 @dataclass

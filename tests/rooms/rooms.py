@@ -104,6 +104,7 @@ def _rooms():
         ),
         "lamps-60hz-10": Room((reflections.Lamps(-10, mains_hz=60.0),), False),
         "ripple": Room((radio.Ripple(),), False),
+        "phase-noise": Room((radio.PhaseNoise(),)),
         "bursts-20": Room((radio.Bursts(0.2, 25),), phase_deg=0.06, force_n=0.08),
         "bursts-45": Room((radio.Bursts(0.45, 35),), phase_deg=0.1, force_n=0.1),
         "hopper": Room((radio.Hopper(0.5, 30),), phase_deg=0.06, force_n=0.08),

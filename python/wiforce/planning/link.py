@@ -57,7 +57,11 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
     line = line_amplitude(scene) ** 2
     worst_deg = float(phase_std_deg(plan).max())
     unit_deg = worst_deg / np.sqrt((levels.noise + levels.quantisation + levels.radio) / line)
-    rounding = _rounding_share(scene, levels.quantisation / line)
+    # The static path fills the ADC, so that its rounding is in proportion to that path.
+    static_db = scene.simulation.static_clutter_db
+    rounding = 0.0
+    if static_db is not None:
+        rounding = levels.quantisation / line / 10 ** (static_db / 10)
 
     def found(link: Link, carrier_hz: float) -> tuple[float, float, float]:
         clock_hz = scene.sensors[0].clock_hz
@@ -78,12 +82,6 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
         return float(np.exp(low)) * _depth(link)
 
     return [CarrierReach(hz, band, *found(link, hz), reach(hz)) for hz, band in _carriers(scene)]
-
-
-def _rounding_share(scene: Scene, rounding: float) -> float:
-    """Variance of the ADC's rounding over the power of the static path, which fills the ADC."""
-    level_db = scene.simulation.static_clutter_db
-    return 0.0 if level_db is None else rounding / 10 ** (level_db / 10)
 
 
 def _carriers(scene: Scene) -> Iterator[tuple[float, str]]:
@@ -130,4 +128,5 @@ def link_lines(plan: Plan, reaches: list[CarrierReach]) -> Iterator[str]:
             f"{std:>13}  {each.reach:.2g} {unit} {each.band}".rstrip()
         )
     deepest = max(reaches, key=lambda each: each.reach)
-    yield f"deepest: {deepest.carrier_hz / 1e6:.5g} MHz, {deepest.reach:.2g} {unit}"
+    reached = f"{deepest.carrier_hz / 1e6:.5g} MHz, {deepest.reach:.2g} {unit}"
+    yield f"deepest: {reached if deepest.reach else 'none reads clearly at any depth'}"

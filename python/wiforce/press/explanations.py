@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,77 +24,102 @@ _FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5
 _LEAST_FORCE_N = 0.05
 
 
-class Explanations(NamedTuple):
+class Explanations:
     """What may have happened in the groups of a batch; m explanations of G groups.
 
-    Attributes
+    Parameters
     ----------
     row : ndarray of int, shape (m,)
         Group of each explanation, rising; the likeliest of each group comes first.
-    weight : ndarray, shape (m,)
-        Probability.
-    state : ndarray of int, shape (m,)
-        What the sensor is.
-    known : ndarray of bool, shape (m,)
-        Whether the untouched line has been seen.
-    turns : ndarray of bool, shape (m,)
-        Whether the tag or an antenna turns in the group.
-    baseline : ndarray, shape (m, 2)
-        arg R of the untouched line, rad.
-    common_variance, difference_variance : ndarray, shape (m,)
-        Of the mean and the difference of both, rad^2.
-    amplitude : ndarray, shape (m,)
-        ln |R| of the untouched line.
-    ratios : ndarray of complex, shape (m, 2)
-        R, averaged over the groups for as long as nothing has changed.
-    variance : ndarray, shape (m, 2)
-        Of arg R by the noise of these groups, rad^2.
+    table : ndarray, shape (m, 16)
+        Rows as the kernel gives them.
     """
 
-    row: Array
-    weight: Array
-    state: Array
-    known: Array
-    turns: Array
-    baseline: Array
-    common_variance: Array
-    difference_variance: Array
-    amplitude: Array
-    ratios: Array
-    variance: Array
+    def __init__(self, row: Array, table: Array) -> None:
+        self.row, self._table = row, table
 
     @staticmethod
     def of(table: Array, first: int = 0) -> Explanations:
         """Explanations of rows as the kernel gives them, of groups from index ``first`` on."""
-        whole = table[:, [0, 2]].astype(int)
-        return Explanations(
-            whole[:, 0] + first,
-            table[:, 1],
-            whole[:, 1],
-            table[:, 3] > 0,
-            table[:, 4] > 0,
-            table[:, 5:7],
-            table[:, 7],
-            table[:, 8],
-            table[:, 9],
-            np.exp(table[:, 12:14] + 1j * table[:, 10:12]),
-            table[:, 14:16],
-        )
+        return Explanations(table[:, 0].astype(int) + first, table)
+
+    @property
+    def weight(self) -> Array:
+        """Probability; shape (m,)."""
+        return self._table[:, 1]
+
+    @property
+    def state(self) -> Array:
+        """What the sensor is; shape (m,)."""
+        return self._table[:, 2]
+
+    @property
+    def known(self) -> Array:
+        """Whether the untouched line has been seen; bool, shape (m,)."""
+        return self._table[:, 3] > 0
+
+    @property
+    def turns(self) -> Array:
+        """Whether the tag or an antenna turns in the group; bool, shape (m,)."""
+        return self._table[:, 4] > 0
+
+    @property
+    def baseline(self) -> Array:
+        """arg R of the untouched line, rad; shape (m, 2)."""
+        return self._table[:, 5:7]
+
+    @property
+    def common_variance(self) -> Array:
+        """Variance of the mean of both baselines, rad^2; shape (m,)."""
+        return self._table[:, 7]
+
+    @property
+    def difference_variance(self) -> Array:
+        """Variance of their difference, rad^2; shape (m,)."""
+        return self._table[:, 8]
+
+    @property
+    def amplitude(self) -> Array:
+        """ln |R| of the untouched line; shape (m,)."""
+        return self._table[:, 9]
+
+    @property
+    def ratios(self) -> Array:
+        """R, averaged over the groups for as long as nothing has changed; complex, shape (m, 2)."""
+        found: Array = np.exp(self._table[:, 12:14] + 1j * self._table[:, 10:12])
+        return found
+
+    @property
+    def variance(self) -> Array:
+        """Variance of arg R by the noise of these groups, rad^2; shape (m, 2)."""
+        return self._table[:, 14:16]
 
     @staticmethod
     def concatenate(parts: list[Explanations]) -> Explanations:
         """Join the explanations of batches that follow each other."""
         if len(parts) == 1:
             return parts[0]
-        return Explanations(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        tables = [part._table for part in parts]
+        return Explanations(np.concatenate([part.row for part in parts]), np.concatenate(tables))
 
     def later(self, groups: int) -> Explanations:
         """The same of groups that are so many rows later."""
-        return self._replace(row=self.row + groups)
+        return Explanations(self.row + groups, self._table)
 
     def choose(self, rows: Array) -> Explanations:
         """Some explanations, by index or mask."""
-        return Explanations(*(array[rows] for array in self))
+        return Explanations(self.row[rows], self._table[rows])
+
+    def turned(self, variance: Array) -> Explanations:
+        """The same where both ends turned in the groups by phases of a variance (G,), rad^2."""
+        table = self._table.copy()
+        table[:, 7] += variance[self.row]
+        return Explanations(self.row, table)
+
+    def by_state(self, groups: int) -> Array:
+        """Probability of each state in each group; shape (4, G)."""
+        place = self.row + groups * self.state.astype(int)
+        return np.bincount(place, self.weight, minlength=4 * groups).reshape(4, groups)
 
     def probability(self, which: Array, groups: int) -> Array:
         """Sum of the weights of some explanations, by mask, in each group; shape (G,)."""

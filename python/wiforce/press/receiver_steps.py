@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ..estimation.group_tones import power_of
 from ..estimation.groups import Array, Groups
 
 # Time over which the static path's own movement is averaged, in s, and how much a single group
@@ -58,21 +59,20 @@ class ReceiverSteps:
             np.concatenate(each) for each in zip(first, (groups.static, ratios), strict=True)
         )
         # The newest group before each that was received.
-        there = np.any(static != 0, axis=1)
+        power = power_of(static).sum(axis=1)
+        there = power != 0
         before = np.maximum.accumulate(np.where(there, np.arange(len(static)), 0))
         self._last = static[before[-1:]], ratios[before[-1:]]
-        before, now = before[:-1], slice(1, None)
+        before = before[:-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            power = np.sum(np.abs(static[before]) ** 2, axis=1)
-            factor = np.sum(static[now] * static[before].conj(), axis=1) / power
-            rest = np.abs(static[now] - factor[:, None] * static[before]) ** 2
+            factor = np.einsum("gk,gk->g", static[1:], static[before].conj()) / power[before]
             steps = np.log(factor)
             # Presses change the tag's own part of the static path; unseen, to the opposite.
-            changed = np.abs(ratios[now] - ratios[before]) ** 2
+            changed = power_of(ratios[1:] - ratios[before])
             changed = np.where(np.isfinite(changed), changed, 4.0) * groups.reference_power
             tag = _DUTY**2 * changed.sum(axis=1) * static.shape[1]
             # A path of another shape, as with another timing, says nothing of a common factor.
-            noise = (rest.sum(axis=1) + tag) / power
+            noise = (power[1:] + tag) / power[before] - power_of(factor)
         for row, (turn, gain, own) in enumerate(
             zip(steps.imag.tolist(), steps.real.tolist(), noise.tolist(), strict=True)
         ):

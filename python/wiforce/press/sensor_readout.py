@@ -38,6 +38,8 @@ _BITS = np.array(
         for code in range(2 * max(INVERSION_FLAGS.values()))
     ]
 )
+# Flags of a group in which something changes, nothing explains it, or there are several ways.
+_DOUBTS = np.array([f.value for f in (Flag.TRANSITION, Flag.INCONSISTENT, Flag.AMBIGUOUS)])
 # Explanations that are inverted.
 _LEAST_WEIGHT = 1e-4
 # Standard deviations beyond which a reading is wrong.
@@ -151,15 +153,14 @@ class SensorReadout:
         """
         count = len(groups)
         readable = has_phases(groups, sensor)
-        found = found.choose(readable[found.row])
-        # What turned both ends in the group alone is as little known as the untouched line.
-        turned = np.radians(groups.common_std_deg) ** 2
-        found = found._replace(common_variance=found.common_variance + turned[found.row])
-        steady = found.state != MIXED
-        untouched = found.probability(found.state == UNTOUCHED, count)
-        mixed = found.probability(~steady, count)
-        unexplained = found.probability(found.state == UNEXPLAINED, count)
-        doubtful = found.probability(steady & ~found.known, count)
+        if not readable.all():
+            found = found.choose(readable[found.row])
+        if groups.common_std_deg.any():
+            # What turned both ends in the group alone is as little known as the untouched line.
+            found = found.turned(np.radians(groups.common_std_deg) ** 2)
+        shares = found.by_state(count)
+        untouched, mixed, unexplained = shares[[UNTOUCHED, MIXED, UNEXPLAINED]]
+        doubtful = found.probability((found.state != MIXED) & ~found.known, count)
         either = np.minimum(untouched, 1 - untouched - mixed)
         likeliest, there = found.likeliest(count)
         readable &= there
@@ -167,14 +168,9 @@ class SensorReadout:
         if not len(found.row):
             found = _nothing()
             likeliest = np.zeros(count, int)
-        flags = flags.copy()
-        for bit, share in (
-            (Flag.TRANSITION, mixed > DOUBT),
-            (Flag.INCONSISTENT, unexplained > DOUBT),
-            (Flag.AMBIGUOUS, (either > DOUBT) | (doubtful > DOUBT)),
-            (Flag.MOVED, found.probability(found.turns, count) > 0.5),
-        ):
-            flags[readable & share] |= bit.value
+        turning = found.probability(found.turns, count) > 0.5
+        doubt = np.array([mixed, unexplained, np.maximum(either, doubtful)]) > DOUBT
+        flags = flags | np.where(readable, _DOUBTS @ doubt | Flag.MOVED.value * turning, 0)
         unseen = ~readable & ~groups.overlapping[:, sensor]
         unseen &= (flags & ~(Flag.INCONSISTENT | Flag.AMBIGUOUS).value) == 0
         flags[unseen] |= Flag.WEAK.value
@@ -302,9 +298,8 @@ def _nothing() -> Explanations:
 def as_arrays(readouts: list[Readout]) -> dict[str, Array]:
     """Arrays of :class:`Groups` from what the groups say of each sensor."""
     arrays = {
-        name: np.stack([getattr(each, name) for each in readouts], axis=1)
+        name: np.array([getattr(each, name) for each in readouts]).swapaxes(0, 1)
         for name in ("touch", "phases_deg", "psi_std_deg", "flags")
     }
-    for column, name in enumerate(ESTIMATES):
-        arrays[name] = np.stack([each.values[:, column] for each in readouts], axis=1)
-    return arrays
+    values = np.array([each.values for each in readouts]).transpose(2, 1, 0)
+    return arrays | dict(zip(ESTIMATES, values, strict=True))

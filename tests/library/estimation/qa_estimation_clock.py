@@ -161,7 +161,7 @@ def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, 
 def update(tracker, time, tones, noise, off=0.0):
     """Update a tracker by a group that is evaluated ``off`` rad from the predicted phase."""
     phase = tracker.predict(time)[0] - off
-    likelihood = tracker.likelihood.at(np.array([phase]), tones[None])[0] @ (1 / noise)
+    likelihood = tracker.likelihood.at(np.array([phase]), tones[None], 1 / noise)[0]
     ahead = tracker.ahead_of(phase, time)
     return tracker.update(time, likelihood.tolist(), noise.mean(), ahead=ahead)
 

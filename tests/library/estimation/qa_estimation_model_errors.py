@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Standard deviations where the model is wrong: residuals, profiles, drift, compression."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.ends.coherence import CoherentResidual
 from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
@@ -19,6 +16,7 @@ from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.lines import centered_times_s, clutter_basis
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.wiforce_kernels import coherent_residual
 
 WAVEFORM = sounding_waveform()
 PERIOD_S = 0.036
@@ -36,22 +34,18 @@ def fit_of(rng, coherent, tones=24, subcarriers=62):
     received = normal(rng, tones, subcarriers)
     received += coherent * normal(rng, tones, 1) * ends[0] / np.sqrt(subcarriers)
     received += white @ (10 * ends)
-    solver = white.conj().T
-    solved = solver @ received
-    residual = received - white @ solved
-    group = (each[None] for each in (solved, np.ones(2), residual, white, solver, white))
-    fit = GroupFit(np.arange(2), *group)
-    return fit, np.vdot(ends[0], solved[0] - 10 * ends[0]) / np.sqrt(subcarriers)
+    fit = GroupFit(np.arange(2), np.hstack([white, white])[None], received[None])
+    return fit, np.vdot(ends[0], fit.ends[0, 0] - 10 * ends[0]) / np.sqrt(subcarriers)
 
 
 @pytest.mark.parametrize("coherent", [0.0, 1.0, 3.0, 10.0])
 def test_coherent_residual_factor_is_that_of_the_error(coherent):
     """An interferer that is alike on all subcarriers is not averaged away by 62 of them."""
-    rng, residual = np.random.default_rng(3), CoherentResidual(2)
+    rng, residual = np.random.default_rng(3), coherent_residual(2)
     factors, errors = [], []
     for _ in range(400):
         fit, error = fit_of(rng, coherent)
-        factors.append(residual.update(fit, np.ones(62))[0][0, 0])
+        factors.append(residual.update(fit, fit.rows, np.ones((1, 62)))[0][0, 0])
         errors.append(abs(error) ** 2)
     # Means of 400 groups: 5 % for the errors, less for the factors.
     assert np.mean(factors[50:]) == pytest.approx(np.mean(errors), rel=0.2)
@@ -61,27 +55,36 @@ def test_coherent_residual_factor_is_that_of_the_error(coherent):
 
 def test_coherent_residual_forgets_a_burst_at_once():
     """One loud group must not make a second of readings uncertain."""
-    rng, residual = np.random.default_rng(4), CoherentResidual(2)
+    rng, residual = np.random.default_rng(4), coherent_residual(2)
+
+    def largest(fit):
+        return residual.update(fit, fit.rows, np.ones((1, 62)))[0].max()
+
     quiet = [fit_of(rng, 0.0)[0] for _ in range(20)]
-    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[:10]] == [1] * 10
-    assert residual.update(fit_of(rng, 30.0)[0], np.ones(62))[0][0, 0] > 300
-    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[10:]] == [1] * 10
+    assert [residual.update(fit, fit.rows, np.ones((1, 62)))[0].max() for fit in quiet[:10]] == [
+        1
+    ] * 10
+    assert largest(fit_of(rng, 30.0)[0]) > 300
+    assert [residual.update(fit, fit.rows, np.ones((1, 62)))[0].max() for fit in quiet[10:]] == [
+        1
+    ] * 10
 
 
 def test_coherent_residual_does_not_depend_on_batches():
     rng = np.random.default_rng(5)
     fits = [fit_of(rng, 4.0 if 10 < g < 80 else 0.0)[0] for g in range(120)]
     noise = rng.uniform(0.5, 2.0, (120, 62))
-    alone = CoherentResidual(2)
-    expected = [alone.update(fit, noise[g])[0][0] for g, fit in enumerate(fits)]
-    together, found = CoherentResidual(2), []
+    alone = coherent_residual(2)
+    expected = [alone.update(fit, fit.rows, noise[g : g + 1])[0][0] for g, fit in enumerate(fits)]
+    together, found = coherent_residual(2), []
     for start, stop in ((0, 1), (1, 60), (60, 120)):
-        fields = [f.name for f in dataclasses.fields(GroupFit)][1:]
-        arrays = (np.concatenate([getattr(f, name) for f in fits[start:stop]]) for name in fields)
-        batch = GroupFit(np.arange(2), *arrays)
-        found += list(together.update(batch, noise[start:stop])[0])
+        part = fits[start:stop]
+        mixed = np.concatenate([np.concatenate([f.white, f.slopes], axis=2) for f in part])
+        tones = np.concatenate([f.white @ f.ends + f.residual for f in part])
+        batch = GroupFit(np.arange(2), mixed, tones)
+        found += list(together.update(batch, batch.rows, noise[start:stop])[0])
     assert np.max(expected) > 5
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def received_with(image, channel):

@@ -10,7 +10,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups, frame_settings
-from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate, Verdict
+from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
@@ -300,40 +300,11 @@ def test_noise_of_few_subcarriers_is_learned_only_if_it_lasts():
     noise, residual = NoiseEstimate(0.036), np.ones(62)
     noise.set(np.ones(62), 1.0, 55)
     residual[20:28] = 100.0
-    for _ in range(16):
-        raised = noise.raised(residual, 14)
-        assert np.flatnonzero(raised > 1).tolist() == list(range(20, 28))
-        noise.learn(residual, 1.0, 1.0, raised)
+    found = noise.follow(np.tile(residual, (16, 1)), 14, [1.0] * 16, [True] * 16)
+    assert np.flatnonzero((found.raised > 1).all(axis=0)).tolist() == list(range(20, 28))
     assert noise.variance.max() == pytest.approx(1)
-    for _ in range(150):
-        noise.learn(residual, 1.0, 1.0, noise.raised(residual, 14))
+    noise.follow(np.tile(residual, (150, 1)), 14, [1.0] * 150, [True] * 150)
     np.testing.assert_allclose(noise.variance[20:28], 100, rtol=0.1)
-
-
-@pytest.mark.parametrize("level, verdict", [(2.0, Verdict.STEPPED), (20.0, Verdict.MODEL_LOST)])
-def test_noise_of_a_run_is_that_of_its_groups_one_by_one(level, verdict):
-    rng = np.random.default_rng(3)
-    residuals = rng.gamma(14, 1 / 14, (60, 62))
-    residuals[10, 20:28] *= 100  # a hopper
-    residuals[20] *= 30  # an outlier
-    residuals[40:] *= level
-    complete = np.arange(60) != 30
-    noise, alone = NoiseEstimate(0.036), NoiseEstimate(0.036)
-    for each in (noise, alone):
-        each.set(np.ones(62), 1.0, 12)
-    found = noise.follow(residuals, 14, np.ones(60), complete.tolist())
-    assert found.verdict is verdict and 40 < len(found) <= 48
-    for row, residual in enumerate(residuals[: len(found)]):
-        raised = alone.raised(residual, 14)
-        ratio = np.mean(residual * alone.inverse / raised)
-        assert found.ratio[row] == pytest.approx(ratio, rel=1e-12)
-        np.testing.assert_array_equal(found.raised[row], raised)
-        np.testing.assert_allclose(found.inverse[row], alone.inverse / raised, rtol=1e-12)
-        if complete[row]:
-            outcome = alone.learn(residual, ratio, 1.0, raised)
-            assert outcome is (verdict if row == len(found) - 1 else Verdict.LEARNED)
-        np.testing.assert_allclose(found.variance[row], alone.variance, rtol=1e-12)
-    assert np.flatnonzero((found.raised > 1).any(axis=1)).tolist() == [10]
 
 
 def assert_same(found, wanted):

@@ -52,10 +52,7 @@ def test_removed_lines_leave_the_mean_over_the_symbol(length, repetitions):
     switched = groups.weights[0].switched([[[PHASE, rate, half_window]]], [[0.0, 0.25, 0.25]])
     white = switched[:, :, :2]
     solver = np.linalg.pinv(white)
-    first = solver @ groups.white
-    fit = GroupFit(
-        np.arange(2), first, np.ones((1, 2)), groups.white - white @ first, white, solver, white
-    )
+    fit = GroupFit(np.arange(2), switched, groups.white)
     clean = SpreadLines(waveform).remove(
         groups, fit, [tag], ClockPath(np.array([[PHASE]]), np.zeros((1, 1)))
     )

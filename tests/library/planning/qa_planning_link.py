@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a plan says of a link budget, and of noise that a radio adds to its static path."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.expected import phase_std_deg, receive_levels
 from gnuradio.wiforce.planning.link import WEAK_DEG, carrier_reaches, link_lines
@@ -53,6 +55,16 @@ def test_tissue_reads_deepest_at_the_lower_carrier():
     assert last == f"deepest: 900 MHz, {by_mhz[900]:.2g} mm of muscle"
 
 
+def test_command_prints_the_carriers_as_text_and_json():
+    text = run_command("plan", "phantom").stdout
+    found = json.loads(run_command("plan", "phantom", "--json").stdout)["link"]
+    assert "link: 110.1 dB by way of the tag, 60.0 dB straight" in text.splitlines()
+    assert found[0]["band"] == "" and found[1]["band"] == "us-902-928"
+    assert f"deepest: 900 MHz, {found[0]['reach']:.2g} mm of muscle" in text.splitlines()
+    assert "deepest: none reads clearly" in run_command("plan", "phantom_no_plate").stdout
+    assert "link" not in json.loads(run_command("plan", "demo", "--json").stdout)
+
+
 def test_noise_of_two_synthesizers_beside_a_static_path_is_expected():
     """By hand: -101 dBc/Hz at 60 dB, aliased from a loop of 30 kHz, q = 0.155, 36 ms."""
     settings = plan_with(snr_db=60, static_clutter_db=60, adc_bits=None, radio_noise={})
@@ -76,6 +88,17 @@ def test_radios_that_add_no_noise_cost_nothing(change):
     settings = plan_with(**change)
     assert receive_levels(settings.scene).radio < 1e-6 * receive_levels(settings.scene).noise
     assert not any("dynamic range" in text for text in warnings(settings))
+
+
+@pytest.mark.parametrize(("hertz", "line"), [(1010, 1), (3990, 4), (1500, None)])
+def test_a_spur_on_a_strong_line_is_named_with_its_level(hertz, line):
+    """-50 dBc of a static path of 55 dB; beside the lines the survey suppresses it."""
+    stated = {"spur_dbc": -50, "spur_hz": hertz}
+    found = [
+        w for w in warnings(plan_with(static_clutter_db=55, radio_noise=stated)) if "spur" in w
+    ]
+    expected = f"within one bin of line {line} of 'arm', +5 dB against its line 1"
+    assert found == [] if line is None else expected in found[0]
 
 
 def test_two_antennas_share_phase_noise_but_not_the_transmitters():

@@ -43,6 +43,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_press(m);
     bind_recordings(m);
     bind_screening(m);
+    bind_separation(m);
     bind_tones(m);
     m.def("exit_on_terminate",
           &exit_on_terminate,

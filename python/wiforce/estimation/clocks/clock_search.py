@@ -7,8 +7,9 @@ from copy import copy
 
 import numpy as np
 
+from ...wiforce_kernels import OUTLIER_RATIO, phase_expansion
 from ..ends.least_squares import ToneModel
-from ..ends.noise import OUTLIER_RATIO, NoiseEstimate, robust_noise
+from ..ends.noise import NoiseEstimate, robust_noise
 from ..group_tones import GroupTones, without_loud
 from .acquisition import DELAY_EVIDENCE, acquire
 from .joint_clock import likelihood_bias, phase_errors
@@ -138,7 +139,7 @@ class ClockSearch:
         trackers = self._model.trackers
         count = len(trackers)
         fit = self._model.fit(groups, self._model.predict(groups))
-        slope, curvature, noise = fit.expansion().information(self._noise.inverse)
+        slope, curvature, noise = phase_expansion(fit).information(self._noise.inverse)
         # A phase error at the start acts on all groups alike, one of the rate by the time elapsed.
         elapsed_s = groups.center_s - trackers[0].time_s
         course = np.stack([np.ones(len(groups)), elapsed_s], axis=1)

@@ -16,13 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...wiforce_kernels import phase_expansion, raised_subcarriers
 from ..ends.least_squares import ToneModel
 from ..ends.noise import NoiseEstimate, NoiseHistory, Verdict
-from ..group_tones import GroupTones, power_of
+from ..group_tones import GroupTones
 from ..groups import Array
 from .clock_search import ClockSearch
 from .clock_tracker import ClockPath, ClockTracker, predict_clocks
-from .joint_clock import PhaseExpansion, phase_errors
+from .joint_clock import phase_errors
 from .tracked_tag import TrackedTag
 
 # A tag that was not received for this long is acquired again, because its clock may have restarted.
@@ -132,7 +133,7 @@ class ClockTracking:
         noise, clocks = self._noise, self._model.predict(groups)
         fit = self._model.solve(groups, clocks)[2]
         residual = fit.noise()
-        raised = np.array([noise.raised(each, fit.freedom) for each in residual])
+        raised = raised_subcarriers(residual * noise.inverse, fit.freedom)
         last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
         history = NoiseHistory(
             np.mean(residual * noise.inverse / raised, axis=1),
@@ -180,10 +181,10 @@ class ClockTracking:
         groups = groups[: min(served, self._reach)]
         assumed = predict_clocks(point.trackers, groups.center_s)
         groups = model.without_spread_lines(groups, assumed)
-        expansion, terms, freedom = self._expand(groups, assumed)
+        expansion, likelihood, freedom = self._expand(groups, assumed, point.inverse_noise)
         measured = _Measurement(
             assumed.phase,
-            terms @ point.inverse_noise / groups.loss[:, :, None],
+            likelihood,
             point.noise_level,
             self._errors(expansion, point.inverse_noise),
         )
@@ -200,10 +201,9 @@ class ClockTracking:
         for i, tag in enumerate(locked):
             if tag.clock.wanders:  # contained in the wander that was removed
                 shifts[:, i] = 0.0
-        followed = expansion if count == len(groups) else expansion[:count]
-        residuals = followed.power_at(shifts) / freedom
-        complete = (groups.missing == 0).tolist()
-        noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
+        residuals = expansion.power_at(shifts) / freedom
+        levels, complete = groups.level[:count].tolist(), groups.missing[:count] == 0
+        noise = self._noise.follow(residuals, freedom, levels, complete.tolist())
         if noise.verdict is not Verdict.LEARNED:
             # What follows is tracked by the noise that this group has shown.
             self.restart()
@@ -268,23 +268,24 @@ class ClockTracking:
         self._point = _OperatingPoint(stop, before, reach_rad, noise.inverse, noise.level)
         return self._point
 
-    def _expand(self, groups: GroupTones, assumed: ClockPath) -> tuple[PhaseExpansion, Array, int]:
-        """Residual of groups around the clocks assumed, terms of each J, degrees of freedom.
+    def _expand(
+        self, groups: GroupTones, assumed: ClockPath, inverse_noise: Array
+    ) -> tuple[phase_expansion, Array, int]:
+        """Residual of groups around the clocks assumed, likelihoods, degrees of freedom.
 
-        The second are those of J and its derivatives, of each locked tag without the other tags;
-        shape (G, S, 3, K).
+        The second are J and its derivatives of each locked tag without the others; shape (G, S, 3).
         """
         model = self._model
         fit = model.fit(groups, assumed)
-        terms = np.empty((len(groups), assumed.phase.shape[1], 3, groups.tones.shape[2]))
+        likelihood = np.empty((*assumed.phase.shape, 3))
         for i, (tag, tracker) in enumerate(zip(model.locked, model.trackers, strict=True)):
             own = model.own_tones(tag, groups, fit)
-            terms[:, i] = tracker.likelihood.at(assumed.phase[:, i], own)
-        expansion = fit.expansion()
+            likelihood[:, i] = tracker.likelihood.at(assumed.phase[:, i], own, inverse_noise)
+        expansion = phase_expansion(fit)
         if any(tag.clock.wanders for tag in model.locked):
             model.remove_wander(fit, groups, assumed)
-            expansion.power = power_of(fit.residual).sum(axis=1)
-        return expansion, terms, fit.freedom
+            expansion.set_power(fit)
+        return expansion, likelihood / groups.loss[:, :, None], fit.freedom
 
     def _expired(self, tag: TrackedTag, time_s: float) -> bool:
         """Whether a tag's clock is not predicted any further."""
@@ -294,7 +295,7 @@ class ClockTracking:
         absent_s, unseen_s = tag.tracker.time_s - tag.last_seen_s, time_s - tag.last_seen_s
         return absent_s > max(_LOST_S, least_s) or unseen_s > max(_BRIDGED_S, least_s)
 
-    def _errors(self, expansion: PhaseExpansion, inverse_noise: Array) -> Array | None:
+    def _errors(self, expansion: phase_expansion, inverse_noise: Array) -> Array | None:
         """Errors of the phases assumed and their variances by the complete model, if used."""
         if not self._search.jointly or not self._model.locked:
             return None

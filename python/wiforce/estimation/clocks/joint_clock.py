@@ -10,14 +10,12 @@ ends and the clocks of all tags together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...signal.switching import switch_averages
 from ...signal.weights import ToneTable
-from ..group_tones import power_of
 from ..groups import Array
 from .likelihood import PhaseLikelihood, evaluate, turned_by
 
@@ -74,135 +72,13 @@ def _top(coefficients: Array, phase: float) -> float:
     return phase
 
 
-@dataclass(slots=True)
-class PhaseExpansion:
-    """A least-squares fit, expanded to second order in the phases of the clocks.
-
-    Attributes
-    ----------
-    ends : ndarray of complex, shape (..., 2S, K)
-        Solution V of any number of groups.
-    power : ndarray, shape (..., K)
-        Sum of the squared residual over the tones.
-    gradient : ndarray, shape (..., S, K)
-        Derivatives of ``-power`` by the phases.
-    gram : ndarray of complex, shape (..., 2S, 2S)
-        Products of the derivatives of the mixing matrix that a change of the ends cannot
-        compensate.
-    excess : ndarray, shape (..., S)
-        Variance of the log-likelihood's gradient that noise in the ends adds.
-
-    Notes
-    -----
-    With t = (1 - M M^+) dM/dtheta V, the derivative of the model that a change of the ends cannot
-    compensate, the residual of a group is r - t dtheta. The gradient of the log-likelihood is
-    2 Re sum_k t^H r / sigma_k^2 and the information 2 Re sum_k t^H t / sigma_k^2 (variable
-    projection, G. Golub and V. Pereyra, 1973).
-    """
-
-    ends: Array
-    power: Array
-    gradient: Array
-    gram: Array
-    excess: Array
-
-    @staticmethod
-    def of(
-        mixing: Array, solver: Array, slopes: Array, ends: Array, residual: Array
-    ) -> PhaseExpansion:
-        """Expand a fit.
-
-        Parameters
-        ----------
-        mixing : ndarray of complex, shape (..., M, 2S)
-            The S tags' waveforms as whitened tones.
-        solver : ndarray of complex, shape (..., 2S, M)
-            Its pseudo-inverse.
-        slopes : ndarray of complex, shape (..., M, 2S)
-            Derivatives of ``mixing`` by each tag's phase.
-        ends : ndarray of complex, shape (..., 2S, K)
-        residual : ndarray of complex, shape (..., M, K)
-            Whitened tones minus ``mixing @ ends``.
-        """
-        projected: Array = slopes - mixing @ (solver @ slopes)
-        adjoint = projected.conj().swapaxes(-1, -2)
-        gram = adjoint @ projected
-        spread = solver @ solver.conj().swapaxes(-1, -2)
-        subcarriers = ends.shape[-1]
-        noise = 2 * subcarriers * (gram * spread.swapaxes(-1, -2)).real
-        of_tags = _by_tag(noise).sum(axis=(-3, -1))
-        gradient = 2 * (ends.conj() * (adjoint @ residual)).real
-        return PhaseExpansion(
-            ends,
-            power_of(residual).sum(axis=-2),
-            gradient[..., ::2, :] + gradient[..., 1::2, :],
-            gram,
-            of_tags.diagonal(axis1=-2, axis2=-1),
-        )
-
-    def __getitem__(self, rows: slice) -> PhaseExpansion:
-        """The expansion of some of the groups."""
-        return PhaseExpansion(
-            self.ends[rows],
-            self.power[rows],
-            self.gradient[rows],
-            self.gram[rows],
-            self.excess[rows],
-        )
-
-    def information(self, inverse_noise: Array) -> tuple[Array, Array, Array]:
-        """Gradient and Fisher information of the clock phases, at the phases assumed.
-
-        Parameters
-        ----------
-        inverse_noise : ndarray, shape (K,)
-            1 / sigma_k^2.
-
-        Returns
-        -------
-        gradient : ndarray, shape (..., S)
-            Of the log-likelihood, maximised over the ends.
-        information : ndarray, shape (..., S, S)
-            Its expected negative curvature without the contribution of the noise in ``ends``.
-        excess : ndarray, shape (..., S)
-            That contribution: the variance of the gradient from noise alone.
-        """
-        powers = (self.ends * inverse_noise) @ self.ends.conj().swapaxes(-1, -2)
-        information = _by_tag(2 * (self.gram * powers.swapaxes(-1, -2)).real).sum(axis=(-3, -1))
-        own = np.arange(information.shape[-1])
-        information[..., own, own] -= self.excess
-        return self.gradient @ inverse_noise, information, self.excess
-
-    def power_at(self, shifts: Array) -> Array:
-        """Sum of the squared residual at other phases of the clocks.
-
-        Returns ndarray, shape (..., K).
-
-        Parameters
-        ----------
-        shifts : ndarray, shape (..., S)
-            By how much these phases exceed those of the expansion, in rad.
-        """
-        turned = self.ends * np.repeat(shifts, 2, axis=-1)[..., None]
-        curvature = (turned.conj() * (self.gram @ turned)).real.sum(axis=-2)
-        slope = (shifts[..., None, :] @ self.gradient)[..., 0, :]
-        # The expansion of a large step may be below what noise leaves at the optimum.
-        return np.maximum(self.power - slope + curvature, 0.0)
-
-
-def _by_tag(matrices: Array) -> Array:
-    """Split rows and columns of matrices over ends: (..., S, 2, S, 2)."""
-    *groups, ends, _ = matrices.shape
-    return matrices.reshape(*groups, ends // 2, 2, ends // 2, 2)
-
-
 def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Array, Array]:
     """Gauss-Newton step of each clock phase, and its variance.
 
     Parameters
     ----------
     gradient, information, excess : ndarray
-        See :meth:`PhaseExpansion.information`; the three may be sums over groups.
+        See ``wiforce_kernels.phase_expansion.information``; the three may be sums over groups.
 
     Returns
     -------

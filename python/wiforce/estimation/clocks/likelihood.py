@@ -19,7 +19,7 @@ from ...errors import InputError
 from ...signal.lines import Tone
 from ...signal.switching import DUTY, harmonics
 from ...signal.weights import ToneTable
-from ..group_tones import power_of
+from ...wiforce_kernels import clock_likelihood
 from ..groups import Array
 
 # Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
@@ -108,17 +108,14 @@ class PhaseLikelihood:
     def _set_basis(self) -> None:
         basis = self._basis(self.clock2_delay)
         self.projection = basis @ basis.conj().T
-        # u = B^H D^-1 P of the lines P, and its derivatives by theta, D = diag(exp(j m theta)).
-        self._turns = -1j * self.lines
-        turns = self._turns ** np.arange(3)[:, None]
-        self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
+        turns = (-1j * self.lines) ** np.arange(3)[:, None]
+        derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
+        self._kernel = clock_likelihood(derivatives, self.lines)
 
-    def at(self, phase: Array, tones: Array) -> Array:
-        """Terms of J, J' and J'' at one phase per group, without computing the coefficients.
+    def at(self, phase: Array, tones: Array, inverse_noise: Array) -> Array:
+        """J, J' and J'' at one phase per group, without computing the coefficients.
 
-        Returns ndarray, shape (G, 3, K): what each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2
-        and its derivatives, times sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j
-        m theta)).
+        Returns ndarray, shape (G, 3).
 
         Parameters
         ----------
@@ -126,14 +123,11 @@ class PhaseLikelihood:
             theta, in rad.
         tones : ndarray of complex, shape (G, L, K)
             P of the tag's lines.
+        inverse_noise : ndarray, shape (K,)
+            1 / sigma_k^2.
         """
-        turns = np.exp(phase[:, None, None] * self._turns)
-        derivatives = ((self._derivatives * turns) @ tones).reshape(len(tones), 3, 2, -1)
-        # |u|^2, Re u^* u' and Re u^* u'', summed over both elements of u.
-        terms: Array = (derivatives[:, :1].conj() * derivatives).real.sum(axis=2)
-        terms[:, 2] += power_of(derivatives[:, 1]).sum(axis=1)
-        terms[:, 1:] *= 2
-        return terms
+        found: Array = self._kernel.at(phase, tones, inverse_noise)
+        return found
 
     @property
     def degree(self) -> int:

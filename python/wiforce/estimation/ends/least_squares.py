@@ -18,14 +18,12 @@ from ..clocks.clock_tracker import ClockPath, ClockTracker, predict_clocks
 from ..clocks.tracked_tag import TrackedTag
 from ..group_tones import GroupTones, GroupWeights
 from ..groups import Array, Groups
-from .group_fit import GroupFit, ends_and_residual
+from .group_fit import GroupFit
 from .spread_lines import SpreadLines
 from .wander import without_wander
 
 # Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0
-# Largest energy of a column over what the others leave of one, from which on a model is singular.
-_SINGULAR = 1e12
 
 
 class ToneModel:
@@ -135,14 +133,7 @@ class ToneModel:
             Of the locked tags in these groups.
         """
         rows = np.array([row for tag in self.locked for row in tag.rows], int)
-        mixed = self._mixing(groups, clocks)
-        white = mixed[:, :, : len(rows)]
-        adjoint = white.conj().swapaxes(1, 2)
-        inverse = inverse_of(adjoint @ white)
-        solver = inverse @ adjoint
-        ends, residual = ends_and_residual(white, solver, groups.white)
-        gain = inverse.diagonal(axis1=1, axis2=2).real
-        return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
+        return GroupFit(rows, self._mixing(groups, clocks), groups.white)
 
     def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
         """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
@@ -190,7 +181,7 @@ class ToneModel:
         fit = self.fit(groups, clocks)
         if self._spread is not None and self.locked:
             groups = self._spread.remove(groups, fit, self.locked, clocks)
-            fit = fit.of_tones(groups.white)
+            fit.solve(groups.white)
         count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
         if len(fit.rows) == count:
             ends, gain = fit.ends, fit.gain.copy()
@@ -235,28 +226,3 @@ class ToneModel:
             mixing = weights.colorer[lines] @ fit.white[rows][:, :, foreign]
             tones[rows] -= mixing @ fit.ends[rows][:, foreign]
         return tones
-
-
-def inverse_of(gram: Array) -> Array:
-    """Inverses of small Hermitian positive definite matrices; pseudo-inverses of singular ones.
-
-    Returns ndarray of complex, shape (G, n, n).
-
-    Parameters
-    ----------
-    gram : ndarray of complex, shape (G, n, n)
-    """
-    if not gram.size:
-        return gram
-    try:
-        inverse = np.linalg.inv(gram)
-    except np.linalg.LinAlgError:
-        if len(gram) > 1:
-            return np.concatenate([inverse_of(each[None]) for each in gram])
-        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    # An element on the inverse's diagonal is 1 over what the other columns leave of its own.
-    gain = np.abs(inverse.diagonal(axis1=1, axis2=2)).max(axis=1)
-    is_singular = gain * gram.diagonal(axis1=1, axis2=2).real.max(axis=1) >= _SINGULAR
-    if is_singular.any():
-        inverse[is_singular] = np.linalg.pinv(gram[is_singular], rcond=1e-9, hermitian=True)
-    return inverse

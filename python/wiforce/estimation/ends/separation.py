@@ -3,8 +3,8 @@
 
 A run of groups passes four steps: the tags' clocks are tracked (``clock_tracking``), the tones are
 solved for the ends at those clocks (``least_squares``), the residual gives the noise (``noise``),
-and what it holds of an end's own channel raises the end's gain (``coherence``). Unknown clocks are
-acquired first (``clock_search``).
+and what it holds of an end's own channel raises the end's gain (``coherent_residual``). Unknown
+clocks are acquired first (``clock_search``).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from ...signal.switching import harmonics
 from ...signal.waveform import Waveform
 from ...signal.weights import ToneTable
+from ...wiforce_kernels import STEP_GROUPS, coherent_residual
 from ..clocks.clock_search import ClockSearch
 from ..clocks.clock_tracking import ClockTracking, TrackedClocks
 from ..clocks.tracked_tag import TagClock, TrackedTag
 from ..group_tones import GroupTones, power_of
 from ..groups import Array, Groups
 from .clean_noise import CleanNoise, gain_of_least_error
-from .coherence import CoherentResidual
 from .least_squares import ToneModel
-from .noise import STEP_GROUPS, NoiseEstimate, Verdict
+from .noise import NoiseEstimate, Verdict
 from .spread_lines import SpreadLines
 
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
@@ -84,7 +84,7 @@ class EndSeparator:
         profile, period_s = waveform.noise_profile, self._model.group_period_s
         self._noise = NoiseEstimate(period_s, profile if is_long else None)
         self._clean_noise = CleanNoise(period_s) if has_spread else None
-        self._coherence = CoherentResidual(2 * len(tags))
+        self._coherence = coherent_residual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
@@ -165,29 +165,37 @@ class EndSeparator:
         noise = clocks.noise
         if self._clean_noise is not None:
             noise = self._clean_noise.follow(groups, fit)
-        factors, disturbed = self._coherence.update(fit, noise.inverse)
+        factors, disturbed = self._coherence.update(fit, fit.rows, noise.inverse)
         significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
         own = fit.gain * np.maximum(factors, significant[:, None])
         if self._clean_noise is not None:
             own += gain_of_least_error(fit, noise.inverse)
-        stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
-        stated[:, fit.rows] = np.where(np.isfinite(gain[:, fit.rows]), own, np.inf)
-        disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
+        disturbed = self._of_all(disturbed, fit.rows)
         arrays = {
             **self._clock_arrays(clocks),
             "ends": ends,
-            "gain": stated,
+            "gain": np.where(np.isfinite(gain), self._of_all(own, fit.rows), np.inf),
             "noise": noise.variance * noise.raised,
             "noise_rise": noise.raised,
             "snr_db": self._snr_db(ends, gain, noise.variance),
-            "disturbed": disturbed_tags,
+            "disturbed": disturbed[:, ::2] | disturbed[:, 1::2],
         }
         if update:
-            self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
+            complete = np.flatnonzero(groups.missing == 0)
+            self._latest.extend((groups, row) for row in complete[-STEP_GROUPS:].tolist())
         if clocks.noise.verdict is Verdict.MODEL_LOST:
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
         return arrays
+
+    def _of_all(self, values: Array, rows: Array) -> Array:
+        """Values (G, E) of the ends that were fitted as those of all; 0 for others."""
+        count = 2 * len(self._model.tags)
+        if len(rows) == count:
+            return values
+        every = np.zeros((len(values), count), values.dtype)
+        every[:, rows] = values
+        return every
 
     def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
         """Separate groups whose tones cannot be used."""

@@ -16,9 +16,9 @@ import numpy as np
 from ...signal.lines import RoomNoise, aliased_hz, room_noise
 from ...signal.switching import line_envelope
 from ...signal.waveform import Waveform
+from ...wiforce_kernels import chi_squared_limit
 from ..capture.frame import whole_frames
 from ..clocks.tracked_tag import TagClock
-from ..ends.noise import chi_squared_limit
 from ..groups import Array
 from .clock_lines import ClockLine, find_clocks, vertex
 from .sources import MAINS_HZ, RoomLine, Source, identify

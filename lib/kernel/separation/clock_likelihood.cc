@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "clock_likelihood.h"
+
+#include "../inversion/clones.h"
+#include "../require.h"
+#include "complex_rows.h"
+
+namespace gr::wiforce::kernel {
+
+using complex = std::complex<double>;
+
+clock_likelihood::clock_likelihood(std::vector<complex> derivatives,
+                                   std::vector<double> lines)
+    : d_derivatives(std::move(derivatives)), d_lines(std::move(lines))
+{
+    require(d_derivatives.size() == 6 * d_lines.size(),
+            "clock_likelihood",
+            "derivatives",
+            "must have shape (6, " + std::to_string(d_lines.size()) + ")",
+            d_derivatives.size());
+}
+
+WIFORCE_CLONES
+std::array<double, 3> clock_likelihood::at(double phase,
+                                           const complex* tones,
+                                           const double* inverse_noise,
+                                           std::size_t subcarriers) const
+{
+    std::vector<complex> sums(6 * subcarriers); // u, u' and u'', two rows each
+    for (std::size_t line = 0; line < d_lines.size(); line++) {
+        const complex turn = std::polar(1.0, -d_lines[line] * phase);
+        for (std::size_t row = 0; row < 6; row++)
+            add_scaled(turn * d_derivatives[row * d_lines.size() + line],
+                       tones + line * subcarriers,
+                       subcarriers,
+                       &sums[row * subcarriers]);
+    }
+    std::array<double, 3> found{};
+    for (std::size_t element = 0; element < 2; element++)
+        for (std::size_t k = 0; k < subcarriers; k++) {
+            const complex value = sums[element * subcarriers + k];
+            const complex slope = sums[(2 + element) * subcarriers + k];
+            const complex curvature = sums[(4 + element) * subcarriers + k];
+            const auto real_product = [](complex a, complex b) {
+                return a.real() * b.real() + a.imag() * b.imag();
+            };
+            found[0] += real_product(value, value) * inverse_noise[k];
+            found[1] += 2 * real_product(value, slope) * inverse_noise[k];
+            found[2] += 2 *
+                        (real_product(value, curvature) + real_product(slope, slope)) *
+                        inverse_noise[k];
+        }
+    return found;
+}
+
+} // namespace gr::wiforce::kernel

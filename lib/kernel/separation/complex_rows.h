@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Sums over rows of complex numbers, written in real ones, which compilers vectorise.
+#pragma once
+
+#include <complex>
+#include <cstddef>
+
+namespace gr::wiforce::kernel {
+
+// sum += factor x row
+inline void add_scaled(std::complex<double> factor,
+                       const std::complex<double>* row,
+                       std::size_t count,
+                       std::complex<double>* sum)
+{
+    const double real = factor.real(), imag = factor.imag();
+    const auto* const from = reinterpret_cast<const double*>(row);
+    auto* const to = reinterpret_cast<double*>(sum);
+    for (std::size_t i = 0; i < 2 * count; i += 2) {
+        const double x = from[i], y = from[i + 1];
+        to[i] += real * x - imag * y;
+        to[i + 1] += real * y + imag * x;
+    }
+}
+
+// Sum of conj(first) x second.
+inline std::complex<double> inner_product(const std::complex<double>* first,
+                                          const std::complex<double>* second,
+                                          std::size_t count)
+{
+    const auto* const a = reinterpret_cast<const double*>(first);
+    const auto* const b = reinterpret_cast<const double*>(second);
+    double real = 0, imag = 0;
+    for (std::size_t i = 0; i < 2 * count; i += 2) {
+        real += a[i] * b[i] + a[i + 1] * b[i + 1];
+        imag += a[i] * b[i + 1] - a[i + 1] * b[i];
+    }
+    return { real, imag };
+}
+
+// sum += |row|^2
+inline void add_powers(const std::complex<double>* row, std::size_t count, double* sum)
+{
+    const auto* const values = reinterpret_cast<const double*>(row);
+    for (std::size_t i = 0; i < count; i++)
+        sum[i] += values[2 * i] * values[2 * i] + values[2 * i + 1] * values[2 * i + 1];
+}
+
+} // namespace gr::wiforce::kernel

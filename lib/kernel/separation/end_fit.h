@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <complex>
+#include <cstddef>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+// Least-squares fit of the tags' ends to the whitened tones of some groups, each by
+// itself: tones = mixing x ends + residual (docs/theory.md, Ends). Arrays hold the
+// groups one after the other, matrices row by row.
+class end_fit
+{
+public:
+    using complex = std::complex<double>;
+
+    // Sizes: groups, tones M, ends E of the tags that are fitted, two each, and
+    // subcarriers K.
+    struct shape {
+        std::size_t groups, tones, ends, subcarriers;
+    };
+
+    // `mixed`: M x 2E of every group, the tags' waveforms as whitened tones, and behind
+    // them their derivatives by the clocks' phases. `tones`: M x K, whitened.
+    end_fit(const shape& sizes, const complex* mixed, const complex* tones);
+
+    // Fits other tones of the same groups at the same clocks.
+    void solve(const complex* tones);
+
+    const shape sizes;
+    std::vector<complex> mixing, slopes; // M x E
+    std::vector<complex> solver;         // E x M, the pseudo-inverse of the mixing
+    std::vector<double> gain;            // E: variance of an end over that of H
+    std::vector<complex> ends;           // E x K
+    std::vector<complex> residual;       // M x K
+
+    // Degrees of freedom of the residual of a group on one subcarrier.
+    std::size_t freedom() const;
+
+    // Sum of the squared residual over the tones, K of each group.
+    std::vector<double> power() const;
+
+    // Ratios of each group's residual along every end's channel to noise (E each).
+    // `inverse_noise`: 1 / sigma_k^2, K of each group. The sandwich estimator HC2 of
+    // J. MacKinnon and H. White (1985) takes each tone's own power; `mean` is that of
+    // all tones.
+    struct coherence {
+        std::vector<double> sandwich, mean;
+    };
+    coherence coherent(const double* inverse_noise) const;
+};
+
+} // namespace gr::wiforce::kernel

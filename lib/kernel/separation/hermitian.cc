@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "hermitian.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+using matrix_of = std::vector<std::complex<double>>;
+
+// Largest energy of a column over what the others leave of one, from which on a model is
+// singular; eigenvalues below the second part of the largest are zero then.
+constexpr double singular = 1e12, negligible = 1e-9;
+
+// By Cholesky's decomposition; false where a pivot is not positive.
+bool invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
+{
+    matrix_of lower(n * n); // its inverse from the diagonal on, column by column
+    for (std::size_t column = 0; column < n; column++) {
+        for (std::size_t row = column; row < n; row++) {
+            auto rest = matrix[row * n + column];
+            for (std::size_t i = 0; i < column; i++)
+                rest -= lower[row * n + i] * std::conj(lower[column * n + i]);
+            if (row > column)
+                lower[row * n + column] = rest / lower[column * n + column].real();
+            else if (rest.real() > 0)
+                lower[row * n + row] = std::sqrt(rest.real());
+            else
+                return false;
+        }
+    }
+    for (std::size_t column = 0; column < n; column++)
+        for (std::size_t row = column; row < n; row++) {
+            std::complex<double> sum = row == column ? 1.0 : 0.0;
+            for (std::size_t i = column; i < row; i++)
+                sum -= lower[row * n + i] * inverse[i * n + column];
+            inverse[row * n + column] = sum / lower[row * n + row].real();
+        }
+    // Of the lower factor; that of the matrix is its square.
+    for (std::size_t row = 0; row < n; row++)
+        for (std::size_t column = 0; column <= row; column++) {
+            std::complex<double> sum = 0.0;
+            for (std::size_t i = row; i < n; i++)
+                sum += std::conj(inverse[i * n + row]) * inverse[i * n + column];
+            lower[row * n + column] = sum;
+        }
+    for (std::size_t row = 0; row < n; row++)
+        for (std::size_t column = 0; column <= row; column++) {
+            inverse[row * n + column] = lower[row * n + column];
+            inverse[column * n + row] = std::conj(lower[row * n + column]);
+        }
+    return true;
+}
+
+// By Jacobi's rotations of the real symmetric matrix [Re, -Im; Im, Re], which has every
+// eigenvalue twice.
+void pseudo_invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
+{
+    const std::size_t size = 2 * n;
+    std::vector<double> a(size * size), vectors(size * size);
+    for (std::size_t row = 0; row < size; row++) {
+        vectors[row * size + row] = 1;
+        for (std::size_t column = 0; column < size; column++) {
+            const auto& value = matrix[row % n * n + column % n];
+            const double sign = row < n ? -1 : 1;
+            a[row * size + column] =
+                row / n == column / n ? value.real() : sign * value.imag();
+        }
+    }
+    for (int sweep = 0; sweep < 60; sweep++) {
+        double beside = 0, along = 0;
+        for (std::size_t p = 0; p < size; p++)
+            for (std::size_t q = 0; q < size; q++)
+                (p == q ? along : beside) += a[p * size + q] * a[p * size + q];
+        if (beside <= 1e-30 * along)
+            break;
+        for (std::size_t p = 0; p < size; p++)
+            for (std::size_t q = p + 1; q < size; q++) {
+                if (a[p * size + q] == 0)
+                    continue;
+                const double half =
+                    (a[q * size + q] - a[p * size + p]) / (2 * a[p * size + q]);
+                const double tangent =
+                    std::copysign(1.0, half) / (std::abs(half) + std::hypot(half, 1));
+                const double cosine = 1 / std::hypot(tangent, 1), sine = tangent * cosine;
+                const auto rotate = [=](double& x, double& y) {
+                    const double first = x;
+                    x = cosine * first - sine * y;
+                    y = sine * first + cosine * y;
+                };
+                for (std::size_t i = 0; i < size; i++)
+                    rotate(a[i * size + p], a[i * size + q]);
+                for (std::size_t i = 0; i < size; i++) {
+                    rotate(a[p * size + i], a[q * size + i]);
+                    rotate(vectors[p * size + i], vectors[q * size + i]);
+                }
+            }
+    }
+    double largest = 0;
+    for (std::size_t i = 0; i < size; i++)
+        largest = std::max(largest, std::abs(a[i * size + i]));
+    std::fill(inverse.begin(), inverse.end(), 0.0);
+    for (std::size_t i = 0; i < size; i++) {
+        const double value = a[i * size + i];
+        if (!(std::abs(value) > negligible * largest))
+            continue;
+        const double* const vector = &vectors[i * size];
+        for (std::size_t row = 0; row < n; row++)
+            for (std::size_t column = 0; column < n; column++)
+                inverse[row * n + column] +=
+                    std::complex<double>{ vector[row], vector[row + n] } *
+                    vector[column] / value;
+    }
+}
+
+} // namespace
+
+std::vector<std::complex<double>> inverse_of(const matrix_of& matrix, std::size_t n)
+{
+    matrix_of inverse(n * n);
+    double energy = 0, gain = 0;
+    if (invert(matrix, n, inverse))
+        for (std::size_t i = 0; i < n; i++) {
+            // An element on the inverse's diagonal is 1 over what the other columns leave
+            // of its own.
+            gain = std::max(gain, inverse[i * n + i].real());
+            energy = std::max(energy, matrix[i * n + i].real());
+        }
+    else
+        gain = energy = singular;
+    if (!(gain * energy < singular))
+        pseudo_invert(matrix, n, inverse);
+    return inverse;
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "phase_expansion.h"
+
+#include "../inversion/clones.h"
+#include "complex_rows.h"
+
+#include <algorithm>
+
+namespace gr::wiforce::kernel {
+
+using complex = std::complex<double>;
+
+phase_expansion::phase_expansion(const end_fit& fit)
+    : sizes(fit.sizes),
+      power(fit.power()),
+      d_ends(fit.ends),
+      d_gram(sizes.groups * sizes.ends * sizes.ends),
+      d_gradient(sizes.groups * tags() * sizes.subcarriers),
+      d_excess(sizes.groups * tags())
+{
+    expand(fit);
+}
+
+WIFORCE_CLONES
+void phase_expansion::expand(const end_fit& fit)
+{
+    const auto [groups, tones, ends, subcarriers] = sizes;
+    std::vector<complex> moved(ends * ends), spread(ends * ends), changes(ends * tones),
+        along(subcarriers);
+    for (std::size_t group = 0; group < groups; group++) {
+        const complex* const solver = fit.solver.data() + group * ends * tones;
+        const complex* const mixing = fit.mixing.data() + group * tones * ends;
+        const complex* const slopes = fit.slopes.data() + group * tones * ends;
+        // By what the ends change, and what the tones then still do; a row per end.
+        std::fill(moved.begin(), moved.end(), 0.0);
+        for (std::size_t end = 0; end < ends; end++)
+            for (std::size_t tone = 0; tone < tones; tone++)
+                add_scaled(solver[end * tones + tone],
+                           slopes + tone * ends,
+                           ends,
+                           &moved[end * ends]);
+        for (std::size_t tone = 0; tone < tones; tone++)
+            for (std::size_t end = 0; end < ends; end++) {
+                complex change = slopes[tone * ends + end];
+                for (std::size_t other = 0; other < ends; other++)
+                    change -= mixing[tone * ends + other] * moved[other * ends + end];
+                changes[end * tones + tone] = change;
+            }
+        complex* const gram = d_gram.data() + group * ends * ends;
+        for (std::size_t row = 0; row < ends; row++)
+            for (std::size_t column = 0; column < ends; column++) {
+                gram[row * ends + column] =
+                    inner_product(&changes[row * tones], &changes[column * tones], tones);
+                if (row / 2 == column / 2)
+                    d_excess[group * tags() + row / 2] +=
+                        2 * subcarriers *
+                        (gram[row * ends + column] *
+                         inner_product(
+                             solver + row * tones, solver + column * tones, tones))
+                            .real();
+            }
+        for (std::size_t end = 0; end < ends; end++) {
+            std::fill(along.begin(), along.end(), 0.0);
+            for (std::size_t tone = 0; tone < tones; tone++)
+                add_scaled(std::conj(changes[end * tones + tone]),
+                           &fit.residual[(group * tones + tone) * subcarriers],
+                           subcarriers,
+                           along.data());
+            const complex* const channel = &d_ends[(group * ends + end) * subcarriers];
+            double* const gradient =
+                &d_gradient[(group * tags() + end / 2) * subcarriers];
+            for (std::size_t k = 0; k < subcarriers; k++)
+                gradient[k] += 2 * (channel[k].real() * along[k].real() +
+                                    channel[k].imag() * along[k].imag());
+        }
+    }
+}
+
+WIFORCE_CLONES
+std::vector<double> phase_expansion::power_at(const double* shifts,
+                                              std::size_t groups) const
+{
+    const std::size_t ends = sizes.ends, subcarriers = sizes.subcarriers;
+    std::vector<double> found(power.begin(), power.begin() + groups * subcarriers);
+    std::vector<complex> turned(ends * subcarriers), curved(subcarriers);
+    for (std::size_t group = 0; group < groups; group++) {
+        const double* const shift = shifts + group * tags();
+        double* const sum = &found[group * subcarriers];
+        for (std::size_t tag = 0; tag < tags(); tag++)
+            for (std::size_t k = 0; k < subcarriers; k++)
+                sum[k] -=
+                    shift[tag] * d_gradient[(group * tags() + tag) * subcarriers + k];
+        for (std::size_t i = 0; i < turned.size(); i++)
+            turned[i] =
+                d_ends[group * ends * subcarriers + i] * shift[i / subcarriers / 2];
+        for (std::size_t end = 0; end < ends; end++) {
+            std::fill(curved.begin(), curved.end(), 0.0);
+            for (std::size_t other = 0; other < ends; other++)
+                add_scaled(d_gram[(group * ends + end) * ends + other],
+                           &turned[other * subcarriers],
+                           subcarriers,
+                           curved.data());
+            const complex* const own = &turned[end * subcarriers];
+            for (std::size_t k = 0; k < subcarriers; k++)
+                sum[k] +=
+                    own[k].real() * curved[k].real() + own[k].imag() * curved[k].imag();
+        }
+        // The expansion of a large step may be below what noise leaves at the optimum.
+        for (std::size_t k = 0; k < subcarriers; k++)
+            sum[k] = std::max(sum[k], 0.0);
+    }
+    return found;
+}
+
+WIFORCE_CLONES
+phase_expansion::information phase_expansion::informed(const double* inverse_noise) const
+{
+    const std::size_t ends = sizes.ends, subcarriers = sizes.subcarriers;
+    information found{ std::vector<double>(sizes.groups * tags()),
+                       std::vector<double>(sizes.groups * tags() * tags()),
+                       d_excess };
+    std::vector<complex> weighted(subcarriers);
+    for (std::size_t group = 0; group < sizes.groups; group++) {
+        for (std::size_t tag = 0; tag < tags(); tag++)
+            for (std::size_t k = 0; k < subcarriers; k++)
+                found.gradient[group * tags() + tag] +=
+                    d_gradient[(group * tags() + tag) * subcarriers + k] *
+                    inverse_noise[k];
+        for (std::size_t row = 0; row < ends; row++) {
+            const complex* const own = &d_ends[(group * ends + row) * subcarriers];
+            for (std::size_t k = 0; k < subcarriers; k++)
+                weighted[k] = own[k] * inverse_noise[k];
+            for (std::size_t column = 0; column < ends; column++)
+                found.expected[(group * tags() + row / 2) * tags() + column / 2] +=
+                    2 * (d_gram[(group * ends + row) * ends + column] *
+                         inner_product(weighted.data(),
+                                       &d_ends[(group * ends + column) * subcarriers],
+                                       subcarriers))
+                            .real();
+        }
+        for (std::size_t tag = 0; tag < tags(); tag++)
+            found.expected[(group * tags() + tag) * tags() + tag] -=
+                d_excess[group * tags() + tag];
+    }
+    return found;
+}
+
+} // namespace gr::wiforce::kernel

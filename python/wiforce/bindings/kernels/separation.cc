@@ -1,0 +1,380 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernels.h"
+
+#include <kernel/separation/clock_likelihood.h>
+#include <kernel/separation/coherent_residual.h>
+#include <kernel/separation/end_fit.h>
+#include <kernel/separation/noise_estimate.h>
+#include <kernel/separation/phase_expansion.h>
+
+#include <pybind11/stl.h>
+
+#include <optional>
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
+
+namespace {
+
+using complex_array = array<std::complex<double>>;
+using shape = std::vector<py::ssize_t>;
+
+template <class T>
+void require_shape(const array<T>& values, const shape& wanted, const char* rule)
+{
+    if (shape(values.shape(), values.shape() + values.ndim()) != wanted)
+        throw std::invalid_argument(rule);
+}
+
+// An array that belongs to another object.
+template <class T>
+py::array_t<T> view(std::vector<T>& values, const shape& of, const py::object& owner)
+{
+    return py::array_t<T>(of, values.data(), owner);
+}
+
+template <class T>
+py::array_t<T> copy(const std::vector<T>& values, const shape& of)
+{
+    return py::array_t<T>(of, values.data());
+}
+
+// A member of an end_fit as an array over its groups.
+template <class T, class Rows, class Columns>
+auto member(std::vector<T> end_fit::*values, Rows rows, Columns columns)
+{
+    return [=](const py::object& self) {
+        auto& fit = self.cast<end_fit&>();
+        return view(fit.*values,
+                    { py::ssize_t(fit.sizes.groups),
+                      py::ssize_t(fit.sizes.*rows),
+                      py::ssize_t(fit.sizes.*columns) },
+                    self);
+    };
+}
+
+end_fit make_end_fit(const complex_array& mixed, const complex_array& tones)
+{
+    if (mixed.ndim() != 3 || tones.ndim() != 3 || mixed.shape(0) != tones.shape(0) ||
+        mixed.shape(1) != tones.shape(1) || mixed.shape(2) % 4)
+        throw std::invalid_argument(
+            "end_fit: mixed must have shape (G, M, 4S), tones (G, M, K)");
+    return end_fit({ std::size_t(tones.shape(0)),
+                     std::size_t(tones.shape(1)),
+                     std::size_t(mixed.shape(2) / 2),
+                     std::size_t(tones.shape(2)) },
+                   mixed.data(),
+                   tones.data());
+}
+
+shape by_subcarrier(const end_fit::shape& sizes)
+{
+    return { py::ssize_t(sizes.groups), py::ssize_t(sizes.subcarriers) };
+}
+
+py::array_t<double> power_at(const phase_expansion& of, const array<double>& shifts)
+{
+    if (shifts.ndim() != 2 || shifts.shape(0) > py::ssize_t(of.sizes.groups) ||
+        shifts.shape(1) != py::ssize_t(of.sizes.ends / 2))
+        throw std::invalid_argument("phase_expansion: shifts must have shape (G, S)");
+    return copy(of.power_at(shifts.data(), shifts.shape(0)),
+                { shifts.shape(0), py::ssize_t(of.sizes.subcarriers) });
+}
+
+py::tuple informed(const phase_expansion& of, const array<double>& inverse_noise)
+{
+    require_shape(inverse_noise,
+                  { py::ssize_t(of.sizes.subcarriers) },
+                  "phase_expansion: inverse_noise must have shape (K,)");
+    const auto found = of.informed(inverse_noise.data());
+    const py::ssize_t groups = of.sizes.groups, tags = of.sizes.ends / 2;
+    return py::make_tuple(copy(found.gradient, { groups, tags }),
+                          copy(found.expected, { groups, tags, tags }),
+                          copy(found.excess, { groups, tags }));
+}
+
+py::array_t<double> likelihood_at(const clock_likelihood& of,
+                                  const array<double>& phase,
+                                  const complex_array& tones,
+                                  const array<double>& inverse_noise)
+{
+    if (phase.ndim() != 1 || tones.ndim() != 3 || inverse_noise.ndim() != 1)
+        throw std::invalid_argument("clock_likelihood: phase must have shape (G,), tones "
+                                    "(G, L, K), inverse_noise (K,)");
+    const py::ssize_t groups = phase.size(), subcarriers = inverse_noise.size();
+    require_shape(tones,
+                  { groups, py::ssize_t(of.lines()), subcarriers },
+                  "clock_likelihood: tones must have shape (G, L, K)");
+    py::array_t<double> found(shape{ groups, 3 });
+    for (py::ssize_t group = 0; group < groups; group++) {
+        const auto terms = of.at(
+            phase.at(group), tones.data(group, 0, 0), inverse_noise.data(), subcarriers);
+        std::copy(terms.begin(), terms.end(), found.mutable_data(group, 0));
+    }
+    return found;
+}
+
+py::tuple coherent_factors(coherent_residual& of,
+                           const end_fit& fit,
+                           const std::vector<std::size_t>& rows,
+                           const array<double>& inverse_noise)
+{
+    require_shape(inverse_noise,
+                  by_subcarrier(fit.sizes),
+                  "coherent_residual: inverse_noise must have shape (G, K)");
+    if (rows.size() != fit.sizes.ends)
+        throw std::invalid_argument("coherent_residual: rows must have shape (E,)");
+    const auto found = of.update(fit, rows, inverse_noise.data());
+    const shape by_end{ py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) };
+    py::array_t<bool> disturbed(by_end);
+    std::copy(found.disturbed.begin(), found.disturbed.end(), disturbed.mutable_data());
+    return py::make_tuple(copy(found.factor, by_end), disturbed);
+}
+
+py::tuple follow(noise_estimate& noise,
+                 const array<double>& residuals,
+                 std::size_t freedom,
+                 const std::vector<double>& levels,
+                 const std::vector<bool>& complete)
+{
+    const py::ssize_t groups = levels.size(), subcarriers = noise.variance().size();
+    require_shape(residuals,
+                  { groups, subcarriers },
+                  "noise_estimate: residuals must have shape (G, K)");
+    if (!groups || !subcarriers || complete.size() != levels.size())
+        throw std::invalid_argument("noise_estimate: levels and complete must have shape "
+                                    "(G,), and the noise must be known");
+    const auto found = noise.follow(residuals.data(), freedom, levels, complete);
+    const py::ssize_t count = found.ratio.size();
+    return py::make_tuple(copy(found.ratio, { count }),
+                          copy(found.raised, { count, subcarriers }),
+                          copy(found.inverse, { count, subcarriers }),
+                          copy(found.variance, { count, subcarriers }),
+                          static_cast<int>(found.outcome));
+}
+
+py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
+{
+    if (ratios.ndim() != 2 || !ratios.shape(1))
+        throw std::invalid_argument("raised_subcarriers: ratios must have shape (G, K)");
+    const py::ssize_t subcarriers = ratios.shape(1);
+    py::array_t<double> found(shape{ ratios.shape(0), subcarriers });
+    for (py::ssize_t group = 0; group < ratios.shape(0); group++) {
+        const double* const row = ratios.data(group, 0);
+        const auto raised = raised_subcarriers({ row, row + subcarriers }, freedom);
+        std::copy(raised.begin(), raised.end(), found.mutable_data(group, 0));
+    }
+    return found;
+}
+
+} // namespace
+
+void bind_separation(py::module& m)
+{
+    using sizes = end_fit::shape;
+    py::class_<end_fit>(
+        m,
+        "end_fit",
+        "Least-squares fit of the E = 2S ends of S tags to whitened tones of G groups:\n"
+        "tones = white @ ends + residual.\n\n"
+        "mixed: (G, M, 4S), the tags' waveforms as whitened tones, and behind them "
+        "their\n"
+        "derivatives by the clocks' phases (switching_mixer.mix). tones: (G, M, K).")
+        .def(py::init(&make_end_fit), "mixed"_a, "tones"_a)
+        .def(
+            "solve",
+            [](end_fit& fit, const complex_array& tones) {
+                require_shape(tones,
+                              { py::ssize_t(fit.sizes.groups),
+                                py::ssize_t(fit.sizes.tones),
+                                py::ssize_t(fit.sizes.subcarriers) },
+                              "end_fit: tones must have shape (G, M, K)");
+                fit.solve(tones.data());
+            },
+            "tones"_a,
+            "Fit other tones of the same groups at the same clocks: ends and residual.")
+        .def_property_readonly("white",
+                               member(&end_fit::mixing, &sizes::tones, &sizes::ends),
+                               "(G, M, E), the waveforms.")
+        .def_property_readonly("slopes",
+                               member(&end_fit::slopes, &sizes::tones, &sizes::ends),
+                               "(G, M, E), their derivatives.")
+        .def_property_readonly("solver",
+                               member(&end_fit::solver, &sizes::ends, &sizes::tones),
+                               "(G, E, M), pseudo-inverse of white.")
+        .def_property_readonly("ends",
+                               member(&end_fit::ends, &sizes::ends, &sizes::subcarriers),
+                               "(G, E, K).")
+        .def_property_readonly(
+            "residual",
+            member(&end_fit::residual, &sizes::tones, &sizes::subcarriers),
+            "(G, M, K); may be changed.")
+        .def_property_readonly(
+            "gain",
+            [](const py::object& self) {
+                auto& fit = self.cast<end_fit&>();
+                return view(
+                    fit.gain,
+                    { py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) },
+                    self);
+            },
+            "(G, E), variance of an end over that of H.")
+        .def_property_readonly("freedom",
+                               &end_fit::freedom,
+                               "Degrees of freedom of a group on one subcarrier.")
+        .def(
+            "power",
+            [](const end_fit& fit) {
+                return copy(fit.power(), by_subcarrier(fit.sizes));
+            },
+            "(G, K), sum of the squared residual over the tones.");
+    py::class_<phase_expansion>(
+        m,
+        "phase_expansion",
+        "A fit of ends, expanded to second order in the phases of the clocks.")
+        .def(py::init<const end_fit&>(), "fit"_a)
+        .def("power_at",
+             &power_at,
+             "shifts"_a,
+             "shifts: (G, S), by how much phases exceed those of the fit, in rad, of the "
+             "first groups.\nGives (G, K), the sum of the squared residual.")
+        .def(
+            "set_power",
+            [](phase_expansion& of, const end_fit& fit) { of.power = fit.power(); },
+            "fit"_a,
+            "Take the power of a residual that was changed since.")
+        .def(
+            "information",
+            &informed,
+            "inverse_noise"_a,
+            "inverse_noise: (K,). Gives the gradient (G, S) of the log-likelihood by the "
+            "phases, its\nexpected negative curvature (G, S, S) without the contribution "
+            "of noise in the ends, and\nthat (G, S): the variance of the gradient from "
+            "noise alone.");
+    py::class_<clock_likelihood>(
+        m,
+        "clock_likelihood",
+        "Likelihood J of a clock's phase and its derivatives.\n\n"
+        "derivatives: (6, L), both rows of B^H times each line's (-j m)^0, ^1 and ^2.\n"
+        "lines: (L,) numbers m.")
+        .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
+                 return clock_likelihood(flat(derivatives), flat(lines));
+             }),
+             "derivatives"_a,
+             "lines"_a)
+        .def("at",
+             &likelihood_at,
+             "phase"_a,
+             "tones"_a,
+             "inverse_noise"_a,
+             "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3): J, "
+             "J' "
+             "and J''.");
+    py::class_<coherent_residual>(
+        m,
+        "coherent_residual",
+        "Factor by which the variance of each end exceeds that of independent noise: "
+        "two\n"
+        "estimates of sum_m |S_im|^2 var(c_im) for the solver S, c_im being the "
+        "residual's\n"
+        "component along the channel of end i. The sandwich estimator HC2 of J. "
+        "MacKinnon "
+        "and\nH. White (1985) takes each tone's own power, in the median of the last "
+        "groups. A sudden\nrise in a single group is judged with equal power on all "
+        "tones, "
+        "which fewer groups\ndetermine.\n\nends: of all tags.")
+        .def(py::init<std::size_t>(), "ends"_a)
+        .def("reset",
+             &coherent_residual::reset,
+             "Forget the groups so far, when the clocks were acquired again.")
+        .def("update",
+             &coherent_factors,
+             "fit"_a,
+             "rows"_a,
+             "inverse_noise"_a,
+             "rows: (E,), the ends that were fitted. inverse_noise: (G, K), 1 / "
+             "sigma_k^2.\n"
+             "Gives the factors (G, E), at least 1, and whether something lasting is "
+             "received on the\nlines of each end that is no noise (G, E).");
+    py::class_<noise_estimate>(
+        m,
+        "noise_estimate",
+        "Variance of the noise in H per subcarrier: a mean over the last two seconds.\n\n"
+        "profile: (K,) noise of the subcarriers relative to each other, where only its "
+        "level is\nto be learned.")
+        .def(py::init([](double group_period_s,
+                         const std::optional<array<double>>& profile) {
+                 return noise_estimate(group_period_s,
+                                       profile ? flat(*profile) : std::vector<double>{});
+             }),
+             "group_period_s"_a,
+             "profile"_a = py::none())
+        .def_readwrite("known",
+                       &noise_estimate::known,
+                       "Whether there is an estimate; until then arrays are empty.")
+        .def_property_readonly(
+            "variance",
+            [](const noise_estimate& of) {
+                return copy(of.variance(), { py::ssize_t(of.variance().size()) });
+            },
+            "(K,), sigma_k^2.")
+        .def_property_readonly(
+            "inverse",
+            [](const noise_estimate& of) {
+                return copy(of.inverse(), { py::ssize_t(of.inverse().size()) });
+            },
+            "(K,), 1 / sigma_k^2.")
+        .def_property_readonly(
+            "level", &noise_estimate::level, "Mean of the variance over the subcarriers.")
+        .def(
+            "set",
+            [](noise_estimate& of,
+               const array<double>& variance,
+               double level,
+               std::optional<std::size_t> groups) {
+                if (variance.ndim() != 1 || !variance.size())
+                    throw std::invalid_argument(
+                        "noise_estimate: variance must have shape (K,)");
+                of.set(flat(variance), level);
+                if (groups)
+                    of.set_groups(*groups);
+            },
+            "variance"_a,
+            "level"_a,
+            "groups"_a = py::none(),
+            "Set the variance, limited to the rounding errors of the tones. level: mean "
+            "power of the\nwhitened tones, the largest of the groups that it was "
+            "measured "
+            "in. groups: number of\nthem, unchanged when not given.")
+        .def(
+            "follow",
+            &follow,
+            "residuals"_a,
+            "freedom"_a,
+            "levels"_a,
+            "complete"_a,
+            "Learn from groups up to the first one that the noise does not fit.\n\n"
+            "residuals: (G, K), mean square of each group's whitened residual per degree "
+            "of freedom.\nlevels: mean power of their whitened tones. complete: whether "
+            "they may be learned from.\nGives ratios (G,), what is raised, 1 / sigma_k^2 "
+            "and sigma_k^2 (G, K) of as many groups as\nwere taken, and the verdict on "
+            "the last: 0 learned, 1 stepped, 2 lost.");
+    m.attr("OUTLIER_RATIO") = outlier_ratio;
+    m.attr("STEP_GROUPS") = step_groups;
+    m.def(
+        "raised_subcarriers",
+        &raised_of,
+        "ratios"_a,
+        "freedom"_a,
+        "ratios: (G, K), noise of groups over the usual one, of so many complex degrees "
+        "of freedom.\nGives the same where they are significantly more, 1 elsewhere.");
+    m.def(
+        "chi_squared_limit",
+        &chi_squared_limit,
+        "freedom"_a,
+        "stds"_a,
+        "Value that a mean of squares exceeds as seldom as a normal variable so many "
+        "deviations.\n\nThe approximation by E. B. Wilson and M. M. Hilferty (1931), of "
+        "complex degrees of freedom.");
+}

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The kernels of the separation, against plain NumPy."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.wiforce_kernels import (
+    chi_squared_limit,
+    clock_likelihood,
+    coherent_residual,
+    end_fit,
+    noise_estimate,
+    phase_expansion,
+    raised_subcarriers,
+)
+
+GROUPS, TONES, SUBCARRIERS = 3, 14, 6
+
+
+def normal(rng, *shape):
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def fitted(tags, seed=1):
+    """Random waveforms and tones, and their fit."""
+    rng = np.random.default_rng(seed)
+    mixed = normal(rng, GROUPS, TONES, 4 * tags)
+    tones = normal(rng, GROUPS, TONES, SUBCARRIERS)
+    return mixed, tones, end_fit(mixed, tones)
+
+
+@pytest.mark.parametrize("tags", [1, 2, 4])
+def test_end_fit_is_the_least_squares_solution(tags):
+    """Every reading is computed from these ends, and its noise from this residual."""
+    mixed, tones, fit = fitted(tags)
+    white = mixed[:, :, : 2 * tags]
+    solver = np.linalg.pinv(white)
+    ends = solver @ tones
+    residual = tones - white @ ends
+    np.testing.assert_array_equal(fit.white, white)
+    np.testing.assert_array_equal(fit.slopes, mixed[:, :, 2 * tags :])
+    np.testing.assert_allclose(fit.solver, solver, atol=1e-12)
+    np.testing.assert_allclose(fit.ends, ends, atol=1e-12)
+    np.testing.assert_allclose(fit.residual, residual, atol=1e-12)
+    np.testing.assert_allclose(fit.gain, np.sum(np.abs(solver) ** 2, axis=2), rtol=1e-10)
+    np.testing.assert_allclose(fit.power(), np.sum(np.abs(residual) ** 2, axis=1), rtol=1e-10)
+    assert fit.freedom == TONES - 2 * tags
+    fit.solve(2j * tones)
+    np.testing.assert_allclose(fit.ends, 2j * ends, atol=1e-12)
+    np.testing.assert_allclose(fit.residual, 2j * residual, atol=1e-12)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-9])
+def test_end_fit_of_ends_that_look_the_same_is_the_pseudo_inverse(error):
+    """Two tags on one clock: what they have in common is read, and nothing grows without end."""
+    rng = np.random.default_rng(2)
+    mixed, tones = normal(rng, 2, TONES, 8), normal(rng, 2, TONES, SUBCARRIERS)
+    mixed[0, :, 2:4] = mixed[0, :, :2] * (1 + error)
+    fit = end_fit(mixed, tones)
+    gram = mixed[:, :, :4].conj().swapaxes(1, 2) @ mixed[:, :, :4]
+    inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    expected = inverse @ mixed[:, :, :4].conj().swapaxes(1, 2)
+    np.testing.assert_allclose(fit.solver, expected, atol=1e-7)
+    np.testing.assert_allclose(fit.ends, expected @ tones, atol=1e-7)
+
+
+def test_end_fit_without_tags_leaves_the_tones():
+    """While no clock is known, the residual is all that is received."""
+    tones = normal(np.random.default_rng(3), GROUPS, TONES, SUBCARRIERS)
+    fit = end_fit(np.zeros((GROUPS, TONES, 0)), tones)
+    np.testing.assert_array_equal(fit.residual, tones)
+    assert fit.ends.shape == (GROUPS, 0, SUBCARRIERS)
+    power = np.sum(np.abs(tones) ** 2, axis=1)
+    found = phase_expansion(fit).power_at(np.zeros((GROUPS, 0)))
+    np.testing.assert_allclose(found, power, rtol=1e-12)
+
+
+def test_coherent_residual_is_that_of_both_estimators():
+    """It is the only sign of an interferer that is alike on all subcarriers."""
+    rng = np.random.default_rng(4)
+    mixed, tones = normal(rng, GROUPS, TONES, 8), normal(rng, GROUPS, TONES, SUBCARRIERS)
+    common = 30 * normal(rng, 1, SUBCARRIERS)
+    tones[1:] += normal(rng, GROUPS - 1, TONES, 1) * common + mixed[1:, :, :1] @ (5 * common)
+    fit, inverse_noise = end_fit(mixed, tones), rng.uniform(0.5, 2, (GROUPS, SUBCARRIERS))
+    matched = fit.ends.conj() * inverse_noise[:, None]
+    energy = np.sum(matched * fit.ends, axis=2).real
+    along = np.abs(matched @ fit.residual.swapaxes(1, 2)) ** 2 / energy[:, :, None]
+    leverage = np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1).real
+    shares = np.abs(fit.solver) ** 2
+    errors = np.sum(shares * along / np.maximum(1 - leverage, 0.1)[:, None], axis=2)
+    sandwich, mean = errors / shares.sum(axis=2), along.sum(axis=2) / fit.freedom
+    spread, count = fit.freedom**-0.5, np.arange(1, GROUPS + 1)[:, None]
+    lasting = np.array([np.median(sandwich[: g + 1], axis=0) for g in range(GROUPS)])
+    lasting /= 1 - 1 / fit.freedom
+    expected = np.where(mean > 1 + 5 * spread, mean, 1)
+    lasts = lasting > 1 + 4 * spread * np.sqrt(3 / count)
+    expected = np.where(lasts, np.maximum(expected, lasting), expected)
+    factors, disturbed = coherent_residual(6).update(fit, [0, 1, 4, 5], inverse_noise)
+    assert np.unique(expected).size > 6 and (lasting > 42).any() and not (lasting > 42).all()
+    np.testing.assert_allclose(factors, expected, rtol=1e-9)
+    np.testing.assert_array_equal(disturbed, lasting > 42)
+
+
+class PlainNoise:
+    """The noise estimate group by group, as docs/theory.md describes it."""
+
+    def __init__(self):
+        self.variance, self.groups, self.ratios, self.held = np.ones(62), 12, [], np.zeros(62, int)
+
+    def raised(self, residual, freedom):
+        ratios = residual / self.variance
+        limit = max(chi_squared_limit(freedom, 5.2), 4.0)
+        quartile = max(1.0, np.sort(ratios)[62 // 4])
+        few = quartile <= 1.5
+        return np.where(few & (ratios > limit * quartile**3), ratios, 1.0)
+
+    def learn(self, residual, ratio, raised):
+        """0 learned, 1 stepped, 2 lost."""
+        self.held = np.where(raised > 1, self.held + 1, 0)
+        residual = np.where((self.held > 0) & (self.held <= 16), self.variance, residual)
+        self.ratios = [*self.ratios, ratio][-8:]
+        full, median = len(self.ratios) == 8, np.sort(self.ratios)[len(self.ratios) // 2]
+        if full and min(self.ratios) > 3:
+            return 2
+        if ratio > 3:
+            return 0
+        if full and median <= 3 and not 1 / 1.33 < median < 1.33:
+            self.variance = median * self.variance
+            return 1
+        self.groups = min(self.groups + 1, 55)
+        self.variance = self.variance + (residual - self.variance) / self.groups
+        return 0
+
+
+@pytest.mark.parametrize("level, verdict", [(1.0, 0), (2.0, 1), (0.5, 1), (20.0, 2)])
+def test_noise_of_a_run_is_that_of_its_groups_one_by_one(level, verdict):
+    """Weights and standard deviations of all readings follow from it."""
+    rng = np.random.default_rng(3)
+    residuals = rng.gamma(14, 1 / 14, (120, 62))
+    residuals[10, 20:28] *= 100  # a hopper
+    residuals[20] *= 30  # an outlier
+    residuals[40:60, 5] *= 40  # a carrier that stays
+    residuals[100:] *= level
+    complete = np.arange(120) != 30
+    noise, plain = noise_estimate(0.036), PlainNoise()
+    noise.set(np.ones(62), 1.0, 12)
+    *found, outcome = noise.follow(residuals, 14, np.ones(120), complete)
+    ratios, all_raised, inverse, variance = found
+    assert outcome == verdict and (len(ratios) == 120 if verdict == 0 else 100 < len(ratios) <= 108)
+    for row in range(len(ratios)):
+        raised = plain.raised(residuals[row], 14)
+        ratio = np.mean(residuals[row] / plain.variance / raised)
+        assert ratios[row] == pytest.approx(ratio, rel=1e-12)
+        np.testing.assert_allclose(all_raised[row], raised, rtol=1e-12)
+        np.testing.assert_allclose(inverse[row], 1 / plain.variance / raised, rtol=1e-12)
+        if complete[row]:
+            last = verdict if row == len(ratios) - 1 else 0
+            assert plain.learn(residuals[row], ratio, raised) == last
+        np.testing.assert_allclose(variance[row], plain.variance, rtol=1e-12)
+    raised = np.flatnonzero((all_raised > 1).any(axis=1))
+    assert 10 in raised and 20 not in raised and {*range(40, 56)} <= {*raised}
+
+
+def test_noise_with_a_profile_keeps_it_and_is_not_below_rounding_errors():
+    """What tags spread over the subcarriers of a long symbol is no noise."""
+    profile = np.array([1.0, 2.0, 4.0])
+    noise = noise_estimate(0.036, profile)
+    assert not noise.known
+    noise.set(np.array([3.0, 2.0, 4.0]), 1.0)
+    assert noise.known and noise.level == pytest.approx(noise.variance.mean())
+    np.testing.assert_allclose(noise.variance, profile * (3 + 1 + 1) / 3, rtol=1e-12)
+    np.testing.assert_allclose(noise.inverse, 1 / noise.variance, rtol=1e-12)
+    plain = noise_estimate(0.036)
+    plain.set(np.zeros(3), 5.0)
+    np.testing.assert_allclose(plain.variance, 5e-14, rtol=1e-12)
+
+
+def test_changed_residual_counts_in_power():
+    """What a clock without a crystal explains is taken out before the noise is learned."""
+    _, _, fit = fitted(1)
+    expansion = phase_expansion(fit)
+    fit.residual[1] /= 2
+    expansion.set_power(fit)
+    expected = np.sum(np.abs(fit.residual) ** 2, axis=1)
+    np.testing.assert_allclose(expansion.power_at(np.zeros((GROUPS, 1))), expected, rtol=1e-12)
+
+
+def test_clock_likelihood_is_the_energy_in_the_lines_of_both_ends():
+    """Its slope steers the clock of every tag."""
+    rng = np.random.default_rng(5)
+    lines = np.array([-4, -2, -1, 1, 2, 4])
+    basis = np.linalg.qr(normal(rng, 6, 2))[0]
+    turns = (-1j * lines) ** np.arange(3)[:, None]
+    kernel = clock_likelihood((basis.conj().T * turns[:, None]).reshape(6, -1), lines)
+    tones, phase = normal(rng, GROUPS, 6, SUBCARRIERS), rng.uniform(0, 6, GROUPS)
+    inverse_noise = rng.uniform(0.5, 2, SUBCARRIERS)
+
+    def energy(phases):
+        turned = np.exp(-1j * np.multiply.outer(phases, lines))[:, :, None] * tones
+        return np.sum(np.abs(basis.conj().T @ turned) ** 2, axis=1) @ inverse_noise
+
+    step = 1e-4
+    before, at, after = (energy(phase + side * step) for side in (-1, 0, 1))
+    found = kernel.at(phase, tones, inverse_noise)
+    np.testing.assert_allclose(found[:, 0], at, rtol=1e-12)
+    np.testing.assert_allclose(found[:, 1], (after - before) / (2 * step), atol=1e-4)
+    np.testing.assert_allclose(found[:, 2], (after - 2 * at + before) / step**2, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mixed", "tones"),
+    [((2, 5, 6), (2, 5, 3)), ((2, 5, 4), (3, 5, 3)), ((2, 5, 4), (2, 6, 3)), ((5, 4), (5, 3))],
+)
+def test_end_fit_refuses_arrays_of_other_shapes(mixed, tones):
+    """A kernel must not read beyond its arrays."""
+    with pytest.raises(ValueError, match="must have shape"):
+        end_fit(np.ones(mixed), np.ones(tones))
+
+
+def test_methods_refuse_arrays_of_other_shapes():
+    """A kernel must not read beyond its arrays."""
+    _, tones, fit = fitted(1)
+    expansion, kernel = phase_expansion(fit), clock_likelihood(np.ones((6, 4)), np.ones(4))
+    for call, arrays in (
+        (fit.solve, [tones[:2]]),
+        (coherent_residual(2).update, [fit, [0, 1], np.ones((GROUPS, 7))]),
+        (coherent_residual(2).update, [fit, [0], np.ones((GROUPS, 6))]),
+        (noise_estimate(0.036).follow, [np.ones((1, 0)), 14, [1.0], [True]]),
+        (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
+        (raised_subcarriers, [np.ones(5), 14]),
+        (expansion.power_at, [np.ones((GROUPS + 1, 1))]),
+        (expansion.power_at, [np.ones((GROUPS, 2))]),
+        (expansion.information, [np.ones(7)]),
+        (kernel.at, [np.ones(3), np.ones((3, 5, 6)), np.ones(6)]),
+        (kernel.at, [np.ones(3), np.ones((2, 4, 6)), np.ones(6)]),
+    ):
+        with pytest.raises(ValueError, match="must have shape"):
+            call(*arrays)
+    with pytest.raises(ValueError, match="must have shape"):
+        clock_likelihood(np.ones((5, 4)), np.ones(4))
