@@ -63,35 +63,35 @@ def line_calibrated(mhz):
     )
 
 
-def pressed_widely(name, width_mm):
-    """The 900 MHz line under something wide: the same beam, loaded evenly over its width."""
+def pressed_widely(name, mhz, width_mm):
+    """The line under something wide: the same beam, loaded evenly over its width."""
     half = width_mm / 2 / CONTACT.decay_length_mm
     # What touches the line at ONSET_FORCE_N at a point bends it by less when it is spread.
     deflection = (1 - np.exp(-half) * np.cos(half)) / half
     onset = round(ONSET_FORCE_N / deflection, 3)
     return replace(
-        line(900),
+        line(mhz),
         name=name,
         onset_force_n=onset,
         force_span_n=(onset, 10.0),
         contact=replace(CONTACT, onset_force_n=onset, width_mm=width_mm),
         provenance={
-            "source": f"physics: line-900mhz pressed evenly over {width_mm:g} mm",
+            "source": f"physics: line-{mhz}mhz pressed evenly over {width_mm:g} mm",
             "date": DATE,
             "assumed": ["the contact is as wide at all forces"],
         },
     )
 
 
-def calibrated_stamp():
+def calibrated_stamp(mhz):
     """A calibration for fingertips, made with a flat stamp a little narrower than a finger."""
-    stamp = pressed_widely("stamp", STAMP_WIDTH_MM)
-    table = measure_vna(stamp, (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=902)
+    stamp, seed = pressed_widely("stamp", mhz, STAMP_WIDTH_MM), mhz + 2
+    table = measure_vna(stamp, (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=seed)
     return calibrate(
         table,
-        "fingertip-900mhz-calibrated",
-        source=f"a VNA's sweep of line-900mhz pressed with a stamp {STAMP_WIDTH_MM:g} mm wide, "
-        "simulated as that of line-900mhz (seed 902)",
+        f"fingertip-{mhz}mhz-calibrated",
+        source=f"a VNA's sweep of line-{mhz}mhz pressed with a stamp {STAMP_WIDTH_MM:g} mm wide, "
+        f"simulated as that of line-{mhz}mhz (seed {seed})",
         date=DATE,
     )
 
@@ -151,8 +151,9 @@ def all_sensors():
         yield line(mhz)
         yield line_calibrated(mhz)
         yield published("wiforce", published_mhz).transferred(mhz * 1e6, f"wiforce-{mhz}mhz")
-    yield pressed_widely("fingertip-900mhz", FINGER_WIDTH_MM)
-    yield calibrated_stamp()
+    for mhz in FREQUENCIES_MHZ:
+        yield pressed_widely(f"fingertip-{mhz}mhz", mhz, FINGER_WIDTH_MM)
+        yield calibrated_stamp(mhz)
     yield plain_trace()
     yield calibrated_plain_trace()
 

@@ -68,11 +68,9 @@ _DEPTH_S = 2 * 0.155 * 0.036 / 0.225**2
 def check_capture(path, scene_path, datatype=None):
     """Verify the checksum, the length and the frames of a capture, and measure its levels.
 
-    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
-
-    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``,
-    ``advice``, ``notes``, ``warnings``. ``scene_path``: the capture's own scene by default;
-    ``datatype``: ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+    Gives ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``, ``advice``,
+    ``notes`` and ``warnings``; by the capture's own scene where none is named. With a
+    ``datatype`` the file is raw samples.
     """
     capture = open_capture(path, datatype)
     scene, differences = scene_of(capture, scene_path)

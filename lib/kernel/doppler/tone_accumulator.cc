@@ -111,19 +111,28 @@ void tone_accumulator::lay_out_rows()
 
 void tone_accumulator::transform(const phase_group& group, fc32* tones)
 {
+    std::vector<int> absent;
+    for (int n = 0; n < d_length && !group.is_complete(); n++)
+        if (!group.mask()[n])
+            absent.push_back(n);
+    transform(group.slot(0), group.reference(), absent, tones);
+}
+
+void tone_accumulator::transform(const fc32* snapshots,
+                                 const fc32* reference,
+                                 const std::vector<int>& absent,
+                                 fc32* tones)
+{
     std::fill(d_sums.begin(), d_sums.end(), 0.0f);
+    const auto* const values = reinterpret_cast<const float*>(snapshots);
     for (int first = 0; first < d_length; first += BLOCK)
-        fastest_kernels().accumulate(reinterpret_cast<const float*>(group.slot(first)),
-                                     reinterpret_cast<const float*>(group.reference()),
+        fastest_kernels().accumulate(values + std::size_t(first) * d_width,
+                                     reinterpret_cast<const float*>(reference),
                                      &d_weights[std::size_t(first) * d_padded_rows],
                                      std::min(BLOCK, d_length - first),
                                      d_padded_rows,
                                      d_width,
                                      d_sums.data());
-    std::vector<int> absent;
-    for (int n = 0; n < d_length && !group.is_complete(); n++)
-        if (!group.mask()[n])
-            absent.push_back(n);
     // Real arithmetic: the complex product of the library looks for infinities.
     const std::vector<float> none(d_width, 0.0f);
     for (int m = 0; m < rows(); m++) {
@@ -131,14 +140,13 @@ void tone_accumulator::transform(const phase_group& group, fc32* tones)
         std::complex<double> weight = d_weight_sums[m];
         for (const int n : absent)
             weight -= d_table[std::size_t(m) * d_length + n];
-        const fc32* h0 = group.reference();
         const float* a = &d_sums[std::size_t(t.real) * d_width];
         const float* b =
             t.imaginary < 0 ? none.data() : &d_sums[std::size_t(t.imaginary) * d_width];
         const double re = weight.real(), im = weight.imag(), sign = t.sign;
         fc32* out = tones + std::size_t(m) * d_width / 2;
         for (int k = 0; k < d_width / 2; k++) {
-            const double x = h0[k].real(), y = h0[k].imag();
+            const double x = reference[k].real(), y = reference[k].imag();
             // (a_re + j a_im) + j sign (b_re + j b_im) + (re + j im) (x + j y)
             out[k] = fc32(a[2 * k] - sign * b[2 * k + 1] + (re * x - im * y),
                           a[2 * k + 1] + sign * b[2 * k] + (re * y + im * x));

@@ -34,6 +34,11 @@ public:
     int real_rows() const { return d_real_rows; } // sums taken over the snapshots
 
     void transform(const phase_group& group, fc32* tones) override;
+    // Of a complete group whose snapshots follow each other at `snapshots`.
+    void transform(const fc32* snapshots, fc32* tones)
+    {
+        transform(snapshots, snapshots, {}, tones);
+    }
 
 private:
     // Snapshots at a time: 16 kB of the default symbol, which stay in the first cache.
@@ -47,6 +52,11 @@ private:
     };
 
     void lay_out_rows();
+    // `reference` is in the place of the absent snapshots.
+    void transform(const fc32* snapshots,
+                   const fc32* reference,
+                   const std::vector<int>& absent,
+                   fc32* tones);
 
     const int d_length;
     const int d_width; // floats of a snapshot

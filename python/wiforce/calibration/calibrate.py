@@ -115,11 +115,11 @@ def calibrate(
     form = validation["best"].get(form, form)
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = force_knots(form, forces)
-    carriers = [fit_carrier(d, form, knots, length_mm, permittivity) for d in data]
+    carriers = [fit_carrier(d, form, knots) for d in data]
     validation["locations"] = [
         row
         for d, c in zip(data, carriers, strict=True)
-        for row in leave_locations_out(d, c, form, knots, length_mm, ruler_std_mm, permittivity)
+        for row in leave_locations_out(d, c, form, knots, ruler_std_mm)
     ]
     if ruler_std_mm:
         assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")

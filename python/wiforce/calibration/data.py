@@ -149,7 +149,7 @@ class ContactCurve:
 
 @dataclass(frozen=True)
 class CarrierData:
-    """A table's data of one carrier.
+    """A table's data of one carrier, and the line that they are of.
 
     ``location_mm`` (J,): locations from port 1, rising; ``curves``: by port and location;
     ``untouched_deg``: psi_10 and psi_20 in degrees; None when the table has no untouched rows;
@@ -162,6 +162,13 @@ class CarrierData:
     curves: list[list[ContactCurve]]
     untouched_deg: tuple[float, float] | None
     onset: tuple[float, float] | None
+    length_mm: float
+    permittivity: float
+
+    @property
+    def slope(self) -> float:
+        """Change of the phase along the line, in deg/mm."""
+        return line.round_trip_deg_per_mm(self.frequency_hz, self.permittivity)
 
     def all_curves(self) -> list[ContactCurve]:
         """The curves of both ports, one after the other."""
@@ -219,7 +226,7 @@ def carrier_data(
         ]
         for port in (1, 2)
     ]
-    return CarrierData(frequency, places, rows, untouched, onset)
+    return CarrierData(frequency, places, rows, untouched, onset, length_mm, permittivity)
 
 
 def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
@@ -290,29 +297,18 @@ def _curve(
     rows = table.take((table.location_mm == place) & (table.port == port))
     distance = place if port == 1 else length_mm - place
     base = line.short_phase_deg(distance, rows.frequency_hz[0], permittivity)
-    forces: list[np.ndarray] = []
-    added: list[np.ndarray] = []
-    presses: list[np.ndarray] = []
-    directions: list[np.ndarray] = []
+    parts: list[tuple[np.ndarray, ...]] = []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
         order, phase = continuous_phase(one, permittivity)
         phase = phase - base
-        if added:
-            phase += 360.0 * np.round((np.median(added[0]) - np.median(phase)) / 360.0)
-        forces.append(one.force_n[order])
-        added.append(phase)
-        presses.append(one.press[order])
-        directions.append(sweep_directions(one.force_n)[order])
-    force, value = np.concatenate(forces), np.concatenate(added)
+        if parts:
+            phase += 360.0 * np.round((np.median(parts[0][1]) - np.median(phase)) / 360.0)
+        direction = sweep_directions(one.force_n)[order]
+        parts.append((one.force_n[order], phase, one.press[order], direction))
+    force, added, presses, directions = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(force, kind="stable")
-    return ContactCurve(
-        force[order],
-        value[order],
-        np.concatenate(presses)[order],
-        copied,
-        np.concatenate(directions)[order],
-    )
+    return ContactCurve(force[order], added[order], presses[order], copied, directions[order])
 
 
 def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:

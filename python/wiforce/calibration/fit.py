@@ -228,13 +228,7 @@ def _powers(force: np.ndarray, low: float, high: float) -> np.ndarray:
 _LARGEST_EXTENT_MM = 30.0
 
 
-def fit_carrier(
-    data: CarrierData,
-    form: str,
-    knots: np.ndarray | None,
-    length_mm: float,
-    permittivity: float,
-) -> curves.Carrier:
+def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> curves.Carrier:
     """A :class:`.curves.Carrier` of one carrier's data."""
     fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
     fits = [[fitter.fit(c.force_n, c.added_deg) for c in port] for port in data.curves]
@@ -246,15 +240,13 @@ def fit_carrier(
             for port, (noise, _) in zip(fits, quality, strict=True)
         ]
     )
-    interpolation = interpolate(
-        data, coefficients, covariance, form, knots, length_mm, data.location_mm
-    )
+    interpolation = interpolate(data, coefficients, covariance, form, knots, data.location_mm)
     difference_n = find_hysteresis(
         data.all_curves(), [fit for port in fits for fit in port], fitter
     )
     untouched = data.untouched_deg
     if untouched is None:
-        psi = line.open_phase_deg(length_mm, data.frequency_hz, permittivity)
+        psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
         untouched = (float(wrap_deg(psi)),) * 2
     return curves.Carrier(
         frequency_hz=data.frequency_hz,
@@ -284,7 +276,6 @@ def interpolate(
     covariance: np.ndarray,
     form: str,
     knots: np.ndarray | None,
-    length_mm: float,
     location_mm: np.ndarray,
 ) -> LocationInterpolation:
     """How to go between some of the locations, from coefficients (2, J, K) and their covariance."""
@@ -293,4 +284,4 @@ def interpolate(
     noise = np.mean(np.einsum("fk,pjkm,fm->pjf", basis, covariance, basis))
     slope = line.round_trip_deg_per_mm(data.frequency_hz)
     physical = np.ptp(values, axis=1).max() < _LARGEST_EXTENT_MM * slope
-    return learn_interpolation(location_mm, length_mm, values, noise, physical)
+    return learn_interpolation(location_mm, data.length_mm, values, noise, physical)

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..sensor import curves
 from ..sensor.tracker import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
-from .data import check_table
+from .data import check_table, untouched_phases
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 
@@ -95,23 +95,12 @@ def _refined_carrier(
             span[j] = min(span[j, 0], here.min()), max(span[j, 1], here.max())
     return replace(
         carrier,
-        untouched_deg=_untouched(rows, carrier.untouched_deg),
+        untouched_deg=untouched_phases(rows) or carrier.untouched_deg,
         force_span_n=span,
         coefficients_deg=np.array(coefficients),
         covariance_deg2=np.array(covariance),
         noise_deg=tuple(noise),
     )
-
-
-def _untouched(rows: CalibrationTable, before: tuple[float, float]) -> tuple[float, float]:
-    untouched = rows.take(rows.untouched)
-    if set(untouched.port) != {1, 2}:
-        return before
-    means = [
-        np.mean(np.exp(1j * np.deg2rad(untouched.phase_deg[untouched.port == p]))) for p in (1, 2)
-    ]
-    first, second = (float(np.rad2deg(np.angle(mean))) for mean in means)
-    return first, second
 
 
 def _bench_to_air(model: curves.CurveModel, carrier: curves.Carrier) -> np.ndarray:

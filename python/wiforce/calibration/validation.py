@@ -104,9 +104,7 @@ def leave_locations_out(
     carrier: curves.Carrier,
     form: str,
     knots: np.ndarray | None,
-    length_mm: float,
     ruler_std_mm: float = 0.0,
-    permittivity: float = 1.0,
 ) -> list[dict[str, Any]]:
     """Predict each inner location from the others.
 
@@ -118,7 +116,7 @@ def leave_locations_out(
     forces = compared_forces(data)
     basis = curves.force_basis(form, knots)(forces)
     rows = []
-    ruler_deg = ruler_std_mm * line.round_trip_deg_per_mm(data.frequency_hz, permittivity)
+    ruler_deg = ruler_std_mm * data.slope
     for j in range(1, len(data.location_mm) - 1):
         kept = np.arange(len(data.location_mm)) != j
         interpolation = interpolate(
@@ -127,7 +125,6 @@ def leave_locations_out(
             carrier.covariance_deg2[:, kept],
             form,
             knots,
-            length_mm,
             data.location_mm[kept],
         )
         for port in (0, 1):

@@ -56,6 +56,28 @@ def test_readme_states_the_errors_of_the_published_trials(scores):
     assert tuple(paper) == published.CLAIMS[900e6]
 
 
+def test_results_page_states_the_errors_of_the_published_trials(scores):
+    """Each line of 'the paper, ours, why' must be what its command prints."""
+    page = (Path(__file__).resolve().parents[3] / "docs" / "results.md").read_text(encoding="utf-8")
+
+    def medians(method, what=0, **selected):
+        return tuple(
+            float(np.median(pooled(scores, frequency, method, **selected)[what]))
+            for frequency in published.FREQUENCIES_HZ
+        )
+
+    single, known, whole = map(medians, ("single reading", "location known", "smoother"))
+    near, far = zip(single, known, whole, strict=True)
+    for stated in (
+        "{:.2f} N singly, {:.2f} N with known location, {:.2f} N for whole presses".format(*near),
+        "{:.2f}, {:.2f} and {:.2f} N; simulated".format(*far),
+        "{:.2f} and {:.2f} mm singly".format(*medians("single reading", 1)),
+        "medians are {:.2f} and {:.2f} N".format(*medians("single reading", without_mm=40.0)),
+        f"2.4 GHz to {medians('smoother', refined=True)[1]:.2f} N for whole presses",
+    ):
+        assert stated in page
+
+
 @pytest.mark.parametrize("frequency", published.FREQUENCIES_HZ)
 def test_the_form_is_chosen_without_the_trials(frequency):
     assert published.chosen_form(read_vna_csv(FOLDER / "vna.csv", frequency)) == FORM

@@ -147,23 +147,24 @@ def test_presses_at_regular_times_with_own_forces_are_not_ambiguous():
     assert found.other_offset_s is None and found.offset_s == pytest.approx(0, abs=0.01)
 
 
-def test_gauge_of_another_experiment_is_refused():
-    other = GaugeRecord(np.arange(0, 60, 0.01), np.random.default_rng(3).standard_normal(6000))
-    with pytest.raises(InputError, match="gauge: must agree with the readings: the correlation is"):
-        compare_with_gauge(readings(), other)
-
-
-def test_gauge_that_recorded_for_years_is_refused():
-    long = GaugeRecord(np.array([0.0, 1e9]), np.array([0.0, 5.0]))
-    with pytest.raises(InputError, match="gauge: must span at most 360000 s"):
-        compare_with_gauge(readings(), long)
-
-
-def test_few_slow_values_that_resemble_a_press_are_refused():
-    """A few values of a gauge can follow readings by chance; such figures are worthless."""
-    few = GaugeRecord(np.array([0.0, 8.0, 16.0, 24.0]), np.array([2.0, 3.0, 5.0, 1.0]))
-    with pytest.raises(InputError, match="gauge: must agree with the readings"):
-        compare_with_gauge(readings(), few)
+@pytest.mark.parametrize(
+    ("time_s", "force_n", "rule"),
+    [
+        # of another experiment
+        (
+            np.arange(0, 60, 0.01),
+            np.random.default_rng(3).standard_normal(6000),
+            "must agree with the readings: the correlation is",
+        ),
+        ([0.0, 1e9], [0.0, 5.0], "must span at most 360000 s"),
+        # Few slow values can resemble a press by chance.
+        ([0.0, 8.0, 16.0, 24.0], [2.0, 3.0, 5.0, 1.0], "must agree with the readings"),
+    ],
+)
+def test_gauge_that_cannot_show_these_presses_is_refused(time_s, force_n, rule):
+    """Figures by chance are worthless."""
+    with pytest.raises(InputError, match=f"gauge: {rule}"):
+        compare_with_gauge(readings(), GaugeRecord(np.array(time_s), np.array(force_n)))
 
 
 FILES = {

@@ -138,19 +138,15 @@ def test_receiver_batches_of_any_size_give_equal_readings(run, size):
     assert_equal(readings_of(plan, groups, size, tare_at), expected)
 
 
-def test_receiver_tracked_presses_do_not_depend_on_the_batches():
-    plan = make_plan()
+@pytest.mark.parametrize(
+    ("settings", "tracked"),
+    [({}, True), ({"estimator": "paper"}, False), ({"estimator": "sideband"}, False)],
+)
+def test_receiver_other_estimators_do_not_depend_on_the_batches(settings, tracked):
+    plan = make_plan(**settings)
     groups, tare_at = faulty_groups(plan)
-    expected = readings_of(plan, groups, 1, tare_at, tracked=True)
-    assert_equal(readings_of(plan, groups, None, tare_at, tracked=True), expected)
-
-
-@pytest.mark.parametrize("estimator", ["paper", "sideband"])
-def test_receiver_batches_of_other_estimators_give_equal_readings(estimator):
-    plan = make_plan(estimator=estimator)
-    groups, tare_at = faulty_groups(plan)
-    expected = readings_of(plan, groups, 1, tare_at)
-    assert_equal(readings_of(plan, groups, None, tare_at), expected)
+    expected = readings_of(plan, groups, 1, tare_at, tracked=tracked)
+    assert_equal(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
 
 
 @pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])

@@ -149,11 +149,19 @@ def test_tare_after_the_device_was_opened_again_is_not_judged_by_the_former_refe
     assert all("moved" in reading.flags for reading in readings[-later - 10 : -later])
 
 
-def test_tare_fails_when_the_device_is_opened_again_meanwhile():
+@pytest.mark.parametrize(
+    ("force", "before", "groups", "meanwhile", "reason"),
+    [
+        (True, 6, 4, {"turned_deg": 70.0, "retuned": True}, "opened or tuned again"),
+        (False, 0, 20, {"silent": [0]}, "no sensor"),
+        (False, 3, 20, {"silent": [0]}, "in 3 of 13"),
+    ],
+)
+def test_tare_fails_when_its_groups_are_not_of_one_sensor(force, before, groups, meanwhile, reason):
     bench = Bench()
-    bench.receiver.tare(force=True)
-    bench.run(6).run(4, turned_deg=70.0, retuned=True)
-    assert bench.states[-1].state == "failed" and "opened or tuned again" in bench.states[-1].reason
+    bench.receiver.tare(force=force)
+    bench.run(before).run(groups, None, **meanwhile)
+    assert bench.states[-1].state == "failed" and reason in bench.states[-1].reason
 
 
 def test_tare_of_an_untouched_sensor_is_complete_after_the_reference():
@@ -241,20 +249,6 @@ def test_tare_with_one_of_two_tags_off_keeps_its_reference():
     for sensor in (0, 1):
         clear = [r for press, r in bench.finished(sensor)[-15:] if press and not r.flags]
         assert len(clear) > 6 and all(r.touch == 1 for r in clear)
-
-
-def test_tare_without_a_received_sensor_fails():
-    bench = Bench()
-    bench.receiver.tare()
-    bench.run(20, None, silent=[0])
-    assert bench.states[-1].state == "failed" and "no sensor" in bench.states[-1].reason
-
-
-def test_tare_of_a_sensor_received_for_a_part_of_it_fails():
-    bench = Bench()
-    bench.receiver.tare()
-    bench.run(3).run(20, None, silent=[0])
-    assert bench.states[-1].state == "failed" and "in 3 of 13" in bench.states[-1].reason
 
 
 def test_tag_that_returns_untouched_is_read_from_the_old_reference_without_a_flag():

@@ -3,6 +3,7 @@
 
 #include <kernel/doppler/switching_mixer.h>
 #include <kernel/doppler/tone_accumulator.h>
+#include <kernel/fold/simd_kernels.h>
 #include <kernel/fourier/tone_channel.h>
 
 #include <pybind11/stl.h>
@@ -33,8 +34,8 @@ public:
                    const complex_array& factors,
                    const complex_array& rotation,
                    const std::vector<int>& bins)
-        : d_group(columns_of(weights), factors.size()),
-          d_accumulator(flat(weights), weights.shape(1), factors.size()),
+        : d_length(columns_of(weights)),
+          d_accumulator(flat(weights), d_length, factors.size()),
           d_channel(flat(factors), d_accumulator.rows(), flat(rotation), bins),
           d_transform(std::size_t(d_accumulator.rows()) * factors.size())
     {
@@ -42,21 +43,18 @@ public:
 
     py::array_t<fc32> transform(const array<fc32>& folded)
     {
-        const int length = d_group.length();
-        if (folded.ndim() != 2 || folded.shape(0) != length ||
-            folded.shape(1) != d_group.symbol_length())
+        if (folded.ndim() != 2 || folded.shape(0) != d_length ||
+            folded.shape(1) != d_channel.symbol_length())
             throw std::invalid_argument("tone_transform: folded must have shape (" +
-                                        std::to_string(length) + ", " +
-                                        std::to_string(d_group.symbol_length()) + ")");
+                                        std::to_string(d_length) + ", " +
+                                        std::to_string(d_channel.symbol_length()) + ")");
         std::vector<fc32> tones;
         {
             py::gil_scoped_release others_may_run;
-            d_group.clear();
-            std::copy_n(folded.data(), folded.size(), d_group.reserve(0));
-            d_group.accept(length);
-            if (!d_group.is_complete())
+            if (!fastest_kernels().are_finite(
+                    reinterpret_cast<const float*>(folded.data()), 2 * folded.size()))
                 throw std::invalid_argument("tone_transform: folded must be finite");
-            d_accumulator.transform(d_group, d_transform.data());
+            d_accumulator.transform(folded.data(), d_transform.data());
             d_channel.append(d_transform.data(), tones);
         }
         const py::ssize_t rows = d_accumulator.rows(), bins = d_channel.bins().size();
@@ -64,7 +62,7 @@ public:
     }
 
 private:
-    phase_group d_group;
+    const int d_length; // snapshots of a group
     tone_accumulator d_accumulator;
     tone_channel d_channel;
     std::vector<fc32> d_transform; // rows x symbol_length

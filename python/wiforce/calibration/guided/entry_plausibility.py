@@ -6,6 +6,7 @@ sensor held the other way round. The errors of the sensor are for the calibratio
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,30 @@ _WIDENING_MM, _WIDENING_PART, _WIDENING_STDS = 0.75, 0.5, 3.0
 _STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
 # Part of the asked force, and force in N, by which another force is no slip of the hand.
 _FORCE_PART, _FORCE_N = 0.4, 0.5
+
+
+class _Line(NamedTuple):
+    """The line that was pressed, at its carrier."""
+
+    frequency_hz: float
+    length_mm: float
+    permittivity: float
+
+    @property
+    def slope(self) -> float:
+        """Change of the phase along it, in deg/mm."""
+        return line.round_trip_deg_per_mm(self.frequency_hz, self.permittivity)
+
+    def added_mm(self, press: PressMeasurement) -> np.ndarray:
+        """Extent of the short towards both ports (2,), up to a constant and half wavelengths."""
+        distances = np.array([press.location_mm, self.length_mm - press.location_mm])
+        exact = line.short_phase_deg(distances, self.frequency_hz, self.permittivity)
+        return np.asarray((np.array(press.phase_deg) - exact) / self.slope)
+
+    def nearest_turn(self, change_mm: np.ndarray) -> np.ndarray:
+        """The whole turns of the phase that are nearest to a change, in mm."""
+        turn = 360.0 / self.slope
+        return np.asarray(turn * np.round(change_mm / turn))
 
 
 def force_warning(force_n: float, asked_n: float) -> str | None:
@@ -51,78 +76,46 @@ def press_warnings(
     """
     presses = [each for each in before if not each.untouched]
     here = [each for each in presses if each.location_mm == new.location_mm]
-    warnings: list[str] = []
-    if here:
-        warnings += _slip(new, here, frequency_hz, length_mm, permittivity)
-        if not warnings:
-            warnings += _jump(new, here, frequency_hz, permittivity)
-        if not warnings:
-            warnings += _widening(new, here, frequency_hz, length_mm, permittivity)
-    else:
-        warnings += _step(new, presses, frequency_hz, permittivity)
-    return warnings
+    own = _Line(frequency_hz, length_mm, permittivity)
+    if not here:
+        return _step(new, presses, own)
+    return _slip(new, here, own) or _jump(new, here, own) or _widening(new, here, own)
 
 
-def _jump(
-    new: PressMeasurement,
-    here: Sequence[PressMeasurement],
-    frequency_hz: float,
-    permittivity: float,
-) -> list[str]:
+def _jump(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
     """What would be refused when the sweep is calibrated."""
     sweep = [each for each in here if each.sweep == new.sweep]
     return [
         f"the phase of port {port} jumps against those at other forces, further than a press can "
         "move the short"
         for port in (1, 2)
-        if _continues(sweep, port, frequency_hz, permittivity)
-        and not _continues([*sweep, new], port, frequency_hz, permittivity)
+        if _continues(sweep, port, own) and not _continues([*sweep, new], port, own)
     ]
 
 
-def _continues(
-    sweep: Sequence[PressMeasurement], port: int, frequency_hz: float, permittivity: float
-) -> bool:
+def _continues(sweep: Sequence[PressMeasurement], port: int, own: _Line) -> bool:
     """Whether a calibration accepts the phases of one port."""
     rows = [
-        (0, frequency_hz, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "")
+        (0, own.frequency_hz, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "")
         for each in sweep
     ]
     try:
         if rows:
-            continuous_phase(CalibrationTable.from_rows("", rows), permittivity)
+            continuous_phase(CalibrationTable.from_rows("", rows), own.permittivity)
     except InputError:
         return False
     return True
 
 
-def _added_mm(
-    press: PressMeasurement, frequency_hz: float, length_mm: float, permittivity: float
-) -> np.ndarray:
-    """Extent of the short towards both ports (2,), up to a constant and half wavelengths."""
-    distances = np.array([press.location_mm, length_mm - press.location_mm])
-    exact = line.short_phase_deg(distances, frequency_hz, permittivity)
-    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    return np.asarray((np.array(press.phase_deg) - exact) / slope)
-
-
-def _slip(
-    new: PressMeasurement,
-    here: Sequence[PressMeasurement],
-    frequency_hz: float,
-    length_mm: float,
-    permittivity: float,
-) -> list[str]:
+def _slip(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
     """Whether the ends of the short moved the same way along the line.
 
     With a change of force, whatever its amount, both move outward or both inward: a short only
     widens.
     """
     nearest = min(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))
-    turn = 360.0 / line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    outward = _added_mm(new, frequency_hz, length_mm, permittivity)
-    outward -= _added_mm(nearest, frequency_hz, length_mm, permittivity)
-    outward -= turn * np.round(outward / turn)
+    outward = own.added_mm(new) - own.added_mm(nearest)
+    outward -= own.nearest_turn(outward)
     if outward.prod() >= 0 or np.abs(outward).min() <= _LEAST_STEP_MM:
         return []
     slip = (outward[1] - outward[0]) / 2
@@ -132,25 +125,18 @@ def _slip(
     ]
 
 
-def _widening(
-    new: PressMeasurement,
-    here: Sequence[PressMeasurement],
-    frequency_hz: float,
-    length_mm: float,
-    permittivity: float,
-) -> list[str]:
+def _widening(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
     """Whether the width of the short follows from those at other forces."""
     near = sorted(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))[:_NEIGHBOURS]
     inverse = np.array([each.force_n for each in near]) ** (-1 / 3)
     if len(near) < _LEAST_NEIGHBOURS or np.ptp(inverse) == 0:
         return []
-    turn = 360.0 / line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    added = np.array([_added_mm(each, frequency_hz, length_mm, permittivity) for each in near])
-    own = _added_mm(new, frequency_hz, length_mm, permittivity)
+    added = np.array([own.added_mm(each) for each in near])
+    latest = own.added_mm(new)
     # Whole turns against the nearest force, since the movement between the two is small.
-    added -= turn * np.round((added - added[0]) / turn)
-    own = own - turn * np.round((own - added[0]) / turn)
-    width, own_width = added.sum(axis=1), float(own.sum())
+    added -= own.nearest_turn(added - added[0])
+    latest = latest - own.nearest_turn(latest - added[0])
+    width, own_width = added.sum(axis=1), float(latest.sum())
     design = np.column_stack([np.ones(len(near)), inverse])
     fitted = np.linalg.lstsq(design, width, rcond=None)[0]
     expected = float(fitted[0] + fitted[1] * new.force_n ** (-1 / 3))
@@ -166,12 +152,7 @@ def _widening(
     ]
 
 
-def _step(
-    new: PressMeasurement,
-    presses: Sequence[PressMeasurement],
-    frequency_hz: float,
-    permittivity: float,
-) -> list[str]:
+def _step(new: PressMeasurement, presses: Sequence[PressMeasurement], own: _Line) -> list[str]:
     """Whether the first press at a location lies where the nearest other location suggests."""
     if not presses:
         return []
@@ -183,7 +164,7 @@ def _step(
     nearest = min(presses, key=distance)
     step = new.location_mm - nearest.location_mm
     change = np.array(new.phase_deg) - np.array(nearest.phase_deg)
-    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
+    slope = own.slope
     # Phase 1 falls and phase 2 rises towards port 2; a change of force raises both.
     expected = slope * step
     moved = step + float(wrap_deg(change[1] - change[0] - 2 * expected)) / (2 * slope)
