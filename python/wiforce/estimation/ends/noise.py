@@ -100,8 +100,9 @@ class NoiseEstimate(noise_estimate):
         complete : sequence of bool, length G
             Whether the group may be learned from.
         """
-        *arrays, verdict = super().follow(residuals, freedom, levels, complete)
-        return NoiseHistory(*arrays, Verdict(verdict))
+        followed = super().follow(residuals, freedom, levels, complete)
+        ratio, raised, inverse, variance, verdict = followed
+        return NoiseHistory(ratio, raised, inverse, variance, Verdict(verdict))
 
 
 def robust_noise(residuals: Array, freedom: int) -> Array:
