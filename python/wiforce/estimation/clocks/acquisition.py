@@ -34,29 +34,15 @@ _PARABOLAS = 3
 
 @dataclass(frozen=True)
 class ClockFit:
-    """The clock found over a block of groups.
+    """The clock found over a block of L groups."""
 
-    Attributes
-    ----------
-    time_s, phase, rate : float
-        Phase in radians at ``time_s``, and its rate above nominal in rad/s.
-    variance : float
-        Of the phase that a single group gives.
-    likelihood : PhaseLikelihood
-        With the delay of clock 2 found.
-    coefficients : ndarray of complex, shape (L, D+1)
-        Of J of each of the L groups.
-    found : bool
-        Whether a tag was received.
-    """
-
-    time_s: float
+    time_s: float  # at which the phase in rad and its rate above nominal in rad/s hold
     phase: float
     rate: float
-    variance: float
-    likelihood: PhaseLikelihood
-    coefficients: Array
-    found: bool
+    variance: float  # of the phase that a single group gives
+    likelihood: PhaseLikelihood  # with the delay of clock 2 found
+    coefficients: Array  # (L, D + 1), of J of each group
+    found: bool  # a tag was received
 
     @property
     def clock2_delay(self) -> float:
@@ -77,27 +63,12 @@ def acquire(
     tolerance_ppm: float,
     subcarriers: int,
 ) -> ClockFit:
-    """Fit phase, offset and the delay of clock 2 to a block of groups.
+    """Fit phase, offset and the delay of clock 2 to a block of L groups at ``times_s`` (L,).
 
-    Parameters
-    ----------
-    times_s : ndarray, shape (L,)
-        Centres of the groups, in s.
-    covariances : ndarray of complex, shape (L, lines, lines)
-        ``likelihood.covariance`` of each.
-    likelihood : PhaseLikelihood
-        With no delay.
-    nominal_rate : float
-        2 pi fs, in rad/s.
-    tolerance_ppm : float
-        Offsets up to 1.5 times this are searched.
-    subcarriers : int
-        K.
-
-    Notes
-    -----
-    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/theory.md, Clock): a grid
-    over the offset, with a Fourier transform over the phase, then Newton steps.
+    ``covariances`` (L, lines, lines) are ``likelihood.covariance`` of each, ``likelihood`` has no
+    delay, ``nominal_rate`` is 2 pi fs. Offsets up to 1.5 times the tolerance are searched.
+    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/theory.md, Clock): a grid over
+    the offset, with a Fourier transform over the phase, then Newton steps.
     """
     center = times_s.mean()
     elapsed = times_s - center

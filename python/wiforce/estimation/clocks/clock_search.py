@@ -29,24 +29,10 @@ _REFINEMENTS = 3
 
 
 class ClockSearch:
-    """Finds the tags' clocks, their levels and the noise in a block of groups.
+    """Finds the tags' clocks, their levels and the noise in a block of ``groups``.
 
-    Parameters
-    ----------
-    model : ToneModel
-        Of the run, with its tags.
-    noise : NoiseEstimate
-        Set by every search.
-    averaging_s : float
-        Ta of the waveform, in s.
-
-    Attributes
-    ----------
-    groups : int
-        Groups per search.
-    jointly : bool
-        Whether the likelihood of some tag is biased, so that all clocks are estimated jointly from
-        the complete model.
+    ``jointly`` where the likelihood of some tag is biased, so that all clocks are estimated from
+    the complete model. Every search sets the noise.
     """
 
     def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:

@@ -29,15 +29,7 @@ _PRESENCE = 0.1
 
 
 class ClockPath(NamedTuple):
-    """Clock phases and rates of one or more tags at the centres of groups.
-
-    Attributes
-    ----------
-    phase : ndarray, shape (G, ...)
-        In radians.
-    rate : ndarray, shape (G, ...)
-        Above nominal, in rad/s.
-    """
+    """Clock phases in rad and rates above nominal in rad/s, (G, ...), at the centres of groups."""
 
     phase: Array
     rate: Array
@@ -48,14 +40,7 @@ class ClockPath(NamedTuple):
 
 
 def predict_clocks(trackers: Sequence[ClockTracker], center_s: Array) -> ClockPath:
-    """Clocks expected at the centres of groups.
-
-    Returns ClockPath: arrays of shape (G, S).
-
-    Parameters
-    ----------
-    center_s : ndarray, shape (G,)
-    """
+    """Clocks, (G, S), expected at the centres of groups."""
     phase, rate = np.empty((2, len(center_s), len(trackers)))
     for tag, tracker in enumerate(trackers):
         phase[:, tag], rate[:, tag] = tracker.predict(center_s)
@@ -65,25 +50,9 @@ def predict_clocks(trackers: Sequence[ClockTracker], center_s: Array) -> ClockPa
 class ClockTracker:
     """Two-state Kalman filter (phase, rate) on the gradient of J at the predicted phase.
 
-    Parameters
-    ----------
-    fit : ClockFit
-        Initial phase and rate.
-    times_s : ndarray, shape (L,)
-        Centres of the groups of ``fit``, in s.
-    nominal_rate : float
-        2 pi fs, in rad/s.
-    subcarriers : int
-        K.
-    noise_level : float
-        Mean noise variance that the likelihoods of ``fit`` are scaled by.
-
-    Attributes
-    ----------
-    time_s, phase, rate : float
-        Phase in radians at a time, and its rate above nominal in rad/s.
-    variances : (float, float, float)
-        Variance of the phase, covariance, variance of the rate.
+    It begins with a fit of L groups at ``times_s``; ``noise_level`` is the mean noise variance that
+    the likelihoods of the fit are scaled by. ``variances`` are that of the phase, the covariance,
+    and that of the rate.
     """
 
     def __init__(
@@ -131,23 +100,12 @@ class ClockTracker:
         measured: tuple[float, float] | None = None,
         ahead: float = 0.0,
     ) -> bool:
-        """Advance to ``time_s`` and correct by the group's likelihood.
+        """Advance to ``time_s`` and correct by the group's likelihood; False when it lacks the tag.
 
-        Returns present (bool): False when the group's tones do not contain the tag; the clock then
-        coasts.
-
-        Parameters
-        ----------
-        time_s : float
-            Centre of the group.
-        likelihood : sequence of float, length 3
-            J, J' and J'' of the group, without the other tags, at a phase close to the predicted.
-        noise_level : float
-            Mean noise variance that the energy of a mean group is scaled by.
-        measured : (float, float), optional
-            Error of that phase and its variance, instead of the likelihood's.
-        ahead : float
-            By how much the predicted phase exceeds that phase, in rad (:meth:`ahead_of`).
+        The clock then coasts. ``likelihood`` are J, J' and J'' of the group, without the other
+        tags, at a phase that the predicted one exceeds by ``ahead`` rad; ``noise_level`` scales the
+        energy of a mean group; ``measured`` is the error of that phase and its variance, instead of
+        the likelihood's.
         """
         self._advance(time_s)
         energy, slope, curvature = likelihood

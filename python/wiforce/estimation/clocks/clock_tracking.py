@@ -48,21 +48,11 @@ _POINT_STDS = 1e-3
 
 @dataclass(frozen=True)
 class TrackedClocks:
-    """Clocks of the locked tags and noise in G groups.
+    """Clocks of the locked tags and noise in G groups."""
 
-    Attributes
-    ----------
-    path : ClockPath
-        Corrected by each group; arrays of shape (G, tags).
-    received : ndarray of bool, shape (G, tags)
-        Whether the group contains the tag.
-    noise : NoiseHistory
-        MODEL_LOST where the last of these groups shows that clocks or noise are wrong.
-    """
-
-    path: ClockPath
-    received: Array
-    noise: NoiseHistory
+    path: ClockPath  # corrected by each group, (G, tags)
+    received: Array  # (G, tags), the group contains the tag
+    noise: NoiseHistory  # MODEL_LOST where the last group shows that clocks or noise are wrong
 
     def __len__(self) -> int:
         return len(self.noise)
@@ -88,38 +78,17 @@ class _OperatingPoint:
 
 @dataclass(frozen=True)
 class _Measurement:
-    """What G groups say of the clocks of S tags, at the clocks assumed.
+    """What G groups say of the clocks of S tags, at the clocks assumed."""
 
-    Attributes
-    ----------
-    assumed : ndarray, shape (G, S)
-        Phases, in rad.
-    likelihood : ndarray, shape (G, S, 3)
-        J, J' and J'' of each tag without the others.
-    noise_level : float
-        Mean noise variance by which the likelihoods are scaled.
-    errors : ndarray, shape (G, S, 2), or None
-        Errors of the phases by the complete model, and their variances, where these are used.
-    """
-
-    assumed: Array
-    likelihood: Array
-    noise_level: float
+    assumed: Array  # (G, S), phases in rad
+    likelihood: Array  # (G, S, 3), J, J' and J'' of each tag without the others
+    noise_level: float  # mean noise variance by which the likelihoods are scaled
+    # (G, S, 2), of the phases by the complete model, and their variances, where used
     errors: Array | None
 
 
 class ClockTracking:
-    """Tracks the clocks of a model's tags.
-
-    Parameters
-    ----------
-    model : ToneModel
-        Its tags' trackers are updated.
-    noise : NoiseEstimate
-        Known before the first group is tracked.
-    search : ClockSearch
-        Acquires tags whose clock is not known.
-    """
+    """Tracks the clocks of a model's tags, and acquires those that are not known by ``search``."""
 
     def __init__(self, model: ToneModel, noise: NoiseEstimate, search: ClockSearch) -> None:
         self._model, self._noise, self._search = model, noise, search
@@ -149,15 +118,7 @@ class ClockTracking:
         self._point = None
 
     def track(self, groups: GroupTones) -> TrackedClocks:
-        """Track clocks and noise over the first of some groups, at least one.
-
-        Returns TrackedClocks: of as many groups as were tracked.
-
-        Parameters
-        ----------
-        groups : GroupTones
-            All of them usable.
-        """
+        """Track clocks and noise over the first of some usable groups, at least one."""
         model, first = self._model, groups[:1]
         for tag in model.tags:
             if self._expired(tag, float(groups.center_s[0])):
@@ -218,21 +179,8 @@ class ClockTracking:
     ) -> tuple[ClockPath, Array]:
         """Update the trackers by one group after the other, as long as the point serves.
 
-        Parameters
-        ----------
-        center_s : ndarray, shape (G,)
-            Centres of groups, at least one.
-        measured : _Measurement
-            Of at least these groups.
-        point : _OperatingPoint
-            That they were measured at.
-
-        Returns
-        -------
-        path : ClockPath
-            Of as many groups as were taken.
-        received : ndarray of bool, shape (G, S)
-            Whether each of them contains the tag.
+        Gives the path of as many of the groups at ``center_s`` (G,) as were taken, and which tags
+        (G, S) each contains; ``measured`` was at the operating ``point``.
         """
         locked, trackers = self._model.locked, self._model.trackers
         noise_level = measured.noise_level

@@ -32,21 +32,9 @@ _ENDS = np.array([[1, 0], [0, 1], [1, 1], [1, -1], [1, 1j], [1, -1j]]).T
 def likelihood_bias(
     table: ToneTable, likelihood: PhaseLikelihood, clock: TagClock, averaging_s: float
 ) -> float:
-    """Largest bias of the clock phase that maximises a tag's likelihood.
+    """Largest bias in rad, without noise, of the clock phase that maximises a tag's likelihood.
 
-    Returns float: in rad, without noise; the worst over clock phases, offsets within tolerance and
-    channels.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    likelihood : PhaseLikelihood
-        Of the tag.
-    clock : TagClock
-        Nominal clock of the tag.
-    averaging_s : float
-        Ta of the waveform, in s.
+    The worst over clock phases, offsets within tolerance and channels.
     """
     largest = 0.0
     for offset in (-1, 0, 1):
@@ -73,19 +61,10 @@ def _top(coefficients: Array, phase: float) -> float:
 
 
 def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Array, Array]:
-    """Gauss-Newton step of each clock phase, and its variance.
+    """Gauss-Newton step (..., S) to be added to each clock phase in rad, and its variance.
 
-    Parameters
-    ----------
-    gradient, information, excess : ndarray
-        See ``wiforce_kernels.phase_expansion.information``; the three may be sums over groups.
-
-    Returns
-    -------
-    errors : ndarray, shape (..., S)
-        In rad, to be added to the phases assumed.
-    variances : ndarray, shape (..., S)
-        Infinite where the group does not determine a phase.
+    The arguments are those of ``wiforce_kernels.phase_expansion.information``, or sums over groups.
+    Variances are infinite where the group does not determine a phase.
     """
     scale = np.sqrt(np.maximum(information.diagonal(axis1=-2, axis2=-1), 0.0))
     known = (scale > 0).all(axis=-1, keepdims=True)

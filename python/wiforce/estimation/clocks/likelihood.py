@@ -35,34 +35,11 @@ PHASE_MARGIN = 0.02
 class PhaseLikelihood:
     """Computes the coefficients of J(theta) from the tones of a group.
 
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    tag : int
-        Index of the tag among the table's.
-    averaging_phase : float
-        fs Ta, in cycles.
-    clock2_delay : float
-        Delay of clock 2's pulses, in radians of clock 1.
-
-    Attributes
-    ----------
-    rows : ndarray of int, shape (L,)
-        Tones of this tag alone that are used for its clock.
-    lines : ndarray of int, shape (L,)
-        Harmonic number of each.
-    scale : ndarray, shape (L,)
-        Factors by which these tones have unit noise.
-    duty : (float, float)
-        Duty cycles of clocks 1 and 2.
-    projection : ndarray of complex, shape (L, L)
-        Pi(0), for the scaled tones.
-
-    Raises
-    ------
-    InputError
-        When the tag's own lines do not determine its clock's phase, or its ends.
+    ``averaging_phase`` is fs Ta in cycles, ``clock2_delay`` that of clock 2's pulses in radians of
+    clock 1. ``rows`` (L,) are the tones of this tag alone that are used for its clock, ``lines``
+    (L,) their harmonics, ``scale`` (L,) the factors by which they have unit noise, ``projection``
+    (L, L) is Pi(0) for the scaled tones. Refused when the tag's own lines do not determine its
+    clock's phase, or its ends.
     """
 
     def __init__(
@@ -113,18 +90,10 @@ class PhaseLikelihood:
         self._kernel = clock_likelihood(derivatives, self.lines)
 
     def at(self, phase: Array, tones: Array, inverse_noise: Array) -> Array:
-        """J, J' and J'' at one phase per group, without computing the coefficients.
+        """J, J' and J'', (G, 3), at one phase per group, without computing the coefficients.
 
-        Returns ndarray, shape (G, 3).
-
-        Parameters
-        ----------
-        phase : ndarray, shape (G,)
-            theta, in rad.
-        tones : ndarray of complex, shape (G, L, K)
-            P of the tag's lines.
-        inverse_noise : ndarray, shape (K,)
-            1 / sigma_k^2.
+        ``phase`` (G,) in rad, ``tones`` (G, L, K) of the tag's lines, ``inverse_noise`` (K,) 1 /
+        sigma_k^2.
         """
         found: Array = self._kernel.at(phase, tones, inverse_noise)
         return found
@@ -157,17 +126,10 @@ class PhaseLikelihood:
         return places, starts, np.isin(orders, steps).astype(float)
 
     def covariance(self, tones: Array, noise: Array) -> Array:
-        """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
+        """sum_k conj(P_i) P_j / sigma_k^2, (..., L, L), of the tag's scaled lines (..., L, K).
 
-        Returns ndarray of complex, shape (..., L, L): its trace is the energy of the lines, in
-        units of the noise.
-
-        Parameters
-        ----------
-        tones : ndarray of complex, shape (..., L, K)
-            P of the tag's lines.
-        noise : ndarray, shape (..., K)
-            Noise variance of a tone of unit noise gain on each subcarrier.
+        Its trace is the energy of the lines, in units of the noise (..., K) of a tone of unit noise
+        gain.
         """
         scaled = tones * self.scale[:, None]
         return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
@@ -184,16 +146,9 @@ class PhaseLikelihood:
         return delays, np.array([b @ b.conj().T for b in map(self._basis, delays)])
 
     def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
-        """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
+        """Coefficients q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
 
-        Returns ndarray of complex, shape (..., degree + 1).
-
-        Parameters
-        ----------
-        covariance : ndarray of complex, shape (..., L, L)
-            See :meth:`covariance`.
-        projection : ndarray of complex, shape (..., L, L), optional
-            Instead of the likelihood's own.
+        From a :meth:`covariance`; ``projection`` (..., L, L) replaces the likelihood's own.
         """
         places, starts, exists = self._sorted
         terms = covariance * (self.projection if projection is None else projection)
@@ -204,15 +159,8 @@ class PhaseLikelihood:
 def phase_margin(spectra: Array, lines: Array) -> float:
     """How clearly a clock phase differs from any that is an eighth of a cycle or more away.
 
-    Returns float: smallest share of the ends' signals, averaged over both, that changes at such a
-    phase; 0 when the ends can be swapped or are not distinguishable.
-
-    Parameters
-    ----------
-    spectra : ndarray of complex, shape (L, 2)
-        The two ends' spectra at the correct phase.
-    lines : ndarray of int, shape (L,)
-        Harmonic number of each row.
+    Smallest share of the ends' signals, averaged over both, that changes at such a phase; 0 when
+    the ends can be swapped. ``spectra`` (L, 2) are theirs at the correct phase, on these harmonics.
     """
     norms = np.linalg.norm(spectra, axis=0)
     if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
@@ -243,30 +191,12 @@ def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
 
 
 def turned_by(coefficients: Array, phases: Array | float) -> Array:
-    """Shift the argument of J.
-
-    Returns ndarray of complex, shape (..., D + 1): of J(theta + phase).
-
-    Parameters
-    ----------
-    coefficients : ndarray of complex, shape (..., D + 1)
-        Of J(theta).
-    phases : float or ndarray, shape (...)
-        In rad.
-    """
+    """Coefficients (..., D + 1) of J(theta + phase) from those of J(theta)."""
     return coefficients * np.exp(1j * np.multiply.outer(phases, _orders(coefficients.shape[-1])[0]))
 
 
 def evaluate(coefficients: Array) -> tuple[Array, Array, Array]:
-    """J, J' and J'' at theta = 0.
-
-    Returns value, slope, curvature (ndarray, shape (...)).
-
-    Parameters
-    ----------
-    coefficients : ndarray of complex, shape (..., D + 1)
-        q_0 ... q_D; see :meth:`PhaseLikelihood.coefficients`.
-    """
+    """J, J' and J'' at theta = 0, (...), from coefficients (..., D + 1)."""
     _, value, slope, curvature = _orders(coefficients.shape[-1])
     return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature
 

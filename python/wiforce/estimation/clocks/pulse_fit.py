@@ -53,23 +53,10 @@ class _Sums:
 def fit_pulses(model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array) -> bool:
     """Fit the duty cycles and the delay of clock 2 of a tag whose clock is tracked.
 
-    Returns bool: whether other values than the present ones are clearly better.
-
-    Parameters
-    ----------
-    model : ToneModel
-        With the clocks of all tags.
-    tag : TrackedTag
-        Its likelihoods are replaced where the evidence is clear.
-    groups : GroupTones
-        Untouched, or at least without a change inside a group.
-    inverse_noise : ndarray, shape (K,)
-        1 / sigma_k^2.
-
-    Notes
-    -----
-    Variable projection (G. Golub and V. Pereyra, 1973): the ends of every group are eliminated, and
-    so is the phase of the clock in every group, which jitter moves.
+    Returns whether other values are clearly better, and then replaces the tag's likelihoods.
+    Nothing changes inside the groups; ``inverse_noise`` (K,) is 1 / sigma_k^2. Variable projection
+    (G. Golub and V. Pereyra, 1973): the ends of every group are eliminated, and so is the phase of
+    the clock in every group, which jitter moves.
     """
     tracker = tag.tracker
     if tracker is None:

@@ -24,21 +24,11 @@ WIDEST_PPM = 1000.0
 
 @dataclass(frozen=True)
 class TagClock:
-    """Clock of one tag, as far as it is known before a run.
+    """Clock of one tag, as far as it is known before a run."""
 
-    Attributes
-    ----------
-    clock_hz : float
-        fs, in Hz: nominal, or as a survey has measured it.
-    tolerance_ppm : float
-        Largest offset of the clock from that.
-    nominal_hz : float or None
-        What offsets are reported against; None for ``clock_hz``.
-    """
-
-    clock_hz: float
-    tolerance_ppm: float = 100.0
-    nominal_hz: float | None = None
+    clock_hz: float  # fs, nominal, or as a survey has measured it
+    tolerance_ppm: float = 100.0  # largest offset of the clock from that
+    nominal_hz: float | None = None  # what offsets are reported against; None for ``clock_hz``
 
     @property
     def stated_hz(self) -> float:
@@ -64,33 +54,10 @@ class TagClock:
 class TrackedTag:
     """State that the separation keeps for one tag.
 
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    index : int
-        Of the tag among those the table was designed for.
-    clock : TagClock
-        Nominal clock.
-    averaging_s : float
-        Ta of the waveform, in s.
-
-    Attributes
-    ----------
-    rows : range
-        Its two ends among those of all tags.
-    tracker : ClockTracker or None
-        None while the clock is not known.
-    likelihood : PhaseLikelihood
-        Of the clock's phase, with the duty cycles found and without a delay of clock 2.
-    pulses_known : bool
-        Whether the duty cycles have been estimated.
-    last_seen_s : float
-        Centre of the last group in which the tag was received, in s.
-    averaging_s : float
-        As given.
-    waiting : list of GroupTones
-        The latest groups, one each, over which a lost tag is acquired again.
+    ``index`` is that of the tag in the table, ``rows`` are its two ends among those of all tags.
+    ``tracker`` is None while the clock is not known; ``likelihood`` has the duty cycles found, once
+    ``pulses_known``, and no delay of clock 2. ``last_seen_s`` is the centre of the last group with
+    the tag, ``waiting`` the latest groups, over which a lost tag is acquired again.
     """
 
     def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
@@ -105,16 +72,8 @@ class TrackedTag:
         self.waiting: list[GroupTones] = []
 
     def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
-        """Track the clock of a fit.
-
-        Parameters
-        ----------
-        times_s : ndarray, shape (L,)
-            Centres of the groups of the fit, in s.
-        subcarriers : int
-            K.
-        noise_level : float
-            Mean noise variance that the likelihoods of the fit are scaled by.
+        """Track the clock of a fit to groups at ``times_s``, whose likelihoods ``noise_level``
+        scales.
         """
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
         self.overlapping = fit.overlapping
@@ -136,17 +95,10 @@ class TrackedTag:
         return self.likelihood.duty
 
     def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
-        """s_1 and s_2 averaged over every snapshot of some groups, and their derivatives.
+        """s_1 and s_2 averaged over every snapshot, and their derivatives by the phase, (G, n, 2).
 
-        Returns averages, slopes (ndarray of float, shape (G, n, 2)): the second by the clock's
-        phase.
-
-        Parameters
-        ----------
-        clock : ClockPath
-            Of this tag, at the centres of G groups; arrays of shape (G,).
-        times_s : ndarray, shape (n,)
-            Times of the snapshots from the centre, in s.
+        ``clock`` is that of this tag at the centres of G groups, ``times_s`` (n,) are from the
+        centre.
         """
         phases = np.multiply.outer(self.rate + clock.rate, times_s)
         phases += clock.phase[:, None]

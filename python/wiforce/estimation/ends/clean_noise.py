@@ -20,11 +20,6 @@ class CleanNoise:
 
     An error of a clock leaves spread lines in proportion to it: too few to matter for the clocks,
     but as much as noise of -15 dB.
-
-    Parameters
-    ----------
-    group_period_s : float
-        Length of a group, in s.
     """
 
     def __init__(self, group_period_s: float) -> None:
@@ -37,15 +32,7 @@ class CleanNoise:
         self._noise.known = self._from_all = False
 
     def follow(self, groups: GroupTones, fit: GroupFit) -> NoiseHistory:
-        """Update the estimate by some groups.
-
-        Returns NoiseHistory: of all of them; noise that has changed is followed.
-
-        Parameters
-        ----------
-        fit : GroupFit
-            Of these groups, without spread lines.
-        """
+        """Update the estimate by all of some groups, fitted without spread lines."""
         residuals, levels = fit.noise(), groups.level.tolist()
         complete = (groups.missing == 0).tolist()
         parts: list[NoiseHistory] = []
@@ -72,15 +59,9 @@ class CleanNoise:
 
 
 def gain_of_least_error(fit: GroupFit, inverse_noise: Array) -> Array:
-    """Gain of each end that is due to errors that are no noise.
+    """Gain (G, E) of each end that is due to errors that are no noise.
 
-    Returns ndarray, shape (G, E): variance of V over ``sigma_k^2``, for the error of a phase that
-    remains of spread lines.
-
-    Parameters
-    ----------
-    inverse_noise : ndarray, shape (G, K)
-        1 / sigma_k^2.
+    Variance of V over ``sigma_k^2``, for the error of a phase that remains of spread lines.
     """
     energy = np.sum(power_of(fit.ends) * inverse_noise[:, None], axis=2)
     gain: Array = 2 * _LEAST_ERROR**2 * energy

@@ -10,30 +10,11 @@ from ..groups import Array
 class GroupFit(end_fit):
     """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (E,)
-        The ends that are fitted, among those of all tags.
-    mixed : ndarray of complex, shape (G, M, 2E)
-        The tags' waveforms as whitened tones, and behind them their derivatives by the phases of
-        the tags' clocks.
-    tones : ndarray of complex, shape (G, M, K)
-        Whitened.
-
-    Attributes
-    ----------
-    rows
-        As given.
-    ends : ndarray of complex, shape (G, E, K)
-        V.
-    gain : ndarray, shape (G, E)
-        Variance of V over that of H.
-    residual : ndarray of complex, shape (G, M, K)
-        Whitened; without what the wander of a clock explains where ``solve`` made the fit.
-    white : ndarray of complex, shape (G, M, E)
-        The mixing matrix W [s1, s2, ...], whitened.
-    solver : ndarray of complex, shape (G, E, M)
-        Its pseudo-inverse.
+    ``rows`` (E,) are these ends among those of all tags, ``mixed`` (G, M, 2E) the tags' waveforms
+    as whitened tones, and behind them their derivatives by the phases of the clocks. ``ends`` (G,
+    E, K) are V, ``gain`` (G, E) its variance over that of H, ``residual`` (G, M, K) is whitened,
+    without what the wander of a clock explains where ``solve`` made the fit; ``white`` (G, M, E) is
+    the mixing matrix W [s1, s2, ...], whitened, and ``solver`` (G, E, M) its pseudo-inverse.
     """
 
     def __init__(self, rows: Array, mixed: Array, tones: Array) -> None:

@@ -29,18 +29,8 @@ _WORST_GAIN = 100.0
 class ToneModel:
     """The tones of a run's groups as a linear function of the ends' channels.
 
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    tags : sequence of TrackedTag
-        In the order in which the table was designed.
-    sample_rate_hz : float or None
-        Given when the tones are derotated (``ToneTable.derotation``).
-    symbol_length : int
-        Samples of the symbol that they are derotated within.
-    spread : SpreadLines, optional
-        Given when tags switch within a symbol, so that this is removed.
+    Tags are in the order in which the table was designed. The sample rate is given when the tones
+    are derotated within ``symbol_length``, ``spread`` when tags switch within a symbol.
     """
 
     def __init__(
@@ -78,14 +68,7 @@ class ToneModel:
         return predict_clocks(self.trackers, groups.center_s)
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
-        """Whiten the tones of a batch.
-
-        Returns
-        -------
-        GroupTones
-        usable : ndarray of bool, shape (G,)
-            Whether a group has tones, all of them finite.
-        """
+        """Whiten the tones of a batch; also which groups (G,) have tones, all of them finite."""
         tones = groups.tones.astype(complex)
         weights = [self._complete] * len(groups)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -125,13 +108,7 @@ class ToneModel:
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
     def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
-        """Least squares over the locked tags.
-
-        Parameters
-        ----------
-        clocks : ClockPath
-            Of the locked tags in these groups.
-        """
+        """Least squares over the locked tags, at their clocks."""
         rows = np.array([row for tag in self.locked for row in tag.rows], int)
         return GroupFit(rows, self._mixing(groups, clocks), groups.white)
 
@@ -150,33 +127,17 @@ class ToneModel:
     def without_spread_lines(self, groups: GroupTones, clocks: ClockPath) -> GroupTones:
         """Groups without what the locked tags spread over the subcarriers at some clocks.
 
-        Returns GroupTones: the same where symbols are short.
-
-        Parameters
-        ----------
-        clocks : ClockPath
-            Of the locked tags in these groups.
+        The same where symbols are short.
         """
         if self._spread is None or not self.locked:
             return groups
         return self._spread.remove(groups, self.fit(groups, clocks), self.locked, clocks)
 
     def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
-        """Solve groups for all ends.
+        """V (G, 2S, K) of all ends, its variance over that of H (G, 2S), and the fit that gave
+        them.
 
-        Parameters
-        ----------
-        clocks : ClockPath
-            Of the locked tags in these groups.
-
-        Returns
-        -------
-        ends : ndarray of complex, shape (G, 2S, K)
-            V; 0 for tags that are not locked.
-        gain : ndarray, shape (G, 2S)
-            Variance of V over that of H; infinite for tags that are not locked.
-        fit : GroupFit
-            What these were computed from.
+        For tags that are not locked V is 0 and its variance infinite.
         """
         fit = self.fit(groups, clocks)
         if self._spread is not None and self.locked:

@@ -38,29 +38,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class NoiseHistory:
-    """Noise in G groups.
+    """Noise in G groups."""
 
-    Attributes
-    ----------
-    ratio : ndarray, shape (G,)
-        Residual of each group over the noise before it, 1 when the model fits. Raised subcarriers
-        count by their own noise.
-    raised : ndarray, shape (G, K)
-        Noise of each group over that of the groups before, on subcarriers that a narrow-band
-        transmitter interfered with; 1 elsewhere.
-    inverse : ndarray, shape (G, K)
-        1 / sigma_k^2 of each group, by the groups before and ``raised``.
-    variance : ndarray, shape (G, K)
-        sigma_k^2 after it, without ``raised``.
-    verdict : Verdict
-        On the last of these groups.
-    """
-
+    # (G,), residual over the noise before, 1 when the model fits; raised subcarriers by their own
+    # noise
     ratio: Array
+    # (G, K), over the groups before where a narrow-band transmitter interfered; else 1
     raised: Array
-    inverse: Array
-    variance: Array
-    verdict: Verdict
+    inverse: Array  # (G, K), 1 / sigma_k^2, by the groups before and ``raised``
+    variance: Array  # (G, K), sigma_k^2 after it, without ``raised``
+    verdict: Verdict  # on the last of these groups
 
     def __len__(self) -> int:
         return len(self.ratio)
@@ -69,19 +56,8 @@ class NoiseHistory:
 class NoiseEstimate(noise_estimate):
     """Variance of the noise in H per subcarrier: a mean over the last two seconds of groups.
 
-    Parameters
-    ----------
-    group_period_s : float
-        Length of a group, in s.
-    profile : ndarray, shape (K,), optional
-        Noise of the subcarriers relative to each other, where only its level is to be learned.
-
-    Attributes
-    ----------
-    known : bool
-        Whether there is an estimate yet; until then the arrays below are empty.
-    variance, inverse : ndarray, shape (K,)
-        sigma_k^2 and 1 / sigma_k^2.
+    ``profile`` (K,) is the noise of the subcarriers relative to each other, where only its level is
+    to be learned. ``variance`` and ``inverse`` (K,) are empty until ``known``.
     """
 
     def follow(
@@ -89,16 +65,9 @@ class NoiseEstimate(noise_estimate):
     ) -> NoiseHistory:
         """Learn from groups up to the first one that the noise does not fit, at least one.
 
-        Parameters
-        ----------
-        residuals : ndarray, shape (G, K)
-            Mean square of each group's whitened residual per degree of freedom.
-        freedom : int
-            Complex degrees of freedom of each on every subcarrier.
-        levels : sequence of float, length G
-            Mean power of each group's whitened tones.
-        complete : sequence of bool, length G
-            Whether the group may be learned from.
+        ``residuals`` (G, K) are mean squares of the whitened residual per complex degree of
+        ``freedom``, ``levels`` (G,) mean powers of the whitened tones; groups are learned from
+        where ``complete``.
         """
         followed = super().follow(residuals, freedom, levels, complete)
         ratio, raised, inverse, variance, verdict = followed
@@ -106,17 +75,7 @@ class NoiseEstimate(noise_estimate):
 
 
 def robust_noise(residuals: Array, freedom: int) -> Array:
-    """Mean of the residuals of some groups without subcarriers that are raised in some of them.
-
-    Returns ndarray, shape (K,).
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (G, K)
-        Mean square residual of each group and subcarrier.
-    freedom : int
-        Complex degrees of freedom of each.
-    """
+    """Mean (K,) of the residuals (G, K) without subcarriers that are raised in some groups."""
     quartile = np.sort(residuals, axis=0)[len(residuals) // 4]
     if not np.all(quartile > 0):
         return np.asarray(residuals.mean(axis=0))

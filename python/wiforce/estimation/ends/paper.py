@@ -25,34 +25,11 @@ _LEAST_NOISE = 1e-300
 class LineSeparator:
     """Reads end 1 on line 1 of each tag, and end 2 on line 4 (paper, section 3.3).
 
-    Has the interface of :class:`separation.EndSeparator`. The noise is learned from the difference
-    of lines +m and -m, which have the same channel.
+    Has the interface of :class:`.EndSeparator`, and acquires no clock. The noise is learned from
+    the difference of lines +m and -m, which have the same channel. ``squared`` gives the product
+    P(+m) P(-m), the square of each end's channel, instead of P(+m). Refused when the table lacks a
+    line of a tag.
 
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    clocks : sequence of TagClock
-        In the order in which the table was designed.
-    waveform : Waveform
-        As it was sent.
-    derotated : bool
-        Has no effect on phases.
-    squared : bool
-        Give the product P(+m) P(-m), the square of each end's channel, instead of P(+m).
-
-    Attributes
-    ----------
-    acquisition_groups : int
-        0: no clock is acquired.
-
-    Raises
-    ------
-    InputError
-        When the table lacks a line of a tag.
-
-    Notes
-    -----
     P(+m) contains the rotation of the tag's clock: a constant offset o rotates end 1 by 2 pi fs o
     per second and end 2 by four times that. The paper compares each group with the previous one;
     the changes accumulate over a run. In the product the clock's phase cancels. Half the angle of

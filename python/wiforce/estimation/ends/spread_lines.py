@@ -29,13 +29,6 @@ _ROUNDS = 3
 class SpreadLines:
     """Removes what tags spread over the subcarriers from the tones of groups.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        With a symbol within which tags switch.
-
-    Notes
-    -----
     Sample n of the symbol is a snapshot of its own, at its own time. The tones of end i there are
     M_i[n] y_i[n], with the mixing matrix M_i at that time, and the symbol y_i as it is received,
     whose transform is X V_i. The model of the tones on subcarriers has the mean of M_i over the
@@ -63,17 +56,7 @@ class SpreadLines:
     def remove(
         self, groups: GroupTones, fit: GroupFit, tags: Sequence[TrackedTag], clocks: ClockPath
     ) -> GroupTones:
-        """Subtract the spread lines from some groups.
-
-        Parameters
-        ----------
-        fit : GroupFit
-            Of these groups at ``clocks``.
-        tags : sequence of TrackedTag
-            Those of the fit.
-        clocks : ClockPath
-            Of these tags in these groups.
-        """
+        """Subtract the spread lines from groups, by a fit of these tags at these clocks."""
         white, tones = np.empty_like(groups.white), np.empty_like(groups.tones)
         for row, weights in enumerate(groups.weights):
             mixing = self._mixing(weights, tags, clocks, row)
@@ -87,16 +70,9 @@ class SpreadLines:
         return replace(groups, tones=tones, white=white)
 
     def of_ends(self, mixing: Array, ends: Array) -> Array:
-        """What ends spread over the subcarriers.
+        """What ends V (E, K) spread over the subcarriers, (M, K).
 
-        Returns ndarray of complex, shape (M, K).
-
-        Parameters
-        ----------
-        mixing : ndarray of complex, shape (N, E, M)
-            M_i[n] less its mean over the symbol, for ends i.
-        ends : ndarray of complex, shape (E, K)
-            V.
+        ``mixing`` (N, E, M) is M_i[n] less its mean over the symbol, for ends i.
         """
         channel = np.empty((len(ends), self._length), complex)
         channel[:, self._bins] = ends

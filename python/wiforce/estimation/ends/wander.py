@@ -30,22 +30,11 @@ def without_wander(
     solver: Array,
     residual: Array,
 ) -> Array:
-    """Remove from a residual what slow changes of the clocks' phases inside a group explain.
+    """Residual (M, K) without what slow changes of the clocks' phases inside a group explain.
 
-    Returns ndarray of complex, shape (M, K).
-
-    Parameters
-    ----------
-    slopes : sequence of ndarray, shape (n, 2)
-        Derivatives of the waveforms of each tag that wanders, by its clock's phase.
-    ends : ndarray of complex, shape (2 tags, K)
-        V of these tags.
-    white : ndarray of complex, shape (M, E)
-        The whitened mixing matrix of all tags.
-    solver : ndarray of complex, shape (E, M)
-        Its pseudo-inverse.
-    residual : ndarray of complex, shape (M, K)
-        Whitened.
+    ``slopes`` (n, 2) are derivatives of the waveforms of each tag that wanders, by its clock's
+    phase, ``ends`` (2 tags, K) V of these tags; ``white`` (M, E) is the whitened mixing matrix of
+    all tags and ``solver`` (E, M) its pseudo-inverse.
     """
     times = weights.times_s
     reach = max(float(np.abs(times).max()), 1e-12)
