@@ -22,28 +22,16 @@ _FACTORS, _HALVINGS = (1e-3, 1e3), 40
 
 @dataclass(frozen=True)
 class CarrierReach:
-    """What a carrier reads through a scene's link.
-
-    Attributes
-    ----------
-    carrier_hz : float
-    band : str
-        Name of the band whose centre it is; empty for the scene's own carrier.
-    snr_db, static_db : float
-        As the scene's ``snr_db`` and ``static_clutter_db``.
-    phase_std_deg : float
-        Noise of the phases of a reading, of the worst end.
-    reach : float
-        Depth of the innermost layer in mm, or without layers distance of the tag from the receiver
-        in m, at which readings become ``weak``; 0 where all are. Below the scene's carrier a
-        degree is more of the line: the limit is then that of the same distance on the line.
-    """
+    """What a carrier reads through a scene's link."""
 
     carrier_hz: float
-    band: str
-    snr_db: float
+    band: str  # whose centre it is; empty for the scene's own carrier
+    snr_db: float  # as the scene's, and ``static_db`` as its ``static_clutter_db``
     static_db: float
-    phase_std_deg: float
+    phase_std_deg: float  # noise of the phases of a reading, of the worst end
+    # depth of the innermost layer in mm, or without layers distance of the tag from the receiver in
+    # m, at which readings become ``weak``; 0 where all are. Below the scene's carrier a degree is
+    # more of the line: the limit is then that of the same distance on the line.
     reach: float
 
 

@@ -115,13 +115,7 @@ class Link:
     def levels_db(
         self, frequency_hz: float, waveform: Waveform, clock_hz: float
     ) -> tuple[float, float]:
-        """`snr_db` and `static_clutter_db` of a scene.
-
-        Parameters
-        ----------
-        clock_hz : float
-            Of the first tag, whose line 1 both refer to.
-        """
+        """`snr_db` and `static_clutter_db` of a scene, which refer to line 1 of the first tag."""
         line = 20 * np.log10(harmonics(1, clock_hz * waveform.averaging_s)[0])
         received_dbm = self.transmit_dbm - self.tag_path_loss_db(frequency_hz) + line
         noise = waveform.sample_rate_hz * waveform.channel_noise_gain

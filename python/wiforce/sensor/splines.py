@@ -16,19 +16,11 @@ Array = NDArray[Any]
 
 
 def node_slopes(nodes: Array) -> Array:
-    """Slopes of a cubic spline at its nodes, as a linear function of its values there.
+    """Slopes of a cubic spline at four or more rising nodes, as a matrix (n, n) times its values
+    there.
 
-    Returns ndarray, shape (n, n): the first two and the last two pieces are one polynomial each
-    ("not-a-knot").
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n,)
-        Rising, at least four.
-
-    Notes
-    -----
-    C. de Boor, *A Practical Guide to Splines*, 1978, chapter IV, equations 4 and 6.
+    The first two and the last two pieces are one polynomial each ("not-a-knot"). C. de Boor, *A
+    Practical Guide to Splines*, 1978, chapter IV, equations 4 and 6.
     """
     steps = np.diff(nodes)
     count, inner = len(nodes), np.arange(1, len(nodes) - 1)
@@ -50,13 +42,7 @@ def node_slopes(nodes: Array) -> Array:
 
 
 class CubicSpline:
-    """Cubic spline through values at nodes, as that of SciPy.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n,)
-    values : ndarray, shape (n, ...)
-    """
+    """Cubic spline through values (n, ...) at nodes (n,), as that of SciPy."""
 
     def __init__(self, nodes: Array, values: Array) -> None:
         self._nodes, self._values = nodes, values
@@ -84,22 +70,10 @@ class CubicSpline:
 
 
 def basis_splines(knots: Array, at: ArrayLike, derivative: int = 0, degree: int = 3) -> Array:
-    """All B-splines of a sequence of knots, or their derivatives.
+    """All B-splines (..., len(knots) - degree - 1) of rising knots, or their derivatives.
 
-    Returns ndarray, shape (..., len(knots) - degree - 1).
-
-    Parameters
-    ----------
-    knots : ndarray
-        Rising; the first and the last as often as the degree and once more.
-    at : array_like, shape (...)
-        Between the first and the last knot.
-    derivative : int
-        0 to ``degree``.
-
-    Notes
-    -----
-    The recursions of C. de Boor, *A Practical Guide to Splines*, 1978, chapter X.
+    ``at`` lies between the first and the last knot, which stand as often as the degree and once
+    more. The recursions of C. de Boor, *A Practical Guide to Splines*, 1978, chapter X.
     """
     at = np.asarray(at, float)
     if degree == 0:

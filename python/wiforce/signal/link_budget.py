@@ -70,12 +70,8 @@ def tissue_permittivity(tissue: str, frequency_hz: float) -> complex:
 def layers_loss_db(layers: Iterable[tuple[complex, float]], frequency_hz: float) -> float:
     """Loss of a wave that passes layers at right angles, with air before and behind them.
 
-    Reflections at and between the borders are contained.
-
-    Parameters
-    ----------
-    layers : iterable of (complex, float)
-        Complex relative permittivity and thickness in m, in their order.
+    Layers are complex relative permittivity and thickness in m. Reflections at and between the
+    borders are contained.
     """
     total = np.eye(2, dtype=complex)
     for permittivity, thickness_m in layers:

@@ -49,16 +49,8 @@ def noise_over_static(
 class RadioNoiseSource:
     """The noise of a scene's radio, which can start anywhere in the stream.
 
-    Parameters
-    ----------
-    amplitude : float
-        Root of the mean preamble power of the transmit samples.
-    ramp : Ramp
-        Knots of the phase.
-
-    Notes
-    -----
-    The phase is the sum of blocks that overlap by half, each windowed by half a period of a sine,
+    ``amplitude`` is the root of the mean preamble power; the phase is drawn at the knots of
+    ``ramp``, as the sum of blocks that overlap by half, each windowed by half a period of a sine,
     so that its variance is constant; a block is white noise that is shaped in the frequency domain.
     """
 
