@@ -23,13 +23,13 @@ from .phases.reference import ConjugateDifference
 class Estimator:
     """How the ends' phases are estimated."""
 
-    # makes the stage from tones to the ends' channels
+    # Makes the stage from tones to the ends' channels.
     separator: Callable[..., EndSeparator | LineSeparator]
-    # tones are plain Fourier sums over the group instead of the scene's weights
+    # Tones are plain Fourier sums over the group instead of the scene's weights.
     rectangular: bool = False
     against: str = "untouched"  # the reference: the ``untouched`` sensor or the ``previous`` group
-    # the ``change`` against the untouched sensor, a ``step`` from group to group, or a ``square``
-    # of the change
+    # The ``change`` against the untouched sensor, a ``step`` from group to group, or a ``square``
+    # of the change.
     ratios: str = "change"
 
     def separation(

@@ -227,11 +227,11 @@ class Line:
     """A line of an end's spectrum."""
 
     harmonic: int  # multiple of the tag's clock
-    # on the air; ``seen_hz`` where snapshots show it, folded at half their rate
+    # On the air; ``seen_hz`` where snapshots show it, folded at half their rate.
     frequency_hz: float
     seen_hz: float
     level_db: float  # against the strongest line of the end
-    # tag, end and harmonic of lines of other ends that a group cannot resolve from it
+    # Tag, end and harmonic of lines of other ends that a group cannot resolve from it.
     shared_with: tuple[tuple[int, int, int], ...] = ()
 
 
@@ -256,8 +256,8 @@ class ClockReport:
     """How well a set of switching clocks can be read."""
 
     ends: tuple[End, ...]  # two per tag
-    # per tag, the part of its signal that distinguishes the right clock phase from the wrong one
-    # that resembles it most; 0 when the ends could be swapped
+    # Per tag, the part of its signal that distinguishes the right clock phase from the wrong one
+    # that resembles it most; 0 when the ends could be swapped.
     phase_margins: tuple[float, ...]
 
     @property
@@ -598,9 +598,9 @@ class SceneClocks:
     """Clocks for the tags of a scene."""
 
     clocks_hz: list[float]
-    # least one of lines 1, 2 and 4 of two tags, clocks off by their tolerance
+    # Least one of lines 1, 2 and 4 of two tags, clocks off by their tolerance.
     line_distance_hz: float | None
-    # of these lines of each tag to a lamp's; None where lamps are excluded
+    # Of these lines of each tag to a lamp's; None where lamps are excluded.
     lamp_distances_hz: list[float] | None
     bin_hz: float  # inverse of the length of a phase group
     worst_loss_db: float  # what neighbours, aliases and clutter cost the weakest end

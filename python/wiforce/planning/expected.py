@@ -157,10 +157,10 @@ class Expected:
 
     sensor: str
     phase_std_deg: tuple[float, ...]  # of a reading while nothing changes
-    # median, of changes against the untouched sensor; None if not readable
+    # Median, of changes against the untouched sensor; None if not readable.
     phase_error_deg: tuple[float, ...] | None
-    # median error while touched, from noise and from the reader's sensor model; so is
-    # ``location_error_mm``
+    # Median error while touched, from noise and from the reader's sensor model; so is
+    # ``location_error_mm``.
     force_error_n: float | None
     location_error_mm: float | None
 

@@ -29,7 +29,7 @@ class CarrierReach:
     snr_db: float  # as the scene's, and ``static_db`` as its ``static_clutter_db``
     static_db: float
     phase_std_deg: float  # noise of the phases of a reading, of the worst end
-    # depth of the innermost layer in mm, or without layers distance of the tag from the receiver in
+    # Depth of the innermost layer in mm, or without layers distance of the tag from the receiver in
     # m, at which readings become ``weak``; 0 where all are. Below the scene's carrier a degree is
     # more of the line: the limit is then that of the same distance on the line.
     reach: float

@@ -36,7 +36,7 @@ class PlannedSensor:
     name: str
     model: SensorModel = field(repr=False)
     off_reflection: np.ndarray  # (2,), G_off / rho per switch
-    # stated random walk of the untouched phases; None: learned
+    # Stated random walk of the untouched phases; None: learned.
     drift_deg_per_sqrt_s: float | None = None
     turns_per_s: float | None = None  # stated rate of turns of the tag or an antenna; None: learned
 

@@ -192,7 +192,7 @@ class WaveformLimits:
     peak_to_average_db: float  # PAPR of the analogue signal while the symbol repeats
     clock_below_hz: float  # Nyquist: 4 fs must lie below half the snapshot rate
     clock_half_power_hz: float  # fs at which averaging halves the power of the line at 4 fs
-    # of the lines at fs and 4 fs by averaging, for each sensor
+    # Of the lines at fs and 4 fs by averaging, for each sensor.
     averaging_loss_db: tuple[tuple[float, float], ...]
 
 

@@ -31,7 +31,7 @@ class Tone:
     """A frequency of the group's spectrum on which lines of the tags fall."""
 
     frequency_hz: float  # where the snapshots show it, within half the snapshot rate
-    # tag index and harmonic number of every line that falls on it
+    # Tag index and harmonic number of every line that falls on it.
     owners: tuple[tuple[int, int], ...]
     line_hz: float  # on the air, before aliasing, of its slowest line
 

@@ -34,7 +34,7 @@ class PartialWeights:
 
     mask: np.ndarray  # (N,), True where a snapshot is present
     weights: np.ndarray  # (M, n), as those of :class:`ToneTable`
-    # of the noise of the snapshots present; None where it is white
+    # Of the noise of the snapshots present; None where it is white.
     covariance: np.ndarray | None = None
 
     @cached_property

@@ -99,7 +99,7 @@ _AT_ONCE = 16
 class SurfaceEvidence:
     """What n readings of all S strips show."""
 
-    # of arrays (n, S, k), with the locations along x; meaningless where untouched
+    # Of arrays (n, S, k), with the locations along x; meaningless where untouched.
     profiles: StripProfile
     # (n, S); neither this nor ``untouched`` for strips that are left out
     touched: NDArray[np.bool_]

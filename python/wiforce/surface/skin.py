@@ -31,7 +31,7 @@ class Spreading:
     shares: tuple[float, ...]  # share of the force at each distance
     share_std: float  # of a share, which is the error of this law: it enters that of every reading
     location_std_mm: float  # of the location that a strip shows of a press, against the press's own
-    # by how much too far from its port 1 each strip shows a press on average; empty for nothing
+    # By how much too far from its port 1 each strip shows a press on average; empty for nothing.
     location_offsets_mm: tuple[float, ...] = ()
 
     @cached_property

@@ -58,7 +58,7 @@ class Source:
     kind: str  # ``lamps``, ``tag`` or ``line``
     fundamental_hz: float  # twice the mains frequency, clock of the tag, or the line
     lines: tuple[RoomLine, ...]  # those found
-    # those that must lie under the scene's own tags, of expected power
+    # Those that must lie under the scene's own tags, of expected power.
     masked: tuple[RoomLine, ...]
 
     @property

@@ -96,7 +96,7 @@ class Survey:
     # (F,), height above the floor that lines of the scene's tags may have, aliased ones too
     own: Array = field(repr=False)
     excess: Array = field(repr=False)  # (F,), per bin, what is neither noise nor one of these lines
-    # what the excess outside the clutter around zero consists of, as far as it is lines
+    # What the excess outside the clutter around zero consists of, as far as it is lines.
     sources: list[Source]
     clocks: tuple[ClockLine, ...]  # line 1 of each of the scene's tags
     snapshot_period_s: float  # T

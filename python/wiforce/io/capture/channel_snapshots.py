@@ -62,12 +62,12 @@ class ChannelSnapshots:
     time_s: np.ndarray = field(repr=False)  # (n,), of each packet
     channel: np.ndarray = field(repr=False)  # (n, K, antennas), complex
     subcarrier_hz: np.ndarray = field(repr=False)  # (K,), against the carrier
-    # packets that were left out: repeats, and (``unusable``) those of values that are not finite or
-    # all 0
+    # Packets that were left out: repeats, and (``unusable``) those of values that are not finite or
+    # all 0.
     repeated: int = 0
     unusable: int = 0
     clock_steps: int = 0  # times at which the clock of the packets has stepped back; each is a gap
-    # why further packets were left out, and their number
+    # Why further packets were left out, and their number.
     left_out: tuple[tuple[str, int], ...] = ()
     center_frequency_hz: float | None = None
     scene: Any = field(default=None, repr=False)  # that the file holds

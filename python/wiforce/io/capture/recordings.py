@@ -36,9 +36,9 @@ class Capture:
     sample_rate_hz: float | None
     center_frequency_hz: float | None
     segments: tuple[Segment, ...]  # in order of time; a gap lies between two of them
-    # that the metadata hold (``wiforce:scene``), unchecked
+    # That the metadata hold (``wiforce:scene``), unchecked.
     scene: Any = field(default=None, repr=False, compare=False)
-    # of the data file as the metadata state it (``core:sha512``), not verified
+    # Of the data file as the metadata state it (``core:sha512``), not verified.
     sha512: str | None = field(default=None, repr=False, compare=False)
 
     @property

@@ -132,11 +132,11 @@ class Finding:
     # ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple``, ``noise`` (a region of raised
     # noise) or ``line``
     kind: str
-    # highest one of clutter, mains of lamps, clock of a tag, ripple or line, middle of a region of
-    # noise
+    # Highest one of clutter, mains of lamps, clock of a tag, ripple or line, middle of a region of
+    # noise.
     frequency_hz: float
-    # power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
-    # source's strongest line, or of all noise of a region
+    # Power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
+    # source's strongest line, or of all noise of a region.
     level_db: float
     meaning: str  # what it probably is
     handling: str  # what the plan does about it
