@@ -15,6 +15,7 @@ import warnings
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
+from .shell.commands import LazyGroup
 from .shell.interrupts import (
     BAD_INPUT,
     DONE,
@@ -26,7 +27,6 @@ from .shell.interrupts import (
     Terminated,
     interrupt_by_exception,
 )
-from .shell.lazy import LazyGroup
 from .shell.log import PROGRAM, log, printable
 
 # Module and one line of help of each subcommand, so that --help imports none of them.

@@ -8,7 +8,7 @@ that are compared with stock blocks.
 
 import click
 
-from ..shell.lazy import LazyGroup
+from ..shell.commands import LazyGroup
 
 BENCHMARKS = {
     "accuracy": (".accuracy", "Compare phase errors with the Cramer-Rao bound."),

@@ -9,7 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
-from ..shell.grouped_help import GroupedHelp
+from ..shell.commands import GroupedHelp
 from ..shell.options import FiniteRange, Number, sensor_output
 from .guide import complete_settings, guide, guided_options, table_of
 

@@ -64,16 +64,8 @@ class WirelessPress:
 class PressScore:
     """Errors of one model and method on one press; arrays of shape (n,).
 
-    Attributes
-    ----------
-    form : str
-    refined : bool
-        With one wireless press per location, of the other trial.
-    method : str
-        Of :data:`METHODS`.
-    press : WirelessPress
-    force_n, force_std_n, location_mm, location_std_mm : ndarray
-    flags : list of tuple of str
+    ``refined``: with one wireless press per location, of the other trial; ``method``: of
+    :data:`METHODS`.
     """
 
     form: str
@@ -96,12 +88,7 @@ class PressScore:
 
 
 def read_presses(path):
-    """Presses of a VNA table with trials, both ports at the same forces.
-
-    Raises
-    ------
-    InputError
-    """
+    """Presses of a VNA table with trials, both ports at the same forces."""
     table = read_vna_csv(path)
     presses = []
     keys = dict.fromkeys(zip(table.frequency_hz, table.location_mm, table.press, strict=True))
@@ -140,12 +127,7 @@ def _bench_model(table, form):
 def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
     """Every model and method on every press.
 
-    Parameters
-    ----------
-    progress : callable
-        Called with 1 after each model.
-    forms : sequence of str
-        Forms of the curves.
+    ``progress``: called with 1 after each model; ``forms``: forms of the curves.
     """
     scores = []
     for frequency in FREQUENCIES_HZ:
@@ -218,10 +200,7 @@ def _read_press(model, std, press, method):
 def bootstrap_median(errors):
     """95 % interval of the pooled median: presses drawn, then readings within each.
 
-    Parameters
-    ----------
-    errors : sequence of ndarray
-        One array per press.
+    ``errors``: one array per press.
     """
     rng = np.random.default_rng(1)
     medians = []

@@ -18,7 +18,7 @@ from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..read.file_outputs import open_mcap
-from ..shell.grouped_help import GroupedHelp
+from ..shell.commands import GroupedHelp
 from ..shell.interrupts import BAD_INPUT, FAILED
 from ..shell.log import FORMATS, LEVELS, log
 from ..shell.options import (

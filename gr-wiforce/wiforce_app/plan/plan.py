@@ -20,7 +20,7 @@ from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
-from ..shell.grouped_help import GroupedHelp
+from ..shell.commands import GroupedHelp
 from ..shell.options import IntegerRange, sample_type
 
 

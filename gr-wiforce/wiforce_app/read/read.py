@@ -4,7 +4,7 @@
 import click
 from gnuradio.wiforce.io.capture.names import is_one
 
-from ..shell.grouped_help import GroupedHelp
+from ..shell.commands import GroupedHelp
 from ..shell.options import (
     IntegerRange,
     capture_scene,

@@ -14,8 +14,7 @@ from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
 from ..shell.log import PROGRAM, printable
 from ..shell.progress import progress
 from ..shell.workers import WorkerLost, run_tasks
-from .journal import RECORD, Journal
-from .reading_job import ReadingJob, read_capture_file, remove_partial
+from .reading_job import RECORD, Journal, ReadingJob, read_capture_file, remove_partial
 
 
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):
@@ -38,7 +37,7 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     whole = _whole_file(output, form)
     folder = _folder_of(output) if whole is None else whole.with_name(f"{whole.name}.parts")
     if whole is not None:
-        from .journal import check_whole, join_parts
+        from .reading_job import check_whole, join_parts
 
         check_whole(whole)
     suffix = "parquet" if whole is not None else form or "csv"
