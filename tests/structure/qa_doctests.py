@@ -4,7 +4,7 @@
 import doctest
 import importlib
 import inspect
-import pkgutil
+import os
 import re
 from pathlib import Path
 
@@ -16,13 +16,16 @@ WITHOUT_EXAMPLES = ("gui", "bindings")
 
 
 def module_names():
-    """Names of the package's modules relative to it; none is imported."""
-    for top in pkgutil.iter_modules(wiforce.__path__):
-        if top.ispkg and top.name not in WITHOUT_EXAMPLES:
-            folders = [f"{folder}/{top.name}" for folder in wiforce.__path__]
-            yield from (f"{top.name}.{module.name}" for module in pkgutil.iter_modules(folders))
-        elif not top.ispkg and not top.name.startswith(("wiforce_", "_")):
-            yield top.name
+    """Names of the package's modules relative to it, in all folders; none is imported."""
+    # Folders of the build tree are links.
+    for root in wiforce.__path__:
+        for folder, _, files in os.walk(root, followlinks=True):
+            place = Path(folder).relative_to(root).parts
+            for name in sorted(files):
+                parts = *place, name.removesuffix(".py")
+                hidden = parts[0] in WITHOUT_EXAMPLES or parts[0].startswith(("wiforce_", "_"))
+                if name.endswith(".py") and name != "__init__.py" and not hidden:
+                    yield ".".join(parts)
 
 
 MODULES = tuple(module_names())
