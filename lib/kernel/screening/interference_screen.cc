@@ -155,7 +155,7 @@ noise_statistics interference_screen::statistics_of(const phase_group& group,
         d_values.resize(d_length + 1);
         for (int n = 0; n < d_length; n++) {
             const snapshot_noise& noise = group.noise_of(n);
-            d_values[n] = group.mask()[n] & is_known(noise) ? noise.*member : BEYOND;
+            d_values[n] = (group.mask()[n] & is_known(noise)) ? noise.*member : BEYOND;
         }
         std::size_t count = 0;
         for (int n = 0; n < d_length; n++) {

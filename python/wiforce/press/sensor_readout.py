@@ -175,7 +175,8 @@ class SensorReadout:
         unseen &= (flags & ~(Flag.INCONSISTENT | Flag.AMBIGUOUS).value) == 0
         flags[unseen] |= Flag.WEAK.value
         best = found.choose(likeliest)
-        phases, std = self._phases(best, 0.0, True)
+        level = self._level(best, 0.0)
+        phases, std = self._phases(best, level, True)
         larger = std.max(axis=1)
         unsure = self._is_disturbed(groups, sensor) & (larger > _DISTURBED_DEG)
         flags[readable & unsure] |= Flag.INCONSISTENT.value
@@ -187,7 +188,6 @@ class SensorReadout:
         elif touched.any():
             self._invert(found, likeliest, touched, values, flags)
         if self.state.evidence is not None:
-            level = self._level(best, 0.0)
             no_press = (flags & _NO_PRESS) != 0
             against = self.state.evidence.take(level, phases, std, touch, clear, no_press)
             flags[against] |= Flag.INCONSISTENT.value
@@ -203,15 +203,14 @@ class SensorReadout:
         turn = found.baseline + np.asarray(shift)[..., None]
         return found.ratios * np.exp(-found.amplitude[:, None] - 1j * turn)
 
-    def _phases(self, found: Explanations, shift: ArrayLike, whole: bool) -> tuple[Array, Array]:
+    def _phases(self, found: Explanations, level: Array, whole: bool) -> tuple[Array, Array]:
         """psi of both ends, degrees, by each explanation, and their standard deviations; (m, 2).
 
-        The variance is ``whole``, or without that of the common phase, which the nodes stand for.
+        ``level`` is R against the untouched line (:meth:`_level`). The variance is ``whole``, or
+        without that of the common phase, which the nodes stand for.
         """
         with np.errstate(invalid="ignore"):
-            phases, slope = corrected_phase_deg(
-                self._level(found, shift), self._untouched, self._off
-            )
+            phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             own = found.variance + found.difference_variance[:, None] / 4
             if self._tag_ratio:
                 own = own + np.radians(curvature_deg(found.ratios, self._tag_ratio)) ** 2
@@ -237,7 +236,7 @@ class SensorReadout:
         at = np.repeat(np.arange(len(chosen)), len(_NODES))
         common = np.sqrt(press.common_variance)[at] * np.tile(_NODES, len(chosen))
         each = press.choose(at)
-        phases, std = self._phases(each, common, False)
+        phases, std = self._phases(each, self._level(each, common), False)
         inverted = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
         weight = each.weight * np.tile(_SHARES, len(chosen))
         means = np.stack([inverted.force_n, inverted.location_mm], axis=1)

@@ -110,6 +110,9 @@ class Receiver:
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated = False
         self._blas = ThreadpoolController().select(user_api="blas")
+        # So in the command, where a limit, and asking for one, would cost time in every group.
+        libraries = self._blas.lib_controllers
+        self._single_threaded = all(library.num_threads == 1 for library in libraries)
         self._shape = len(plan.table.tones), len(plan.waveform.bins)
 
     @property
@@ -206,9 +209,7 @@ class Receiver:
 
     def _one_thread(self) -> AbstractContextManager[object]:
         """Threads are slower than one core for matrices as small as these."""
-        if all(library.num_threads == 1 for library in self._blas.lib_controllers):
-            return nullcontext()  # as in the command, where a limit would cost a call per group
-        return self._blas.limit(limits=1)
+        return nullcontext() if self._single_threaded else self._blas.limit(limits=1)
 
     def _check(self, groups: Groups) -> None:
         # Arrays of another plan often broadcast, and would give readings that mean nothing.
