@@ -79,7 +79,7 @@ bool phase_group_doppler_impl::start()
     return phase_group_doppler::start();
 }
 
-// Snapshots are taken up as they come: the last of a group finds its work nearly done.
+// Snapshots are collected as they come.
 void phase_group_doppler_impl::forecast(int, gr_vector_int& ninput_items_required)
 {
     ninput_items_required[0] = 1;
