@@ -51,6 +51,7 @@ COMMANDS = {
     "export": (".read.export", "Convert readings between CSV, JSON lines, Parquet and MCAP."),
     "survey": (".plan.survey", "Show what is in the room of a capture besides its tags."),
     "plan": (".plan.plan", "Show steps, cost and expected errors of a scene."),
+    "design": (".plan.design", "Show impedance and phase of a line to build, and its tag's timer."),
     "emulate": ("software_n210.command", "Run a software USRP N210 that simulates a scene."),
     "score": (".evaluate.score", "Compare readings with the record of a force gauge."),
     "evaluate": (".evaluate.evaluate", "Compare readings with the truth and with the paper."),

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""docs/first-capture.md: what it prints is so, and its drawing is that of its program."""
+"""First capture and tag to build: what their pages print is so, drawings are their programs'."""
 
 import importlib.util
 import re
 from pathlib import Path
 
 import yaml
+from command_runs import run_command
 from gnuradio import wiforce
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGE = (DOCS / "first-capture.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "radios.md").read_text(encoding="utf-8").split("## The first capture\n")[1]
 
 
 def test_page_is_read_in_minutes():
@@ -29,3 +30,20 @@ def test_drawing_is_that_of_its_program():
     spec.loader.exec_module(maker)
     hint = "run: build/run python3 docs/make_first_capture_drawing.py"
     assert maker.PICTURE.read_text(encoding="utf-8") == maker.drawing(), hint
+
+
+def test_drawings_of_a_tag_are_those_of_their_program(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS))
+    import make_tag_drawings as maker
+
+    for path, text in maker.pictures().items():
+        hint = "run: build/run python3 docs/make_tag_drawings.py"
+        assert path.read_text(encoding="utf-8") == text, hint
+
+
+def test_lines_of_design_on_the_page_are_those_of_the_command():
+    page = (DOCS / "build-a-tag.md").read_text(encoding="utf-8")
+    assert len(page.split()) <= 1500
+    printed = run_command("design", "--clock-hz", "1035").stdout
+    shown = re.findall(r"^(?:line|impedance|matched|carrier|firmware)  .*\n", page, re.MULTILINE)
+    assert "".join(shown) == printed

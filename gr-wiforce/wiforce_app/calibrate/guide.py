@@ -171,7 +171,7 @@ _OPTIONS = (
     click.option(
         "--live",
         is_flag=True,
-        help="Lead through the measurements with a UHD device (docs/first-capture.md).",
+        help="Lead through the measurements with a UHD device (docs/sensors.md).",
     ),
     optional_radio_options,
     click.option("--sensor", help="With --live: the scene's sensor. Default: its only one."),

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The physical line: what is pressed in simulations, and the cross-section it stands for."""
+"""The physical line: what is pressed in simulations."""
 
-import csv
 import math
 from pathlib import Path
 
-import microstrip
 import numpy as np
 import pytest
 from gnuradio.wiforce._config import DATA_DIR
@@ -92,53 +90,9 @@ def test_a_press_by_the_end_shorts_the_connector_and_no_further():
     assert shorting_points_mm(law, 8.0, 3.0, 80.0)[0] == 0.0
 
 
-def test_impedance_matches_tables_of_microstrip_in_air():
-    # D. M. Pozar, Microwave Engineering: 126.5 ohm at w = h; 50 ohm just under 5:1
-    assert microstrip.microstrip_impedance_ohm(1.0) == pytest.approx(126.5, rel=0.01)
-    assert microstrip.matched_ratio(microstrip.microstrip_impedance_ohm) == pytest.approx(
-        4.9, abs=0.1
-    )
-    ratios = np.linspace(0.3, 10, 200)
-    assert np.all(np.diff(microstrip.microstrip_impedance_ohm(ratios)) < 0)
-
-
-def test_short_cuts_to_the_impedance_are_as_far_off_as_the_docs_say():
-    ratio = microstrip.TRACE_MM / microstrip.HEIGHT_MM
-    for u, textbook, narrow, turned in ((5, 49.3, 62.8, 221), (ratio, 58.1, 66.0, 207)):
-        assert microstrip.microstrip_impedance_ohm(u) == pytest.approx(textbook, abs=0.1)
-        assert microstrip.narrow_strip_impedance_ohm(u) == pytest.approx(narrow, abs=0.1)
-        # 5:1 printed as height to width
-        assert microstrip.microstrip_impedance_ohm(1 / u) == pytest.approx(turned, abs=1)
-
-
-def test_reflection_of_the_line_equals_the_input_impedance_formula():
-    frequency = np.linspace(50e6, 3e9, 60)
-    impedance = float(microstrip.microstrip_impedance_ohm(2.5 / 0.63))
-    turn = np.tan(2 * math.pi * frequency / 299_792_458 * 0.08)
-    seen = impedance * (50 + 1j * impedance * turn) / (impedance + 50j * turn)
-    plain = 20 * np.log10(np.abs((seen - 50) / (seen + 50)))
-    assert microstrip.reflection_db(frequency, 2.5 / 0.63) == pytest.approx(plain, abs=1e-6)
-
-
 @pytest.mark.parametrize("name", ["line-900mhz", "line-900mhz-calibrated", "plain-trace-900mhz"])
 def test_phases_of_an_unknown_force_are_unknown_rather_than_untouched(name):
     model = load_sensor(name)
     known = model.phases_deg([4.0, 0.0], 45.0)
     phases = model.phases_deg([np.nan, 4.0, 0.0], 45.0)
     assert np.isnan(phases[0]).all() and np.array_equal(phases[1:], known)
-
-
-def test_best_match_lies_where_the_published_field_simulations_have_it():
-    published = {}
-    with open(Path(DATA_DIR) / "data" / "paper" / "hfss_s11.csv") as stream:
-        for row in csv.DictReader(stream):
-            curve = published.setdefault((row["ground_width_mm"], row["freq_mhz"]), [])
-            curve.append((float(row["s11_db"]), float(row["width_to_height_ratio"])))
-    optima = {key: min(curve)[1] for key, curve in published.items()}
-    # a wide ground, and one no wider than the trace, bound what finite grounds do
-    wide = microstrip.matched_ratio(microstrip.microstrip_impedance_ohm)
-    equal = microstrip.matched_ratio(microstrip.strip_pair_impedance_ohm)
-    for mhz in ("900", "2400"):
-        assert optima["6.0", mhz] == pytest.approx(wide, abs=0.7)
-        assert optima["2.5", mhz] == pytest.approx(equal, abs=0.7)
-        assert optima["6.0", mhz] < optima["2.5", mhz]

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dimensions of a line to build, and the timer of its tag: impedance, match, phase, clock."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError
+from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from .line import round_trip_deg_per_mm
+
+_VACUUM_PERMITTIVITY = 8.8541878128e-12  # F/m (CODATA 2018)
+# Terms of the charge on each strip: this many, and as many again for each height that it is wide,
+# leave 1e-6 of the impedance. A ground that is wider than this many heights acts as an infinite one
+# within 0.1 %.
+_TERMS, _WIDEST_HEIGHTS = 16, 40.0
+# Heights among which a matched one is looked for, in widths of the trace.
+_HEIGHTS = (0.02, 5.0)
+# The tag's firmware (examples/tag_firmware): slots per period, the crystal's frequency, steps that
+# its 8-bit timer counts, how the prescaler's bits divide the crystal, and the least cycles of a
+# slot, three times those of its interrupt.
+SLOTS, CRYSTAL_HZ = 16, 4e6
+_MOST_STEPS, _DIVISORS, _LEAST_CYCLES = 256, {1: 1, 2: 8, 3: 64}, 64
+
+
+def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> np.ndarray:
+    """Effective permittivity of a microstrip line.
+
+    E. Hammerstad and O. Jensen, "Accurate Models for Microstrip Computer-Aided Design", IEEE MTT-S
+    1980, 407-409, equations 3 to 5: within 0.2 %.
+
+    Returns ndarray of float.
+
+    Parameters
+    ----------
+    width_to_height : array_like
+    permittivity : float
+        Of what fills the gap between trace and ground; air is above the trace.
+    """
+    u = np.asarray(width_to_height, float)
+    a = 1 + np.log((u**4 + (u / 52) ** 2) / (u**4 + 0.432)) / 49 + np.log1p((u / 18.1) ** 3) / 18.7
+    b = 0.564 * ((permittivity - 0.9) / (permittivity + 3)) ** 0.053
+    found = (permittivity + 1) / 2 + (permittivity - 1) / 2 * (1 + 10 / u) ** (-a * b)
+    return np.asarray(found)
+
+
+def wide_ground_impedance_ohm(width_to_height: ArrayLike, permittivity: float = 1.0) -> np.ndarray:
+    """Characteristic impedance of a trace over a wide ground.
+
+    Hammerstad and Jensen, equations 1 and 2: within 0.03 % in air.
+
+    Returns ndarray of float, in ohm.
+
+    Parameters
+    ----------
+    width_to_height : array_like
+    permittivity : float
+        Of the gap.
+    """
+    u = np.asarray(width_to_height, float)
+    f = 6 + (2 * np.pi - 6) * np.exp(-((30.666 / u) ** 0.7528))
+    air = np.log(f / u + np.sqrt(1 + (2 / u) ** 2)) / (
+        2 * np.pi * _VACUUM_PERMITTIVITY * SPEED_OF_LIGHT_M_S
+    )
+    return np.asarray(air / np.sqrt(effective_permittivity(u, permittivity)))
+
+
+def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) -> float:
+    """Characteristic impedance of two parallel strips in air, one of them the ground.
+
+    Parameters
+    ----------
+    width_mm, ground_mm : float
+        Widths of trace and ground.
+    height_mm : float
+        Distance of the strips.
+
+    Notes
+    -----
+    The charge of a strip of half width a is a sum of Chebyshev polynomials T_n(x/a) over
+    sqrt(1 - (x/a)^2), which has the singularity at the edges. The potential of each term on its own
+    strip is known: -ln(a/2) T_0 and T_n/n (J. C. Mason and D. C. Handscomb, *Chebyshev
+    Polynomials*, 2003, 9.5.2); that on the other strip follows by Gauss-Chebyshev quadrature.
+    """
+    ground_mm = min(ground_mm, width_mm + _WIDEST_HEIGHTS * height_mm)
+    count = _TERMS + int(np.ceil(max(width_mm, ground_mm) / height_mm))
+    order = np.arange(count)
+    node = (order + 0.5) * np.pi / count
+    x, terms = np.cos(node), np.cos(np.outer(node, order))
+    half = np.array([width_mm, ground_mm]) / 2
+    blocks = []
+    for own in (0, 1):
+        factor = 1 / np.maximum(order, 1.0)
+        factor[0] = -np.log(half[own] / 2)
+        distance = np.hypot(np.subtract.outer(half[own] * x, half[1 - own] * x), height_mm)
+        pair = [np.pi * terms * factor, -(np.pi / count) * np.log(distance) @ terms]
+        blocks.append(np.hstack(pair if own == 0 else pair[::-1]))
+    potential = np.repeat(np.eye(2), count, axis=0)
+    charge = np.linalg.solve(np.vstack(blocks), potential)[::count]
+    # Of the matrix of capacitances, what remains when both strips have opposite charges.
+    capacitance = np.linalg.det(charge) / charge.sum() * 2 * np.pi**2 * _VACUUM_PERMITTIVITY
+    return float(1 / (SPEED_OF_LIGHT_M_S * capacitance))
+
+
+@dataclass(frozen=True)
+class Microstrip:
+    """A line of a sensor: a trace over a ground, with air or an elastomer between them.
+
+    Attributes
+    ----------
+    width_mm, height_mm, ground_mm, length_mm : float
+        Width of the trace, its distance from the ground, width of the ground, length.
+    permittivity : float
+        Of what fills the gap.
+
+    Examples
+    --------
+    >>> line = Microstrip()  # the paper's
+    >>> round(line.impedance_ohm, 1), round(line.phase_deg_per_mm(900e6), 2)
+    (59.5, 2.16)
+    """
+
+    width_mm: float = 2.5
+    height_mm: float = 0.63
+    ground_mm: float = 6.0
+    length_mm: float = 80.0
+    permittivity: float = 1.0
+
+    @property
+    def effective_permittivity(self) -> float:
+        """Of the wave on the line; that of a wide ground."""
+        return float(effective_permittivity(self.width_mm / self.height_mm, self.permittivity))
+
+    @property
+    def impedance_ohm(self) -> float:
+        """Characteristic impedance, with the ground as wide as it is."""
+        air = strips_impedance_ohm(self.width_mm, self.ground_mm, self.height_mm)
+        return air / float(np.sqrt(self.effective_permittivity))
+
+    def phase_deg_per_mm(self, frequency_hz: float) -> float:
+        """By how much a short that moves by 1 mm changes the phase of S11, in degrees."""
+        return float(round_trip_deg_per_mm(frequency_hz, self.effective_permittivity))
+
+    def reflection_db(self, frequency_hz: ArrayLike, port_ohm: float = 50.0) -> np.ndarray:
+        """S11 of the untouched line between two ports, in dB.
+
+        Of a line of impedance Z between ports of Z_0, S11 = r (1 - t^2) / (1 - r^2 t^2), with
+        r = (Z - Z_0) / (Z + Z_0) and t = exp(-j beta L) (Pozar, *Microwave Engineering*, 4.3).
+        """
+        r = (self.impedance_ohm - port_ohm) / (self.impedance_ohm + port_ohm)
+        index = np.sqrt(self.effective_permittivity)
+        turn = 4e-3 * np.pi * np.asarray(frequency_hz, float) * index * self.length_mm
+        through = np.exp(-1j * turn / SPEED_OF_LIGHT_M_S)
+        found = np.abs(r * (1 - through) / (1 - r**2 * through))
+        return np.asarray(20 * np.log10(np.maximum(found, 1e-12)))
+
+    def matched(self, port_ohm: float = 50.0) -> "Microstrip":
+        """The same line at the height at which its impedance is that of the ports.
+
+        Raises
+        ------
+        InputError
+            When no height of 0.02 to 5 widths of the trace has this impedance.
+        """
+        from scipy.optimize import brentq  # slow to import, and needed here only
+
+        def missing(height_mm: float) -> float:
+            return replace(self, height_mm=height_mm).impedance_ohm - port_ohm
+
+        low, high = (share * self.width_mm for share in _HEIGHTS)
+        if not missing(low) < 0 < missing(high):
+            rule = f"is reached at no height of {low:g} to {high:g} mm"
+            raise InputError("impedance", rule, port_ohm)
+        return replace(self, height_mm=float(brentq(missing, low, high)))
+
+
+@dataclass(frozen=True)
+class TagTimer:
+    """Settings of the tag's firmware.
+
+    Attributes
+    ----------
+    steps : int
+        Timer steps per slot, a sixteenth of a period: ``SLOT``.
+    prescaler : int
+        Bits of the timer's prescaler: ``PRESCALER``.
+    clock_hz : float
+        The clock that they give with an exact crystal.
+    """
+
+    steps: int
+    prescaler: int
+    clock_hz: float
+
+
+def tag_timer(clock_hz: float, crystal_hz: float = CRYSTAL_HZ) -> TagTimer:
+    """The settings of the tag's firmware that are nearest to a clock.
+
+    Raises
+    ------
+    InputError
+        When the timer reaches no clock within 1 % of it.
+
+    Examples
+    --------
+    >>> tag_timer(1000)
+    TagTimer(steps=250, prescaler=1, clock_hz=1000.0)
+    """
+    found = []
+    for prescaler, divisor in _DIVISORS.items():
+        unit_hz = crystal_hz / divisor / SLOTS
+        least = -(-_LEAST_CYCLES // divisor)
+        steps = int(np.clip(round(unit_hz / clock_hz), least, _MOST_STEPS))
+        found.append(TagTimer(steps, prescaler, unit_hz / steps))
+    best = min(found, key=lambda each: abs(each.clock_hz - clock_hz))
+    if abs(best.clock_hz - clock_hz) > 0.01 * clock_hz:
+        rule = (
+            f"is not within reach of the firmware's timer, whose nearest clock is "
+            f"{best.clock_hz:.6g} Hz"
+        )
+        raise InputError("clock_hz", rule, clock_hz)
+    return best
