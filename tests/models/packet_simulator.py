@@ -166,8 +166,11 @@ class PacketCapture:
         What a packet multiplies all antennas of a subcarrier with is unknown, so that the part of
         the tags that lies along the static paths is lost; what remains is the projection of the
         other part on the switches' waveforms without their means. Clocks are taken as known, which
-        makes the bound smaller.
+        makes the bound smaller. Of a single antenna, a phase, a gain and a delay of each packet are
+        unknown.
         """
+        if self.antennas == 1:
+            return self._bound_of_one_deg(period_s, reference_groups)
         along = self.room / np.linalg.norm(self.room, axis=1, keepdims=True)
         left = []
         for way in self.ways:
@@ -184,3 +187,37 @@ class PacketCapture:
             variance = np.diag(np.linalg.inv(information)) / 2 * (1 + 1 / reference_groups)
             found.append(np.degrees(np.sqrt(variance)).reshape(-1, 2))
         return np.array(found)
+
+    def _bound_of_one_deg(self, period_s, reference_groups):
+        """The same for one antenna: what moves as phase, gain or delay do is lost, a real space."""
+        static = self.room[:, 0]
+        weight = np.abs(static) ** 2
+        delay = (self.subcarrier_hz - self.subcarrier_hz @ weight / weight.sum()) * static
+        lost, _ = np.linalg.qr(
+            np.stack([self._real(v) for v in (static, 1j * static, 1j * delay)]).T
+        )
+        parts = []
+        for way in self.ways:
+            for direction in (way[:, 0], 1j * way[:, 0]):
+                parts.append(self._real(direction) - lost @ (lost.T @ self._real(direction)))
+        # Real and imaginary part of the reflection of each end of each tag.
+        parts = np.array(parts).reshape(len(self.ways), 1, 2, -1).repeat(2, axis=1)
+        parts = parts.reshape(4 * len(self.ways), -1)
+        unique = np.unique(self.time_s)
+        found = []
+        for group in range(int(self.duration_s / period_s)):
+            inside = (unique - unique[0]) // period_s == group
+            waves = self.switches(unique[inside]).transpose(1, 0, 2).reshape(inside.sum(), -1)
+            waves = (waves - waves.mean(axis=0)).repeat(2, axis=1)
+            covariance = np.linalg.inv((parts @ parts.T) * (waves.T @ waves) * 2 / self.noise**2)
+            for end in range(2 * len(self.ways)):
+                tag, own = self.tags[end // 2], slice(2 * end, 2 * end + 2)
+                degrees = np.radians([tag.touched_deg[end % 2], tag.untouched_deg[end % 2]])
+                turn = np.stack([-np.sin(degrees), np.cos(degrees)])
+                variance = np.einsum("xa,xy,ya->a", turn, covariance[own, own], turn)
+                found.append(variance @ [1, 1 / reference_groups])
+        return np.degrees(np.sqrt(found)).reshape(-1, len(self.ways), 2)
+
+    @staticmethod
+    def _real(values):
+        return np.concatenate([values.real, values.imag])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``check FILE``: what a capture or a file of snapshots is, and what to change first."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,9 @@ from gnuradio.wiforce.estimation.packets.antenna_states import (
     TAG_STEP,
     find_states,
 )
+from gnuradio.wiforce.estimation.packets.packet_channels import AntennaCombination
 from gnuradio.wiforce.estimation.packets.packet_survey import (
+    TagLines,
     find_tag,
     phase_std_deg,
     snapshot_snr_db,
@@ -139,6 +141,9 @@ def _db(power):
 # Length of a reading that errors are stated for, in s, and the error at which readings are flagged
 # (`weak`), in degrees.
 _READING_S, _WEAK_DEG = 0.5, 3.0
+# Tag that the error of a single antenna is stated for, in dB below the direct path: the weakest one
+# that the paper could decode.
+_FAR_TAG_DB = -60.0
 # Packets that are looked at, the first ones: states are found among all of them.
 _MOST_PACKETS = 20_000
 # Stamps that are multiples of these are rounded to them, in s. A tenth of a millisecond is 4
@@ -153,16 +158,23 @@ _GAP_INTERVALS, _GAP_S = 20, 0.1
 def check_snapshots(recording, kind):
     """What a file of channel snapshots is, and what it allows.
 
-    Returns dict: ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``advice`` and ``notes``.
+    Returns dict: ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``one_antenna`` (or None),
+    ``advice`` and ``notes``.
     ``kind``: of the file, in words.
     """
     rows = slice(0, _MOST_PACKETS)
     channel, time_s = recording.channel[rows], recording.time_s[rows]
     coarse, fine = find_states(channel, TAG_STEP), find_states(channel, LEAST_STEP)
+    single, looks = None, [channel]
+    if recording.antennas == 1:
+        single = AntennaCombination(channel, recording.subcarrier_hz)
+        # Where the band is narrow, a tag may show in the magnitudes alone.
+        level = np.log(np.maximum(np.abs(channel), 1e-30))
+        looks = [single.process(channel)[:, :, None], level - level.mean(axis=1, keepdims=True)]
     # A strong tag looks like states of the receiver, a weak one is hidden by them.
-    states, tag = coarse, find_tag(channel, time_s, coarse)
-    if tag is None:
-        states, tag = fine, find_tag(channel, time_s, fine)
+    trials = [(look, each) for look in looks for each in (coarse, fine)]
+    found = ((look, each, find_tag(look, time_s, each)) for look, each in trials)
+    look, states, tag = next((each for each in found if each[2]), (looks[0], fine, None))
     timing = _timing(recording)
     answer = {
         "file": {
@@ -177,8 +189,12 @@ def check_snapshots(recording, kind):
         },
         "timing": timing,
         "antennas": _antennas(channel, recording.subcarrier_hz, states),
-        "tag": None if tag is None else _tag(tag, recording, timing),
+        "one_antenna": None if single is None else _one_antenna(single, looks[0], timing),
     }
+    if tag is not None and look is looks[0] and single:
+        # What was found is what is left of the tag.
+        tag = replace(tag, line_db=tag.line_db - single.kept_db, snr_db=tag.snr_db - single.kept_db)
+    answer["tag"] = None if tag is None else _tag(tag, recording, answer)
     answer["notes"] = list(_notes(recording, states))
     answer["advice"] = list(_snapshot_advice(answer)) or [
         "none: read it with a scene (docs/wifi.md)"
@@ -221,15 +237,32 @@ def _antennas(channel, subcarrier_hz, states):
     }
 
 
-def _tag(tag, recording, timing):
-    per_reading = max(int(timing["packets_per_s"] * _READING_S), 1)
-    channels = len(recording.subcarrier_hz) * max(recording.antennas - 1, 1)
+def _tag(tag, recording, found):
+    alone = found["one_antenna"]
+    if alone is None:
+        channels = len(recording.subcarrier_hz) * (recording.antennas - 1)
+        error = tag.phase_std_deg(_packets_of_a_reading(found["timing"]), channels)
+    else:
+        error = alone["phase_error_deg"] * 10 ** ((alone["tag_db"] - tag.line_db) / 20)
     lamp_hz = float(lamp_distances_hz(tag.clock_hz, (50.0, 60.0)).min())
-    return {
-        **asdict(tag),
-        "phase_error_deg": tag.phase_std_deg(per_reading, channels),
-        "may_be_a_lamp": lamp_hz < _LAMP_HZ,
-    }
+    return {**asdict(tag), "phase_error_deg": error, "may_be_a_lamp": lamp_hz < _LAMP_HZ}
+
+
+def _packets_of_a_reading(timing):
+    return max(int(timing["packets_per_s"] * _READING_S), 1)
+
+
+def _one_antenna(single, free, timing):
+    """What a single antenna leaves of a tag, and the error of one far below the direct path.
+
+    ``free`` (n, K, 1): packets without static path, in units of it; what changes from one to the
+    next is noise.
+    """
+    noise = np.mean(np.abs(np.diff(free, axis=0)) ** 2) / 2
+    snr_db = _FAR_TAG_DB + single.kept_db - 10 * float(np.log10(max(noise, 1e-30)))
+    far = TagLines(0.0, _FAR_TAG_DB, snr_db, 0.0)
+    error = far.phase_std_deg(_packets_of_a_reading(timing), free.shape[1])
+    return {"kept_db": single.kept_db, "tag_db": _FAR_TAG_DB, "phase_error_deg": error}
 
 
 def _notes(recording, states):
@@ -240,10 +273,10 @@ def _notes(recording, states):
 
 def _snapshot_advice(found):
     timing, antennas, tag = found["timing"], found["antennas"], found["tag"]
-    if antennas["count"] == 1:
+    if antennas["count"] == 1 and (tag or found["one_antenna"])["phase_error_deg"] > _WEAK_DEG:
         yield (
-            "use a receiver with two antennas on one oscillator: with one, the phase of each "
-            "packet cannot be distinguished from the tag"
+            "use a receiver with two antennas on one oscillator, or a wider band: with one "
+            "antenna, what varies over the subcarriers as the direct path does is lost"
         )
     if tag is None:
         yield (
@@ -292,6 +325,13 @@ def snapshots_text(found):
     ]
     if antennas["count"] > 1:
         lines.append(f"phases     {_states(antennas)}")
+    if found["one_antenna"]:
+        alone = found["one_antenna"]
+        lines.append(
+            f"left       {alone['kept_db']:.1f} dB of a tag beside the phases of the packets, as "
+            f"there is one antenna: errors of {alone['phase_error_deg']:.2g} deg in readings of "
+            f"{_READING_S:g} s for one {-alone['tag_db']:.0f} dB below the direct path"
+        )
     if tag is None:
         lines.append("tag        none is seen between 50 and 400 Hz")
     else:

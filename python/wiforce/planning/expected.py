@@ -124,7 +124,8 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
             f"SNR: with all noise that of '{tag.sensor}' is {snr_db:.0f} dB; below "
             f"{_LOWEST_SNR_DB:g} dB its clock is not acquired"
         )
-    if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
+    alone = scene.packets is None and scene.environment.receive_antennas == 1
+    if scene.environment.reader_clock == "free" and alone:
         return (
             "reader_clock free: with one receive antenna, the common phase of transmitter and "
             "receiver is indistinguishable from the tag in quadrature with the direct path"

@@ -66,6 +66,7 @@ def solved_tags(
     time_s: np.ndarray,
     groups: int,
     response: Callable[[np.ndarray], np.ndarray],
+    hidden: float,
 ) -> SolvedTags:
     """The tags in packets, and their part in what packets are divided by (:func:`.solve_tags`).
 
@@ -87,6 +88,7 @@ def solved_tags(
         plan.waveform.averaging_s,
         plan.reference_groups,
         response,
+        hidden,
     )
 
 

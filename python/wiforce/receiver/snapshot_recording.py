@@ -39,8 +39,7 @@ class SnapshotReader:
 
     ``plan`` is that of a scene with ``packets``, and then fitted to those of the file; ``tracked``
     follows each press over time; ``groups`` are the whole ones that the recording spans. Refuses a
-    file that contradicts the scene, has a single antenna with an oscillator of its own, or is
-    shorter than the reference and one group.
+    file that contradicts the scene, or is shorter than the reference and one group.
     """
 
     times_ignored = 0
@@ -63,6 +62,7 @@ class SnapshotReader:
             raise InputError(recording.path, rule, self.groups)
         scene = plan.require_scene()
         self._states: AntennaStates | None = None
+        self._kept_db = 0.0
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             if scene.environment.reader_clock == "free":
@@ -84,7 +84,9 @@ class SnapshotReader:
             fitted = self._fitted(plan, time_s, packets)
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
             bent = PacketGroups(_table_of(fitted), time_s, packets, mean, bent=True)
-            solved = solved_tags(fitted, bent, packets, time_s, self.groups, channels.response)
+            solved = solved_tags(
+                fitted, bent, packets, time_s, self.groups, channels.response, channels.hidden
+            )
             return _Round(channels, fitted, packets, mean, solved)
 
         # Gain steps of the antennas hide a weak tag, and a strong one looks like steps.
@@ -103,7 +105,9 @@ class SnapshotReader:
             if all(c <= _SETTLED * u for c, u in zip(change, uncertain, strict=True)):
                 break
         self._states = now.channels.states
-        self.source = PacketGroups(_table_of(now.plan), time_s, now.packets, now.untouched)
+        hidden, self._kept_db = now.channels.hidden, now.channels.kept_db
+        table = _table_of(now.plan)
+        self.source = PacketGroups(table, time_s, now.packets, now.untouched, hidden=hidden)
         ratios = np.hypot(uncertain, change)
         self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
 
@@ -115,6 +119,12 @@ class SnapshotReader:
         found += recording.notes
         if self._states is not None and self._states.foreign:
             found.append(f"left out {self._states.foreign} x {FOREIGN}")
+        if self._kept_db < 0:
+            found.append(
+                f"one antenna leaves {self._kept_db:.1f} dB of the tags beside the phases of the "
+                "packets; `gr-wiforce check` states the error to expect, and two antennas on one "
+                "oscillator lose nothing"
+            )
         return found
 
     def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
@@ -187,14 +197,6 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
     scene = plan.require_scene()
     if scene.packets is None:
         rule = "holds channel snapshots, but the scene describes samples: it needs 'packets:'"
-        raise InputError(recording.path, rule)
-    free = scene.environment.reader_clock == "free"
-    if free and recording.antennas == 1:
-        rule = (
-            "has a single antenna, and the receiver's oscillator runs freely: each packet has a "
-            "phase of its own, which cannot be distinguished from the tag's; two antennas on the "
-            "same oscillator are needed"
-        )
         raise InputError(recording.path, rule)
     stated, carrier_hz = scene.radio.center_frequency_hz, recording.center_frequency_hz
     if carrier_hz is not None and abs(carrier_hz - stated) > 1.0:

@@ -76,13 +76,6 @@ def _packets(scene: Scene) -> Iterator[Violation]:
             rule = "must be null in a scene without packets"
             yield "simulation.packets", rule, "a mapping"
         return
-    if environment.reader_clock == "free" and antennas == 1:
-        rule = (
-            "must be 2 or more with packets and reader_clock 'free': each packet has a phase of "
-            "its own, which is removed by a second antenna on the same oscillator; one antenna "
-            "shows it over a wide channel only, and this is not supported"
-        )
-        yield "environment.receive_antennas", rule, antennas
     if scene.phase_group.estimator != "harmonic":
         rule = "must be 'harmonic' with packets, whose times are irregular"
         yield "phase_group.estimator", rule, scene.phase_group.estimator

@@ -98,3 +98,19 @@ def test_options_for_samples_are_refused_for_snapshots(tmp_path):
     for option in (("--scene", "demo"), ("--datatype", "ci16_le", "--mac", "11:22:33:44:55:66")):
         done = run_command("check", path, *option)
         assert done.returncode == 2 and "not for channel snapshots" in done.stderr
+
+
+def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
+    """What read will show: the tag's lines, and the noise of what is left of them."""
+    wide = snapshots(tmp_path, line_db=40, snr_db=40.0, antennas=1, subcarriers=256)
+    found, text = checked(wide)
+    assert found["tag"]["clock_hz"] == pytest.approx(134.0, abs=0.1)
+    assert found["tag"]["line_db"] == pytest.approx(-40, abs=6)
+    assert -4 < found["one_antenna"]["kept_db"] < 0
+    assert 0.01 < found["tag"]["phase_error_deg"] < 0.5
+    assert 0.3 < found["one_antenna"]["phase_error_deg"] < 3
+    assert "dB of a tag beside the phases" in text
+    assert found["advice"] == ["none: read it with a scene (docs/wifi.md)"]
+    narrow, _ = checked(snapshots(tmp_path, line_db=40, snr_db=40.0, antennas=1, subcarriers=52))
+    assert narrow["one_antenna"]["kept_db"] < found["one_antenna"]["kept_db"]
+    assert narrow["one_antenna"]["phase_error_deg"] > 2.2 * found["one_antenna"]["phase_error_deg"]

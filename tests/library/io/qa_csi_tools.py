@@ -171,14 +171,14 @@ def test_nexmon_packets_of_one_sender_are_read(tmp_path):
     assert found.left_out == (("frame of another sender", 160),)
 
 
-def test_esp32_file_has_one_antenna_and_is_refused_by_the_reader(tmp_path):
+def test_esp32_file_has_one_antenna_whose_error_check_states(tmp_path):
     values = values_of(64, 1, 100)
     (tmp_path / "a.csv").write_text("".join(esp32_lines(values)))
     found = open_csi(tmp_path / "a.csv", "esp32")
     same_up_to_scale(found.channel, values[:, sent_subcarriers(64)])
     assert np.allclose(np.diff(found.time_s), 2e-3)
-    done = run_command("read", "a.csv", "--scene", "wifi_packets", cwd=tmp_path)
-    assert done.returncode == 2 and "single antenna" in done.stderr
+    found = json.loads(run_command("check", "a.csv", "--json", cwd=tmp_path).stdout)
+    assert found["one_antenna"]["kept_db"] < 0 and found["one_antenna"]["phase_error_deg"] > 1
 
 
 def test_esp32_header_odd_lines_and_other_senders_are_left_out(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.constants  # noqa: F401  scikit-rf uses it without importing it
 import skrf
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError

@@ -34,7 +34,8 @@ class PacketGroups:
     ``time_s`` (n,) rises from the start of the first group. ``untouched`` (K (A - 1),) is the mean
     of the packets of the reference without tags where packets were divided by static paths: a
     change of these paths rotates all tags. ``bent`` leaves the tags' part in what packets are
-    divided by.
+    divided by. ``hidden`` is the power of a change of the static paths that is not seen, over that
+    in a combination.
     """
 
     def __init__(
@@ -44,8 +45,9 @@ class PacketGroups:
         packets: DividedPackets,
         untouched: Array | None = None,
         bent: bool = False,
+        hidden: float = 1.0,
     ) -> None:
-        self._untouched, self._bent = untouched, bent
+        self._untouched, self._bent, self._hidden = untouched, bent, hidden
         self._table, self._time_s, self._packets = table, time_s, packets
         self._period_s = table.group_period_s
 
@@ -92,7 +94,7 @@ class PacketGroups:
         moved = np.abs(static.mean(axis=0) - self._untouched) ** 2
         noise = static.var(axis=0) / len(rows)
         others = static.shape[1] // self._packets.level.shape[1]
-        change = others * max(float(np.mean(moved - noise)), 0.0)
+        change = self._hidden * others * max(float(np.mean(moved - noise)), 0.0)
         return float(rotation_std_deg(np.array([change]), others)[0])
 
 

@@ -86,9 +86,9 @@ def phase_std_deg(channel: Array, states: AntennaStates) -> float:
 def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines | None:
     """Look for the clock of the strongest tag in packets (n, K, A); None where none is seen.
 
-    Antennas are compared with the strongest one, which is free of the packets' phases. Of a single
-    antenna there are magnitudes only, which show half of the tag. The power at a clock and its
-    harmonics is compared with the median around each.
+    Antennas are compared with the strongest one, which is free of the packets' phases. A
+    single antenna (n, K, 1) is given without what all subcarriers of a packet share. The power at a
+    clock and its harmonics is compared with the median around each.
     """
     own = states.label >= 0
     time_s, label = time_s[own], states.label[own]
@@ -140,8 +140,7 @@ def _spectrum(times_s: Array, values: Array) -> Array:
 def _relative(channel: Array, states: AntennaStates, label: Array) -> Array:
     """What a tag changes, in units of the static paths; shape (n, channels)."""
     if channel.shape[2] == 1:
-        level = np.log(np.maximum(np.abs(channel[:, :, 0]), 1e-30))
-        return np.asarray(level - level.mean(axis=1, keepdims=True))
+        return np.asarray(channel[:, :, 0])
     others = np.delete(np.arange(channel.shape[2]), states.reference)
     against = against_reference(channel, states.reference)[:, :, others].reshape(len(channel), -1)
     for state in np.unique(label):

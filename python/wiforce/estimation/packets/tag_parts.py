@@ -59,13 +59,14 @@ def solve_tags(
     window_s: float,
     reference_groups: int,
     response: Callable[[Array], Array],
+    hidden: float = 1.0,
 ) -> SolvedTags:
     """Solve for the tags' parts along the static paths.
 
     Takes groups with ``ends`` and the packets that their tones are of, at times (n,) since the
     start of the first group; a channel estimate averages ``window_s``, and tags are untouched in
     the first ``reference_groups``. ``response`` gives what packets are divided by because of tags
-    (n, K) along the static paths.
+    (n, K) along the static paths, of which ``hidden`` is the expected power over that of the rest.
     """
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)
@@ -85,7 +86,7 @@ def solve_tags(
         rises = np.array([each.rise[own] for each in found])
         spread = np.array([each.variance[own] for each in found])
         common = np.array([each.common[own] for each in found])
-        solved = _Solution(groups, own, rises, spread, common, response, reference_groups)
+        solved = _Solution(groups, own, rises, spread, common, response, reference_groups, hidden)
         direct[tag], combined[tag] = solved.direct, solved.combined
         uncertain.append(solved.uncertain)
         changes = _changes(groups.index, solved.reflection)
@@ -163,7 +164,9 @@ class _Solution:
         common: Array,
         response: Callable[[Array], Array],
         reference_groups: int,
+        hidden: float,
     ) -> None:
+        self._hidden = hidden
         self._index, self._ends, self._response = groups.index, groups.ends[:, own], response
         self._rises, self._precise = rises, 1 / np.maximum(variance, 1e-300)
         self._common = common
@@ -192,7 +195,7 @@ class _Solution:
         steady = _changes(self._index, self.reflection) * np.sqrt(size) < LEAST_STEP / 2
         self._steady = steady if np.count_nonzero(steady) > 1 else np.ones(len(steady), bool)
         power = float(np.mean(np.abs(self.combined) ** 2) - self._noise[0])
-        self._power = max(power, float(self._noise.max()))
+        self._power = self._hidden * max(power, float(self._noise.max()))
 
     def _prior(self, value: Array) -> Array:
         """Variance of U around 0 whose Gaussian touches the prior at a value.
