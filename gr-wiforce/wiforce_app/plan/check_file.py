@@ -211,14 +211,17 @@ def _timing(recording):
     grid = next(
         (s for s in _GRIDS_S if np.all(np.abs(stamps / s - np.rint(stamps / s)) < 1e-3)), 0.0
     )
-    stretch = (stamps / _READING_S).astype(int)
-    counts = np.unique(stretch, return_counts=True)[1]
+    # Only whole readings: the end of a file is none, nor is a gap that is assumed.
+    readings = int(stamps[-1] // _READING_S)
+    counts = np.bincount((stamps / _READING_S).astype(int), minlength=readings)[:readings]
+    assumed = recording.clock_steps * int(CLOCK_STEP_S / _READING_S)
+    few = np.count_nonzero(counts < np.median(counts[counts > 0]) / 2) if readings else 0
     return {
         "packets_per_s": len(steps) / max(received_s, 1e-9),
         "median_interval_s": median,
         "gaps": len(gaps),
         "longest_gap_s": float(steps.max()),
-        "few_packets": float(np.mean(counts < np.median(counts) / 2)),
+        "few_packets": max(few - assumed, 0) / max(readings - assumed, 1),
         "clock_steps": recording.clock_steps,
         "rounded_to_s": grid,
     }

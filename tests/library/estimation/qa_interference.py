@@ -22,6 +22,7 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from long_cases import cases
 from press_capture import SCENE, array_source
+from wifi_traffic import wifi_traffic
 
 FRAME = 720
 LONG = pytest.mark.long
@@ -255,6 +256,25 @@ def test_read_with_bursts_loses_little_accuracy(press, bursty):
     assert rms(phase_errors(scene, read_without_rejection(scene, bursty))) > 3 * clean
     shares = [r.interference for r in readings]
     assert 0.2 < np.mean(shares) < 0.4
+    assert not any("gap" in r.flags for r in readings)
+
+
+@pytest.mark.parametrize(
+    ("level_db", "share"), cases((25, 0.3), long=((10, 0.3), (40, 0.3), (25, 0.6)))
+)
+def test_read_with_frames_of_80211n_devices_stays_at_the_bound(press, tmp_path, level_db, share):
+    """The bound is that of the snapshots that no frame hits: nothing else is lost."""
+    name, scene, codes = press
+    traffic = wifi_traffic(len(codes), share, seed=6)
+    amplitude = np.sqrt(noise_power(codes) * 10 ** (level_db / 10))
+    sent = amplitude * np.stack([traffic.real, traffic.imag], axis=1)
+    copy_with(np.clip(np.rint(codes + sent), -32768, 32767), name, tmp_path / "hit")
+    whole = traffic[: len(traffic) // FRAME * FRAME].reshape(-1, FRAME)
+    free = np.mean(~whole[:, 64:320].any(axis=1))
+    assert 0.2 < free < 1 - share
+    clean = rms(phase_errors(scene, read(scene, name)))
+    readings = read(scene, tmp_path / "hit")
+    assert rms(phase_errors(scene, readings)) < 1.15 * clean / np.sqrt(free)
     assert not any("gap" in r.flags for r in readings)
 
 
