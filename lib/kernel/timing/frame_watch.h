@@ -28,6 +28,16 @@ public:
     static constexpr int LONGEST_WHOLE = 8192;
     static constexpr int LONGEST_FRAME = 16 * LONGEST_WHOLE;
 
+private:
+    static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
+    static constexpr std::uint64_t AVERAGED = 16; // frames
+    static constexpr std::uint64_t PERIOD = 1024; // of them
+    static constexpr int LONGEST_SEARCH = 3;      // averages in a row
+
+public:
+    // Frames before decide() finds a shift, at most, that are shifted already.
+    static constexpr std::uint64_t UNNOTICED = PERIOD + LONGEST_SEARCH * AVERAGED;
+
     // The grid begins at position `origin`. Throws std::invalid_argument unless
     // frame_length >= 1.
     frame_watch(int frame_length, std::uint64_t origin);
@@ -54,11 +64,6 @@ public:
     void restart(std::uint64_t position);
 
 private:
-    static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
-    static constexpr std::uint64_t AVERAGED = 16; // frames
-    static constexpr std::uint64_t PERIOD = 1024; // of them
-    static constexpr int LONGEST_SEARCH = 3;      // averages in a row
-
     using profile = std::vector<fc32>;
 
     profile average() const;

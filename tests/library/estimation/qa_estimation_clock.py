@@ -3,11 +3,14 @@
 
 import numpy as np
 import pytest
+from gnuradio import wiforce
 from gnuradio.wiforce.estimation.clocks.acquisition import acquire
 from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockTracker
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
+from gnuradio.wiforce.simulation.score import read_truth
+from long_cases import cases
 from plain import TA, T, make_air, random_tag
 from wiforce_app.bench.snapshots.air import TagOnAir
 
@@ -223,3 +226,41 @@ def test_tracker_update_does_not_depend_on_the_phase_that_a_group_is_evaluated_a
         phases.append(tracker.phase)
     error = np.sqrt(tracker.variances[0])
     assert abs(phases[1] - phases[0]) < 0.01 * error < 0.001
+
+
+@pytest.mark.parametrize(
+    ("wander_ppm", "seed"), cases((10, 1), (25, 2), long=((10, 3), (25, 1), (25, 3)))
+)
+def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_ppm, seed, tmp_path):
+    """Clocks of real switches were seen to wander by 10 to 25 ppm in seconds."""
+    presses = [
+        {"sensor": "arm", "start_s": 1.5 + 2 * n, "rise_s": 0.1, "hold_s": 1.0}
+        | {"force_n": 2.0 + n, "end_force_n": 2.0 + n, "location_mm": 30.0 + 10 * n}
+        for n in range(3)
+    ]
+    scene = {
+        "radio": {"sample_rate_hz": 1.25e6, "center_frequency_hz": 915e6},
+        "sounding": {"frame_length": 360},
+        "phase_group": {"snapshots": 125},
+        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 400}],
+        "reference_s": 1.0,
+        "simulation": {
+            "truth_model": "line-900mhz",
+            "duration_s": 8.0,
+            "seed": seed,
+            "snr_db": 10,
+            "static_clutter_db": 50,
+            "tags": [{"clock_wander_ppm_per_sqrt_s": wander_ppm}],
+            "presses": presses,
+        },
+    }
+    wiforce.simulate(scene, tmp_path / "a")
+    readings, truth = wiforce.read(tmp_path / "a"), read_truth(tmp_path / "a.truth.csv")
+    clear = (readings["flags"] == "").to_numpy()
+    touched = np.array([row["touch"] for row in truth]) == 1
+    assert (readings["touch"].to_numpy(float) == touched)[clear].all()
+    assert np.mean(clear[touched]) > 0.8  # changes of the force are flagged
+    true_n = np.array([row["force_n"] for row in truth])[clear & touched]
+    read = readings[clear & touched]
+    # The standard deviation of one in 270 readings would be exceeded threefold by chance.
+    assert (np.abs(read["force_n"] - true_n) < 4 * read["force_std_n"]).all()

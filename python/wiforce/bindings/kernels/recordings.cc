@@ -145,7 +145,12 @@ static void bind_counters(py::class_<Reader>& reader)
         .def(
             "frames_moved",
             [](const Reader& r) { return r.frames().frames_moved(); },
-            "Times that frame timing slipped without a gap between segments.");
+            "Times that frame timing slipped without a gap between segments.")
+        .def(
+            "misplaced",
+            [](const Reader& r) { return r.frames().misplaced(); },
+            "Before each slip, the first frame that may lie elsewhere and the one behind "
+            "the last.");
 }
 
 void bind_recordings(py::module& m)

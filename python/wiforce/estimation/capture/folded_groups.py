@@ -210,6 +210,7 @@ class RecordedGroups:
             rotation=rotation,
             bins=waveform.bins,
         )
+        self._slips = 0
         self.captures: tuple[Capture, ...] = (recording,)
         self.kernels = {recording.path: self._kernel}
 
@@ -225,11 +226,18 @@ class RecordedGroups:
             interference=found["rejected"] / self._length,
             static=static,
         )
-        if found["incomplete"]:
+        slips = self._kernel.misplaced()[self._slips :]
+        self._slips += len(slips)
+        if found["incomplete"] or slips:
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
                 solved = self._folded.solve(present, folded)
                 groups.tones[row], static[row], weights[row] = solved
+            # Between a slip and its discovery, what stands still would be noise, and a press.
+            for first, end in slips:
+                rows = (groups.index >= first // self._length) & (groups.index * self._length < end)
+                groups.tones[rows] = static[rows] = 0
+                weights[rows] = False
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
         return groups

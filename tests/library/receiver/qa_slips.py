@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples that were lost without a trace: frame timing slips, and readings go on."""
+
+import copy
+import shutil
+
+import numpy as np
+import pytest
+from gnuradio import wiforce
+from long_cases import cases
+from press_capture import SCENE
+
+RATE_HZ = 12.5e6
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """A press of 4 N from 0.8 s on, behind a reference of 0.5 s."""
+    scene = copy.deepcopy(SCENE)
+    scene["reference_s"] = 0.5
+    scene["simulation"]["duration_s"] = 1.4
+    scene["simulation"]["presses"][0]["start_s"] = 0.8
+    name = tmp_path_factory.mktemp("slip") / "press"
+    wiforce.simulate(scene, name)
+    return name
+
+
+@pytest.mark.parametrize(
+    ("at_s", "lost"), cases((0.1, 1), (0.4, 17), long=((0.02, 300), (0.25, 1), (0.25, 300)))
+)
+def test_samples_lost_within_the_reference_cost_their_groups_only(press, tmp_path, at_s, lost):
+    """The reference continues behind a slip: a single sample flagged the whole recording."""
+    codes = np.fromfile(f"{press}.sigmf-data", "<i2").reshape(-1, 2)
+    at = int(at_s * RATE_HZ)
+    np.delete(codes, slice(at, at + lost), axis=0).tofile(tmp_path / "a.sigmf-data")
+    shutil.copy(f"{press}.sigmf-meta", tmp_path / "a.sigmf-meta")
+    readings = wiforce.read(tmp_path / "a")
+    # A slip is found after 1072 frames at most, 62 ms, and groups last 36 ms.
+    assert 1 <= readings["flags"].str.contains("gap").sum() <= 4
+    whole = wiforce.read(press)
+    steady = (whole["flags"] == "") & (whole["time_s"] > 0.55)
+    found = readings.set_index("group").loc[whole.loc[steady, "group"]]
+    assert (found["flags"] == "").mean() > 0.85
+    touched = found[found["touch"] == 1]
+    assert len(touched) > 5 and (np.abs(touched["force_n"] - 4.0) < 0.2).all()
