@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace gr::wiforce::kernel {
 
@@ -13,6 +14,14 @@ namespace {
 // Degrees per sqrt(s): from what nobody notices in a minute to what hides a press in a
 // second.
 constexpr double rates_deg[drift_bank::most_rates] = { 0.003, 0.03, 0.1, 0.3, 1.0, 3.0 };
+const auto log_rates = [] {
+    std::array<double, drift_bank::most_rates> logs;
+    std::transform(std::begin(rates_deg),
+                   std::end(rates_deg),
+                   logs.begin(),
+                   [](double r) { return std::log(r); });
+    return logs;
+}();
 constexpr double least_variance = 1e-14;
 // A rate that seemed impossible may return.
 constexpr double least_weight = 1e-100;
@@ -42,52 +51,58 @@ void drift_bank::reset(double phase, double variance)
 {
     d_mean.fill(phase);
     d_variance.fill(variance);
+    summarize();
 }
 
 void drift_bank::turn(double by)
 {
     for (auto& mean : d_mean)
         mean += by;
+    d_estimate.mean += by;
 }
 
 void drift_bank::widen(double variance)
 {
     for (auto& own : d_variance)
         own += variance;
+    d_estimate.variance += variance;
 }
 
 void drift_bank::predict(double seconds)
 {
     for (std::size_t i = 0; i < d_count; i++)
         d_variance[i] += d_rate[i] * d_rate[i] * seconds;
+    summarize();
 }
 
 double drift_bank::update(double phase, double noise, double memory)
 {
-    double most = -1e300, after = 0, kept = 0;
-    std::array<double, most_rates> density;
+    double least = 1e300, after = 0, kept = 0;
+    std::array<double, most_rates> square, narrowness;
     // The means lie close together, so that one of them says how often to wrap.
     const double first = d_mean[0], first_off = wrapped(phase - first);
     for (std::size_t i = 0; i < d_count; i++) {
         const double variance = d_variance[i] + noise,
                      off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
-        density[i] = log_normal(off, variance);
-        most = std::max(most, density[i]);
+        square[i] = off * off / variance;
+        narrowness[i] = 1 / std::sqrt(variance);
+        least = std::min(least, square[i]);
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);
     }
     for (std::size_t i = 0; i < d_count; i++) {
-        const double relative = std::exp(density[i] - most);
+        const double relative = std::exp((least - square[i]) / 2) * narrowness[i];
         after += d_weight[i] * relative;
         d_weight[i] = std::pow(d_weight[i], memory) * relative;
         kept += d_weight[i];
     }
     for (std::size_t i = 0; i < d_count; i++)
         d_weight[i] = std::max(d_weight[i] / kept, least_weight);
-    return most + std::log(after);
+    summarize();
+    return std::log(after) - (least + std::log(two_pi)) / 2;
 }
 
-drift_bank::moments drift_bank::estimate() const
+void drift_bank::summarize()
 {
     double total = 0, first = 0, second = 0;
     for (std::size_t i = 0; i < d_count; i++) {
@@ -97,19 +112,20 @@ drift_bank::moments drift_bank::estimate() const
         second += weight * (d_variance[i] + off * off);
     }
     first /= total;
-    return { d_mean[0] + first,
-             std::max(second / total - first * first, least_variance) };
+    d_estimate = { d_mean[0] + first,
+                   std::max(second / total - first * first, least_variance) };
 }
 
 double drift_bank::usual_rate() const
 {
+    if (d_count == 1)
+        return d_rate[0];
     double total = 0, sum = 0;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = d_weight[i];
-        total += weight;
-        sum += weight * std::log(std::max(d_rate[i], 1e-9));
+        total += d_weight[i];
+        sum += d_weight[i] * log_rates[i];
     }
-    return std::exp(sum / total);
+    return d_rate[0] / rates_deg[0] * std::exp(sum / total);
 }
 
 } // namespace gr::wiforce::kernel

@@ -38,13 +38,20 @@ public:
     double update(double phase, double noise, double memory);
 
     //! Its rates are as likely as those of another phase that drifts for the same reason.
-    void share_rates(const drift_bank& other) { d_weight = other.d_weight; }
+    void share_rates(const drift_bank& other)
+    {
+        d_weight = other.d_weight;
+        summarize();
+    }
 
-    moments estimate() const;
+    moments estimate() const { return d_estimate; }
     //! Geometric mean of the rates.
     double usual_rate() const;
 
 private:
+    void summarize(); // after each change: many explanations share what did not change
+
+    moments d_estimate{ 0, 0 };
     std::size_t d_count = 1;
     std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 };
 };
