@@ -35,7 +35,6 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     const auto was = next.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
     next.motion.widen({ variance, variance, variance });
-    next.strength.mean_variance += squared(d_set.turn_np);
     give(next, follow_turn(next, was));
 }
 
@@ -89,10 +88,11 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     drift(to);
     double likelihood = to.motion.update(d_group.phase, d_noise);
     hold_level(to);
-    const double before = to.strength.mean;
-    likelihood += update_amplitude(to.strength);
     const auto is = to.motion.phase();
-    const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
+    const double by = (is[0] - was[0] + is[1] - was[1]) / 2, before = to.strength.mean;
+    if (!to.near)
+        to.strength.mean_variance += squared(d_set.turn_np / (d_set.turn_deg * deg) * by);
+    likelihood += update_amplitude(to.strength);
     to.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
     if (to.is != untouched && to.age_s < 1.5 * d_elapsed_s)
@@ -178,6 +178,29 @@ void press_filter::touch_unexplained(const explanation& from, double probability
     give(next,
          log_any_phases - std::log1p(explained / outside) + std::log1p(-near) +
              compare_contact(from, any_amplitude));
+}
+
+// A connector or a line of one end has changed: nobody touches, and the untouched line is
+// another one from now on.
+void press_filter::slip(const explanation& from, double probability)
+{
+    if (!from.known)
+        return;
+    auto followed = follow(from, probability);
+    if (!followed)
+        return;
+    auto& next = *followed;
+    if (from.is != untouched)
+        next.age_s = 0;
+    next.is = untouched;
+    next.turning = false;
+    next.turned_now = true;
+    const double variance = squared(d_set.turn_deg * deg);
+    next.common.widen(variance / 2);
+    next.difference.widen(2 * variance);
+    next.line.mean_variance += squared(d_set.turn_np);
+    next.line.difference_variance += 4 * squared(d_set.turn_np);
+    give(next, update_baseline(next));
 }
 
 void press_filter::hold(const explanation& from, double probability)

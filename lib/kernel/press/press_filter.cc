@@ -15,10 +15,22 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
 {
 }
 
+void press_filter::pass(const press_observation& group)
+{
+    d_passed_phase += group.receiver_phase;
+    d_passed_amplitude += group.receiver_amplitude;
+    d_passed_variance += group.receiver_variance;
+    d_passed_retuned |= group.retuned;
+}
+
 void press_filter::take(const press_observation& group)
 {
     d_elapsed_s = d_kept.empty() ? 0 : group.time_s - d_group.time_s;
     d_group = group;
+    d_group.receiver_phase += std::exchange(d_passed_phase, 0);
+    d_group.receiver_amplitude += std::exchange(d_passed_amplitude, 0);
+    d_group.receiver_variance += std::exchange(d_passed_variance, 0);
+    d_group.retuned |= std::exchange(d_passed_retuned, false);
     const auto& noise = group.variance;
     const double floor = squared(d_set.phase_deg * deg);
     d_noise = { noise[0] + floor + group.common_variance,
@@ -130,7 +142,8 @@ void press_filter::branch_untouched(const explanation& from)
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, at_border * turns);
-    touch_unexplained(from, at_border * may.unexplained);
+    touch_unexplained(from, at_border * may.unexplained / 2);
+    slip(from, at_border * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from))
         press(tag, at_border * may.press * share);
     mix(from, (1 - at_border) * sudden);
@@ -201,7 +214,8 @@ void press_filter::branch_touched(const explanation& from)
         begin_turning(from, quiet * turns, 0);
     }
     turn_suddenly(from, at_border * turns);
-    touch_unexplained(from, at_border * may.unexplained);
+    touch_unexplained(from, at_border * may.unexplained / 2);
+    slip(from, at_border * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from)) {
         release(tag, at_border * may.release * share);
         press(tag, at_border * may.exchange * share);
@@ -228,7 +242,8 @@ void press_filter::branch_mixed(const explanation& from)
     as_before.age_s = from.age_before_s;
     as_before.log_weight += to_this;
     turn_suddenly(as_before, turns / all);
-    touch_unexplained(as_before, may.unexplained / all);
+    touch_unexplained(as_before, may.unexplained / all / 2);
+    slip(as_before, may.unexplained / all / 2);
     for (auto& [tag, share] : courses(from)) {
         const double to_untouched = single && tag.known && !tag.turned_now
                                         ? chord(tag, untouched_ratio(tag), 0) - known
@@ -302,20 +317,30 @@ press_filter::courses(const explanation& from) const
 
 void press_filter::settle()
 {
-    std::sort(d_next.begin(), d_next.end(), [](const auto& a, const auto& b) {
-        return a.log_weight > b.log_weight;
+    std::vector<const explanation*> likely;
+    for (const auto& next : d_next)
+        likely.push_back(&next);
+    std::sort(likely.begin(), likely.end(), [](const auto* a, const auto* b) {
+        return a->log_weight > b->log_weight;
     });
     d_kept.clear();
-    for (const auto& next : d_next) {
-        if (next.log_weight < d_best + negligible)
+    for (const auto* each : likely) {
+        const auto& next = *each;
+        if (next.log_weight < d_best + negligible || d_kept.size() == most_kept)
             break;
         const auto same =
             std::find_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
                 return alike(kept, next);
             });
-        if (same != d_kept.end())
+        if (same != d_kept.end()) {
             same->log_weight = log_sum(same->log_weight, next.log_weight);
-        else if (d_kept.size() < most_kept)
+            continue;
+        }
+        const auto of_line =
+            std::count_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
+                return one_line(kept, next);
+            });
+        if (of_line < static_cast<std::ptrdiff_t>(most_of_line))
             d_kept.push_back(next);
     }
     double total = 0;
@@ -328,6 +353,15 @@ void press_filter::settle()
 double press_filter::turn_rate(const explanation& of) const
 {
     return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.untouched_s);
+}
+
+// Whether both have the untouched line at the same place, as far as they know it.
+bool press_filter::one_line(const explanation& a, const explanation& b) const
+{
+    const auto one = a.common.estimate(), other = b.common.estimate();
+    return a.known == b.known &&
+           squared(wrapped(one.mean - other.mean)) <
+               9 * (std::min(one.variance, other.variance) + d_common_noise);
 }
 
 bool press_filter::alike(const explanation& a, const explanation& b) const

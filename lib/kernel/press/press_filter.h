@@ -75,6 +75,8 @@ public:
 
     //! Takes the next group that was received.
     void take(const press_observation& group);
+    //! The next group shows what the receiver has done, but not the tag.
+    void pass(const press_observation& group);
     //! The user says that the newest group is untouched, which is true with this
     //! probability; then its phases are those of the untouched line.
     void claim_untouched(double probability);
@@ -148,6 +150,7 @@ private:
     void release(const explanation& from, double probability);
     void press(const explanation& from, double probability);
     void touch_unexplained(const explanation& from, double probability);
+    void slip(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
                          double probability,
@@ -201,6 +204,7 @@ private:
     pair_of_ends press_direction(const explanation& of) const;
     double direction_variance(const explanation& of) const;
     outcome describe(const explanation& of) const;
+    bool one_line(const explanation& a, const explanation& b) const;
     bool alike(const explanation& a, const explanation& b) const;
     std::vector<weighted_outcome> collect(outcome explanation::*which) const;
 
@@ -211,6 +215,9 @@ private:
            d_peak = 0; // largest log weight so far; largest density of a group
 
     press_observation d_group;
+    // What the receiver has done in groups that did not show the tag.
+    double d_passed_phase = 0, d_passed_amplitude = 0, d_passed_variance = 0;
+    bool d_passed_retuned = false;
     double d_elapsed_s = 0; // since the group before
     double d_stepped = 0;   // probability that the receiver has stepped since
     phase_covariance d_noise;

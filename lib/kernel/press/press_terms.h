@@ -11,8 +11,10 @@
 
 namespace gr::wiforce::kernel {
 
-// Explanations that are kept, and logarithms of weights that count: of 1e-8.
-constexpr std::size_t most_kept = 16;
+// Explanations that are kept, and of them those that agree on where the untouched line
+// lies: otherwise the many courses of what is likely leave no room for what is not. And
+// the logarithm of a weight that counts: of 1e-8.
+constexpr std::size_t most_kept = 32, most_of_line = 12;
 constexpr double negligible = -18;
 constexpr double deg = two_pi / 360;
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a

@@ -59,7 +59,6 @@ class SensorState:
         self._last = -1  # newest group that was taken
         self._ratios: deque[tuple[int, Array]] = deque(maxlen=_REMEMBERED)
         self._claim: float | None = None
-        self._new_phase = False
 
     def take(
         self, groups: Groups, sensor: int, period_s: float, receiver: Array
@@ -163,12 +162,6 @@ class SensorState:
         rows[:, 12] = CLAIMED * claimed
         readable &= np.isfinite(rows[:, 1:8]).all(axis=1)
         rows[~readable, 1] = math.nan
-        if self._new_phase or groups.retuned.any():
-            # The group that could be read next has the new phase.
-            for row in range(len(groups)):
-                self._new_phase |= bool(groups.retuned[row])
-                rows[row, 11] = self._new_phase
-                self._new_phase &= not readable[row]
         for index, pair in zip(groups.index[readable].tolist(), ratios[readable], strict=True):
             if index > self._last:
                 self._ratios.append((index, pair.copy()))

@@ -129,6 +129,8 @@ py::array_t<double> take(press_filter& filter, const array<double>& groups)
         const bool readable = !std::isnan(received[i].phase[0]);
         if (readable)
             filter.take(observed(received[i]));
+        else
+            filter.pass(observed(received[i]));
         add(rows, i, readable ? filter.before_newest() : filter.newest());
     }
     return table(rows);
