@@ -11,6 +11,9 @@ SNAPSHOT_S = 57.6e-6
 _POINT_S = 2e-3  # a group is the mean over points so far apart, or over six
 _LOCATION_MM = (16.0, 64.0)
 _FORCE_N = (1.3, 8.0)
+_SOME_ENDS = np.array([[1, 0], [0, 1], [1, 1]])
+# Of an end, by which the short is nearer: both ways through the line at 900 MHz.
+_DEG_PER_MM = 2 * 360 * 900e6 / 299792458.0 / 1000
 
 #: What happens in each family beside presses.
 FAMILIES = {
@@ -23,6 +26,8 @@ FAMILIES = {
     "gain": ("gain",),
     "carrier": ("carrier",),
     "hand": ("hand",),
+    "contacts": ("contacts",),
+    "cables": ("cables",),
     "mixture": ("gaps", "tares", "drift", "gain", "silence"),
     "turning mixture": ("turns", "tares", "drift"),
 }
@@ -158,6 +163,8 @@ class Sequence:
         knots, spans = _presses(rng, self._end)
         force, location = (np.interp(t, knots[:, 0], knots[:, i]) for i in (1, 2))
         psi = self.truth.phases_deg(np.maximum(force, 1e-3), location)
+        if "contacts" in effects:
+            self._spoil(psi, force, spans)
         psi[force < self.truth.onset_force_n] = self.truth.untouched_deg()
         log_ratio = 1j * np.radians(psi - self.truth.untouched_deg())
         if self.drift_deg:
@@ -168,6 +175,12 @@ class Sequence:
                 lasts = rng.uniform(0.002, 0.02) if rng.random() < 0.5 else rng.uniform(0.2, 2)
                 turn = 0.05 * rng.standard_normal() + 1j * np.radians(rng.uniform(-40, 40))
                 log_ratio += (_smooth_step(t, at, lasts) * turn)[:, None]
+        if "cables" in effects:  # of one end or of both; in a press it would be a slide
+            for at in _moments(rng, 0.2, self._end):
+                if np.interp(at, t, force) > 0:
+                    continue
+                turn = rng.choice([-1, 1], 2) * rng.uniform(4, 10, 2) * _SOME_ENDS[rng.choice(3)]
+                log_ratio += (t > at)[:, None] * 1j * np.radians(turn)
         ratios = np.exp(log_ratio)
         if "hand" in effects:
             ratios *= (1 + self._hand(spans))[:, None]
@@ -181,6 +194,20 @@ class Sequence:
             ratios.reshape(*self._shape, 2),
             on.reshape(self._shape).all(axis=1),
         )
+
+    def _spoil(self, psi, force, spans):
+        """Let half of the presses be contacts that are too wide, or two or three fingers."""
+        rng = self._rng
+        for begin, end in spans:
+            kind = rng.choice(3, p=[0.5, 0.25, 0.25])
+            here = (self._t >= begin) & (self._t <= end)
+            if kind == 1:
+                psi[here] += _DEG_PER_MM * rng.uniform(8, 40) / 2
+            if kind == 2:  # each end sees the finger that is next to it
+                first, second = rng.uniform((20, 45), (35, 60))
+                for end_of_line, at in enumerate((first, second)):
+                    seen = self.truth.phases_deg(np.maximum(force[here], 1e-3), at)
+                    psi[here, end_of_line] = seen[:, end_of_line]
 
     def _hand(self, spans):
         """The echo of the hand that presses: it comes, stays while it presses, trembling, goes."""
