@@ -26,10 +26,10 @@ FAMILIES = {
     "gain": ("gain",),
     "carrier": ("carrier",),
     "hand": ("hand",),
-    "contacts": ("contacts",),
-    "cables": ("cables",),
     "mixture": ("gaps", "tares", "drift", "gain", "silence"),
     "turning mixture": ("turns", "tares", "drift"),
+    "contacts": ("contacts",),
+    "cables": ("cables",),
 }
 
 

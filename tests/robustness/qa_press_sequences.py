@@ -10,14 +10,17 @@ from long_cases import cases
 from press_sequences import FAMILIES, Sequence
 from sequence_readings import by_receiver, by_stream, score
 
-TURNING = "turns", "turning mixture"
+# What looks like a press where it coincides with one.
+TURNING = "turns", "turning mixture", "cables"
 # Of unflagged readings, for a few sequences and for 200.
-SHORT, LONG, WHILE_TURNING = 1e-3, 2e-4, 3e-2
+SHORT, LONG = 1e-3, 2e-4
+SHORT_TURNING, LONG_TURNING = 3e-2, {"turns": 5e-3, "turning mixture": 5e-3, "cables": 2e-2}
 LENGTHS = cases(125, 625, long=(63, 2500))
 
 
 def assert_honest(found, family, limit):
-    limit = WHILE_TURNING if family in TURNING else limit
+    if family in TURNING:
+        limit = LONG_TURNING[family] if limit == LONG else SHORT_TURNING
     assert len(found.wrong) <= limit * found.counts["unflagged"], "\n".join(
         [str(found), *found.wrong[:10]]
     )
@@ -34,7 +37,7 @@ def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshot
     if family == "plain":
         assert found.share("pressed, read", "pressed") > 0.75
         assert found.share("untouched, read", "untouched") > 0.95
-    elif family not in ("hand", *TURNING):
+    elif family not in ("hand", "contacts", *TURNING):
         assert found.share("pressed, read", "pressed") > 0.45
 
 
