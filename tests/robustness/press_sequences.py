@@ -196,15 +196,19 @@ class Sequence:
         )
 
     def _spoil(self, psi, force, spans):
-        """Let half of the presses be contacts that are too wide, or two or three fingers."""
+        """Let half of the presses be contacts that are too wide, or two fingers.
+
+        Those up to 10 mm wider, or closer together, show the phases of a harder press.
+        """
         rng = self._rng
         for begin, end in spans:
             kind = rng.choice(3, p=[0.5, 0.25, 0.25])
             here = (self._t >= begin) & (self._t <= end)
             if kind == 1:
-                psi[here] += _DEG_PER_MM * rng.uniform(8, 40) / 2
+                psi[here] += _DEG_PER_MM * rng.uniform(20, 40) / 2
             if kind == 2:  # each end sees the finger that is next to it
-                first, second = rng.uniform((20, 45), (35, 60))
+                first = rng.uniform(20, 35)
+                second = rng.uniform(first + 20, 60)
                 for end_of_line, at in enumerate((first, second)):
                     seen = self.truth.phases_deg(np.maximum(force[here], 1e-3), at)
                     psi[here, end_of_line] = seen[:, end_of_line]
