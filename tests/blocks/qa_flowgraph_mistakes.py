@@ -38,11 +38,11 @@ def said_of(samples, scene=SCENE, tags=(), **settings):
 
 
 def said_before(samples, scene=SCENE):
-    """What a frame alignment says of samples, by its message port."""
+    """What a frame alignment says of samples; each start of a flowgraph begins its watch anew."""
     item_type = "sc16" if samples.ndim == 2 else "fc32"
     alignment = wiforce.frame_alignment(wiforce.load_scene(scene), item_type=item_type)
     said = []
-    alignment._watch._report = said.append
+    alignment._warn = said.append
     source, flowgraph = array_source(samples), gr.top_block()
     flowgraph.connect(source, alignment, blocks.null_sink(samples[:1].nbytes))
     flowgraph.run()
