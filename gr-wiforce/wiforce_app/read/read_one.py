@@ -1,16 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One capture read to files and pictures, also while it is written."""
 
-import queue
-import signal
-import threading
-import time
-
-from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.captures import capture_stream
-from gnuradio.wiforce.estimation.capture.frame import searched_samples
-from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame, no_frames
-from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.planning.plan import plan
@@ -22,120 +12,6 @@ from ..shell.options import refuse
 from ..shell.progress import progress
 from .file_outputs import FileOutputs
 from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
-from .room_news import RoomNews
-
-# Its log would mix with readings on standard output; failures are raised all the same.
-gr.logging().set_default_level(gr.log_levels.off)
-
-_WAIT_S = 0.1
-_END = None
-
-
-class GrowingCapture:
-    """Reads a capture while it grows, until interrupted; iterating gives readings as they come.
-
-    ``datatype``: see ``open_capture``; ``frame_offset``: samples before the first frame; searched
-    when None.
-    """
-
-    def __init__(self, capture, datatype, plan, frame_offset, tracked):
-        recording = _once_long_enough(capture, datatype, plan.waveform)
-        recording.check_against(plan.scene)
-        if frame_offset is None:
-            frame_offset = _wait_for_frames(recording, capture, datatype, plan.waveform)
-        else:
-            find_frames(recording, plan.waveform)
-        self.frame_offset = frame_offset
-        self._path = recording.path
-        self._readings = queue.SimpleQueue()
-        self._source = capture_stream(capture, datatype, plan.waveform.sample_rate_hz)
-        _on_interrupt(self._source.ended.set)
-        self._reader = wiforce.reader(
-            plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
-        )
-        self._reader.groups.on_warning = log.warning
-
-    def __iter__(self):
-        flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
-        flowgraph.connect(self._source, self._reader)
-        runner = threading.Thread(target=self._run, args=(flowgraph,))
-        runner.start()
-        room = RoomNews()
-        try:
-            while (reading := self._readings.get()) is not _END:
-                room.report(self._reader.findings)
-                yield [reading]
-        finally:
-            self._source.ended.set()
-            runner.join()
-        for failure in (self._reader.failure, self._source.failure):
-            if failure is not None:
-                raise failure
-
-    def _run(self, flowgraph):
-        try:
-            flowgraph.run()
-        finally:
-            self._readings.put(_END)
-
-    @property
-    def counts(self):
-        """Group counts by outcome, so far."""
-        return self._reader.counts
-
-    @property
-    def times_ignored(self):
-        """Implausible ``rx_time`` tags."""
-        return self._reader.fold.times_ignored()
-
-    def suspicions(self):
-        """Mistakes that the presses so far suggest, by sensor."""
-        return self._reader.stream.suspicions()
-
-    def samples_missing(self):
-        """None is missing: a capture that is cut short ends the run with an error."""
-        return {}
-
-    def frames_moved(self):
-        """How often the frames were found at another place than before, by file."""
-        return {self._path: self._reader.fold.frames_moved()}
-
-
-def _once_long_enough(capture, datatype, waveform):
-    """The recording as soon as it holds as many frames as their offset is searched in."""
-    recording = open_capture(capture, datatype)
-    while recording.span < searched_samples(waveform):
-        time.sleep(_WAIT_S)
-        recording = open_capture(capture, datatype)
-    return recording
-
-
-def _wait_for_frames(recording, capture, datatype, waveform):
-    """Samples before the first frame, as soon as the recording holds frames."""
-    interrupted = threading.Event()
-    _on_interrupt(interrupted.set)
-    place = find_frames(recording, waveform)
-    if place is None:
-        log.warning(f"{no_frames(recording, waveform)}; waiting")
-    while place is None:
-        searched = recording.span
-        while recording.span < searched + searched_samples(waveform):
-            if interrupted.wait(_WAIT_S):
-                raise no_frames(recording, waveform)
-            recording = open_capture(capture, datatype)
-        place = find_frames(recording, waveform, searched)
-    return first_frame(recording, waveform, place)
-
-
-def _on_interrupt(call):
-    """Call a function when the process is asked to end; asked again, the process ends at once."""
-
-    def end(number, _):
-        signal.signal(number, signal.SIG_DFL)
-        call()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
 
 
 def read_one(
@@ -155,6 +31,8 @@ def read_one(
         check_picture(plot_path, inputs)
     writer = FileOutputs(output, mcap, inputs, scene)
     if follow:
+        from .follow import GrowingCapture
+
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:
         reader = open_reader(recording, settings, frame_offset, tracked)
