@@ -22,7 +22,7 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
-from packet_simulator import PacketCapture, PacketTag
+from packet_simulator import PacketCapture, PacketTag, card_settings
 
 PERIOD_S = 0.25
 FORCE_N, LOCATION_MM = 4, 35
@@ -64,6 +64,34 @@ def readings_of_rooms(line_db, seeds, folder, **effects):
     rooms = [readings_of(capture_of(line_db, seed=seed, **effects), folder) for seed in seeds]
     _, steady, clear, stds = zip(*rooms, strict=True)
     return pd.concat(steady), pd.concat(clear), np.concatenate(stds)
+
+
+STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0}
+
+
+@pytest.mark.parametrize("effects, least, within_n", [(STEADY, 0.75, 0.4), ({}, 0.0, np.inf)])
+def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
+    effects, least, within_n, tmp_path
+):
+    """With the SNR, flips, steps, drift and intervals of a real file, 22 dB below the path."""
+    settings = card_settings("slow", 22, **effects)
+    capture = PacketCapture(
+        [PacketTag(134.0)], seed=1, duration_s=20.0, touched_s=(12.0, 20.0), **settings
+    )
+    capture.save(tmp_path / "p.npz")
+    scene = scene_of() | {
+        "packets": {"interval_s": 0.006},
+        "phase_group": {"snapshots": 167},
+        "reference_s": 10.0,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        readings = wiforce.read(tmp_path / "p.npz", scene)
+    steady = readings[(readings["time_s"] > 13) & (readings["time_s"] < 19)]
+    clear = steady[steady["flags"] == ""]
+    errors = (clear["force_n"] - FORCE_N).abs()
+    assert len(clear) >= least * len(steady) and (clear["touch"] == 1).all()
+    assert (errors < 4 * clear["force_std_n"]).all() and (errors < within_n).all()
 
 
 @pytest.mark.parametrize("line_db, seeds", [(22, (5, 11, 13)), (29, (5, 6, 8))])
