@@ -31,7 +31,7 @@ def assert_honest(found, family, limit):
 @pytest.mark.parametrize("snapshots", LENGTHS)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshots, long_run):
-    seeds = range(200 if long_run else 4 * snapshots // 125 if snapshots <= 625 else 20)
+    seeds = range(200 if long_run else 2 * snapshots // 125 if snapshots <= 625 else 20)
     found = score(seeds, snapshots, family, by_receiver)
     assert_honest(found, family, LONG if long_run else SHORT)
     if family == "plain":

@@ -35,7 +35,8 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     const auto was = next.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
     next.motion.widen({ variance, variance, variance });
-    give(next, follow_turn(next, was));
+    give(next,
+         follow_turn(next, was, from.is != untouched && from.age_s < 1.5 * d_elapsed_s));
 }
 
 void press_filter::turn_slowly(
@@ -67,7 +68,8 @@ void press_filter::turn_slowly(
     next.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next.motion.stop(d_elapsed_s);
-    give(next, follow_turn(next, was));
+    give(next,
+         follow_turn(next, was, from.is != untouched && from.age_s < 1.5 * d_elapsed_s));
 }
 
 void press_filter::begin_turn(explanation& to) const
@@ -83,7 +85,8 @@ void press_filter::begin_turn(explanation& to) const
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
 // them.
-double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
+double
+press_filter::follow_turn(explanation& to, const pair_of_ends& was, bool young) const
 {
     drift(to);
     double likelihood = to.motion.update(d_group.phase, d_noise);
@@ -95,7 +98,7 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     likelihood += update_amplitude(to.strength);
     to.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
-    if (to.is != untouched && to.age_s < 1.5 * d_elapsed_s)
+    if (young)
         to.common.widen(squared(by / 2));
     to.line.mean += to.strength.mean - before;
     if (!to.near)
@@ -119,6 +122,7 @@ void press_filter::release(const explanation& from, double probability)
     auto& next = *followed;
     next.is = untouched;
     next.age_s = 0;
+    next.steady = false;
     double likelihood;
     if (from.known)
         likelihood = update_baseline(next);
@@ -193,8 +197,9 @@ void press_filter::slip(const explanation& from, double probability)
     if (from.is != untouched)
         next.age_s = 0;
     next.is = untouched;
-    next.turning = false;
+    next.turning = next.steady = false;
     next.turned_now = true;
+    next.quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
     next.common.widen(variance / 2);
     next.difference.widen(2 * variance);

@@ -53,8 +53,11 @@ void press_filter::take(const press_observation& group)
         from.difference.predict(d_elapsed_s);
         from.held_common.predict(d_elapsed_s);
         from.held_difference.predict(d_elapsed_s);
-        from.line.mean_variance += squared(d_set.fading_np) * d_elapsed_s;
-        from.strength.mean_variance += squared(d_set.fading_np) * d_elapsed_s;
+        const double fades = squared(d_set.fading_np) * d_elapsed_s;
+        for (auto* amplitudes : { &from.line, &from.strength }) {
+            amplitudes->mean_variance += fades;
+            amplitudes->difference_variance += fades;
+        }
         from.age_s += d_elapsed_s;
         from.turned_now = false;
         from.untouched_s += from.is == untouched ? d_elapsed_s : 0;
@@ -186,6 +189,7 @@ void press_filter::branch_touched(const explanation& from)
     } else if (from.steady) {
         auto turning = from;
         turning.turning = true;
+        turning.near = false;
         turning.velocity = 0;
         // A force that rises ever more slowly is one change, and it may begin to slide.
         const double slows = from.speed > 0 ? 1 - goes_on : 0,

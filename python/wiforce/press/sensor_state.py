@@ -179,7 +179,7 @@ class SensorState:
             self._renew(np.full(2, np.nan))
             return
         former, now = (np.array(each) for each in zip(*pairs, strict=True))
-        self._recount((former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0))
+        self._renew((former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0))
 
     def _renew(self, step: Array) -> None:
         """Begin with a new reference that is ``step`` times the former one; NaN where unknown."""

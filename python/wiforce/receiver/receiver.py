@@ -25,6 +25,8 @@ from ..press.tares import TareRequests, TareState
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
+# Time that a stated rate of turns is worth: longer than any run.
+_STATED_S = 1e9
 
 
 class Receiver:
@@ -296,7 +298,7 @@ def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     if sensor.drift_deg_per_sqrt_s is not None:
         parameters["drift_deg"] = sensor.drift_deg_per_sqrt_s
     if sensor.turns_per_s is not None:
-        parameters["turns"] = sensor.turns_per_s
+        parameters |= {"turns": sensor.turns_per_s, "turns_s": _STATED_S}
     return SensorState(
         lambda: filter_of(sensor.model, carrier_hz, sensor.off_reflection, **parameters),
         PressEvidence(sensor.model, carrier_hz, np.asarray(sensor.off_reflection), period_s),

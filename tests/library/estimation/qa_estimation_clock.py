@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockTracker
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
-from gnuradio.wiforce.simulation.score import read_truth
+from gnuradio.wiforce.simulation.truth import read_truth
 from long_cases import cases
 from plain import TA, T, make_air, random_tag
 from wiforce_app.bench.snapshots.air import TagOnAir

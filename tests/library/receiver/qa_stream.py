@@ -8,6 +8,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
+from gnuradio.wiforce.press.sensor_state import RETUNED
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
@@ -176,6 +177,22 @@ def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost
         a.force_std_n < 0.85 * b.force_std_n
         for a, b in zip(readings[held], unaware[held], strict=True)
     )
+
+
+def test_stream_tare_that_changes_the_weights_is_believed(groups):
+    """After the device was opened again, a tare ends the doubt, whatever the survey finds."""
+    reader = StreamReader(wiforce.plan(SCENE))
+    for group in groups["quiet"][:TARE]:
+        reader.process([group])
+    (name,) = reader._receiver.states
+    reader._receiver.states[name].retuned = True
+    assert reader.reference_problem(name) == RETUNED
+    before = reader.plan
+    reader.tares.request()
+    for group in groups["busy"][TARE : TARE + 2 * before.reference_groups]:
+        reader.process([group])
+    assert reader.plan is not before and reader.tares.state.state == "complete"
+    assert reader.reference_problem(name) == ""
 
 
 @pytest.mark.parametrize("force, ends", [(False, "failed"), (True, "complete")])
