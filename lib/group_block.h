@@ -45,8 +45,12 @@ protected:
             d_incomplete_groups += incomplete;
             if (d_collector.passes_snapshots())
                 tag_snapshots(produced);
-            else if (incomplete)
-                this->message_port_pub(d_incomplete_port, incomplete_pdu());
+            else {
+                if (incomplete)
+                    this->message_port_pub(d_incomplete_port, incomplete_pdu());
+                const auto mean = d_collector.group().mean();
+                tag(produced, names::STATIC, pmt::init_c32vector(mean.size(), mean));
+            }
             if (missing > 0)
                 tag(produced, names::MISSING, missing);
             if (rejected > 0)

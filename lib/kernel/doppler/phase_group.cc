@@ -105,4 +105,16 @@ std::vector<fc32> phase_group::present_snapshots() const
     return snapshots;
 }
 
+std::vector<fc32> phase_group::mean() const
+{
+    std::vector<std::complex<double>> sums(d_symbol_length);
+    for (int n = 0; n < d_length; n++)
+        for (int k = 0; d_mask[n] && k < d_symbol_length; k++)
+            sums[k] += slot(n)[k];
+    std::vector<fc32> result(d_symbol_length);
+    for (int k = 0; k < d_symbol_length; k++)
+        result[k] = fc32(sums[k] / double(std::max(d_present, 1)));
+    return result;
+}
+
 } // namespace gr::wiforce::kernel

@@ -58,6 +58,8 @@ public:
     std::vector<fc32> with_zeros() const;
     // The present ones only.
     std::vector<fc32> present_snapshots() const;
+    // Mean of the present ones, zeros without any.
+    std::vector<fc32> mean() const;
 
 private:
     void skip_to(int slot);

@@ -60,6 +60,11 @@ class ToneInput:
         rejected = np.array([count_of(own, names.REJECTED) for own in tags])
         incomplete = missing + rejected > 0
         weights = np.ones((len(index), group_length), bool)
+        # The weights of the tones null the static path, which shows what the receiver does.
+        static = np.zeros((len(index), tones.shape[2]), complex)
+        for row, own in enumerate(tags):
+            if names.STATIC in own:
+                static[row] = self._folded.static(pmt.c32vector_elements(own[names.STATIC]))
         count = len(index)
         for row in np.flatnonzero(incomplete):
             group = int(index[row])
@@ -68,7 +73,7 @@ class ToneInput:
                 self._expected = group
                 count = row
                 break
-            tones[row], _, weights[row] = self._solved(group)
+            tones[row], static[row], weights[row] = self._solved(group)
             if not weights[row].any():
                 missing[row] = group_length
         groups = Groups(
@@ -79,6 +84,7 @@ class ToneInput:
             np.array([names.RETUNED in own for own in tags[:count]], bool),
             weights[:count] if incomplete.any() else None,
             rejected[:count] / group_length,
+            static[:count],
         )
         return count, groups
 

@@ -36,6 +36,9 @@ class Run:
         self.tones = np.array(sink.data()).reshape(-1, doppler.rows(), 64)
         self.groups = self._tag_values(sink, "group")
         self.missing = self._tag_values(sink, "missing")
+        self.static = [
+            pmt.c32vector_elements(t.value) for t in sink.tags() if str(t.key) == "static"
+        ]
         self.pdus = []
         for n in range(messages.num_messages()):
             about, data = (f(messages.get_message(n)) for f in (pmt.car, pmt.cdr))
@@ -70,6 +73,17 @@ def tone_weights(group_length, harmonics):
     n = np.arange(group_length)
     tones = np.exp(2j * np.pi * np.outer(n, harmonics) * 0.0576)
     return np.linalg.pinv(np.column_stack([tones, np.ones(group_length)]))[: len(harmonics)]
+
+
+def test_tag_static_is_the_mean_of_the_snapshots_that_are_there():
+    """Without it a chain held steps of the receiver for presses, as no tone shows them."""
+    snapshots = random_complex(100, 64)
+    kept = np.delete(np.arange(100), [60, 61, 75])
+    doppler = wiforce.phase_group_doppler(random_complex(2, 50, seed=2), 50)
+    run = Run(snapshots[kept], doppler, kept)
+    wanted = [snapshots[:50].mean(axis=0), snapshots[kept[50:]].mean(axis=0)]
+    # Items have single precision.
+    assert np.allclose(run.static, wanted, rtol=0, atol=1e-6)
 
 
 TABLES = {

@@ -266,6 +266,7 @@ def plain_value(value):
     for is_vector, elements in (
         (pmt.is_f32vector, pmt.f32vector_elements),
         (pmt.is_u8vector, pmt.u8vector_elements),
+        (pmt.is_c32vector, pmt.c32vector_elements),
     ):
         if is_vector(value):
             return list(elements(value))

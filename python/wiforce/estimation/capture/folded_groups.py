@@ -112,8 +112,12 @@ class FoldedGroups:
             return np.zeros(shape, complex), np.zeros(shape[1], complex), np.zeros_like(present)
         tones = partial.apply(folded)
         channel = np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
-        mean = np.fft.fft(np.mean(folded, axis=0))[self._bins] * self._factors
-        return channel, mean, present
+        return channel, self.static(np.mean(folded, axis=0)), present
+
+    def static(self, mean: Array) -> Array:
+        """The static path (K,), of the mean of a group's folded frames."""
+        path: Array = np.fft.fft(mean)[self._bins] * self._factors
+        return path
 
     def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
         """Tones of groups that were screened: with ``kept``, in order."""
