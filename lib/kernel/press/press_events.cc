@@ -35,8 +35,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     const auto was = next.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
     next.motion.widen({ variance, variance, variance });
-    give(next,
-         follow_turn(next, was, from.is != untouched && from.age_s < 1.5 * d_elapsed_s));
+    give(next, follow_turn(next, was, from));
 }
 
 void press_filter::turn_slowly(
@@ -68,8 +67,7 @@ void press_filter::turn_slowly(
     next.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next.motion.stop(d_elapsed_s);
-    give(next,
-         follow_turn(next, was, from.is != untouched && from.age_s < 1.5 * d_elapsed_s));
+    give(next, follow_turn(next, was, from));
 }
 
 void press_filter::begin_turn(explanation& to) const
@@ -85,8 +83,9 @@ void press_filter::begin_turn(explanation& to) const
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
 // them.
-double
-press_filter::follow_turn(explanation& to, const pair_of_ends& was, bool young) const
+double press_filter::follow_turn(explanation& to,
+                                 const pair_of_ends& was,
+                                 const explanation& from) const
 {
     drift(to);
     double likelihood = to.motion.update(d_group.phase, d_noise);
@@ -98,7 +97,7 @@ press_filter::follow_turn(explanation& to, const pair_of_ends& was, bool young) 
     likelihood += update_amplitude(to.strength);
     to.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
-    if (young)
+    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s)
         to.common.widen(squared(by / 2));
     to.line.mean += to.strength.mean - before;
     if (!to.near)

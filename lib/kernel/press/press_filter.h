@@ -175,7 +175,8 @@ private:
                    const pair_of_ends& direction) const;
     void turn_unseen(explanation& to, double part) const;
     void begin_turn(explanation& to) const;
-    double follow_turn(explanation& to, const pair_of_ends& was, bool young) const;
+    double
+    follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
     void give(explanation& next, double log_likelihood);
     std::optional<explanation> follow(const explanation& from, double probability) const;
     void average(explanation& to) const;
