@@ -66,7 +66,7 @@ class CurveFitter:
         self.size = self._basis.size
         # rows appended to the least squares, per root of the number of samples
         self._penalty: np.ndarray | None = None
-        if form == "spline":
+        if isinstance(self._basis, curves.SplineBasis):
             choices = [np.sqrt(weight) * self._basis.curvatures() for weight in _SMOOTHING]
             scores = [self._score(samples, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]

@@ -8,18 +8,22 @@ locations j, basis functions B of force, weights w of location. It is linear in 
 their covariance carries over to every phase.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..signal.carrier import wrap_deg
 from . import line
 from .line import transfer_std_deg
-from .location import LocationInterpolation
+from .location import LocationInterpolation, Transition
 from .model import SensorModel
-from .splines import basis_splines
+from .splines import Array, basis_splines
 
 FORMS = ("cubic", "power", "spline")
 # Relative step of the force for the slope of a phase.
@@ -41,10 +45,10 @@ class PowerBasis:
 
     size = 3
 
-    def __init__(self, knots_n=None):
+    def __init__(self, knots_n: Array | None = None) -> None:
         pass
 
-    def __call__(self, force_n):
+    def __call__(self, force_n: ArrayLike) -> Array:
         force = np.asarray(force_n, float)
         return np.stack([np.ones_like(force), np.cbrt(1 / force), force], axis=-1)
 
@@ -54,10 +58,10 @@ class CubicBasis:
 
     size = 4
 
-    def __init__(self, knots_n):
+    def __init__(self, knots_n: Array) -> None:
         self._low, self._high = float(knots_n[0]), float(knots_n[-1])
 
-    def __call__(self, force_n):
+    def __call__(self, force_n: ArrayLike) -> Array:
         force = np.asarray(force_n, float)
         inside = np.clip(force, self._low, self._high)
         value = inside[..., None] ** np.arange(4)
@@ -71,18 +75,18 @@ class SplineBasis:
     Outside the first and the last knot they go on as straight lines in u.
     """
 
-    def __init__(self, knots_n):
+    def __init__(self, knots_n: Array) -> None:
         self._u = np.sort(touch_down(knots_n))
         self._knots = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
         self.size = len(self._u) + 2
 
-    def __call__(self, force_n):
+    def __call__(self, force_n: ArrayLike) -> Array:
         u = touch_down(force_n)
         inside = np.clip(u, self._u[0], self._u[-1])
         value, slope = (basis_splines(self._knots, inside, order) for order in (0, 1))
         return value + (u - inside)[..., None] * slope
 
-    def curvatures(self):
+    def curvatures(self) -> Array:
         """Second derivatives at points spread evenly over u; shape (points, size).
 
         In units of the span of u, and such that the sum of squares is their mean square.
@@ -92,15 +96,20 @@ class SplineBasis:
         return span**2 * basis_splines(self._knots, at, 2) / np.sqrt(len(at))
 
 
-def touch_down(force_n):
+def touch_down(force_n: ArrayLike) -> Array:
     """F^(-1/3)."""
     return np.cbrt(1 / np.asarray(force_n, float))
 
 
-_BASES = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
+Basis = PowerBasis | CubicBasis | SplineBasis
+_BASES: dict[str, Callable[[Any], Basis]] = {
+    "power": PowerBasis,
+    "cubic": CubicBasis,
+    "spline": SplineBasis,
+}
 
 
-def force_basis(form, knots_n=None):
+def force_basis(form: str, knots_n: Array | None = None) -> Basis:
     """The basis functions of force named ``form``: ``basis(force) -> ndarray (..., size)``."""
     return _BASES[form](knots_n)
 
@@ -118,14 +127,14 @@ class Carrier:
     """
 
     frequency_hz: float
-    untouched_deg: tuple
+    untouched_deg: tuple[float, float]
     location_mm: np.ndarray
     force_span_n: np.ndarray
     coefficients_deg: np.ndarray
     covariance_deg2: np.ndarray
-    noise_deg: tuple
-    misfit_deg: tuple
-    interpolation: tuple
+    noise_deg: tuple[float, ...]
+    misfit_deg: tuple[float, ...]
+    interpolation: tuple[Transition, ...]
     hysteresis_n: float | None = None
 
 
@@ -139,32 +148,32 @@ class CurveModel(SensorModel):
     """
 
     form: str = "power"
-    carriers: tuple = ()
+    carriers: tuple[Carrier, ...] = ()
     knots_n: np.ndarray | None = None
     permittivity: float = 1.0
-    cross_validation: dict = field(default_factory=dict, compare=False)
+    cross_validation: dict[str, Any] = field(default_factory=dict, compare=False)
 
     @cached_property
-    def _basis(self):
+    def _basis(self) -> Basis:
         return force_basis(self.form, self.knots_n)
 
     @cached_property
-    def _interpolations(self):
+    def _interpolations(self) -> list[LocationInterpolation]:
         return [
             LocationInterpolation(c.location_mm, self.length_mm, c.interpolation)
             for c in self.carriers
         ]
 
-    def interpolation(self, carrier):
+    def interpolation(self, carrier: int) -> LocationInterpolation:
         """The :class:`~.location.LocationInterpolation` of a carrier, by index."""
         return self._interpolations[carrier]
 
-    def noise_deg(self, frequency_hz=None):
+    def noise_deg(self, frequency_hz: float | None = None) -> tuple[float, ...]:
         """Scatter of the calibration data about the curves, per port."""
         return self.carriers[self.carrier_index(frequency_hz)].noise_deg
 
     @cached_property
-    def calibrated(self):
+    def calibrated(self) -> tuple[Array, Array, Array]:
         """See :attr:`SensorModel.calibrated`; what all carriers have in common."""
         places = np.concatenate([self.location_span_mm, *(c.location_mm for c in self.carriers)])
         places = np.unique(np.clip(places, *self.location_span_mm))
@@ -174,16 +183,16 @@ class CurveModel(SensorModel):
         ]
         return places, np.max(spans, axis=0)[0], np.min(spans, axis=0)[1]
 
-    def _untouched_deg(self, carrier):
+    def _untouched_deg(self, carrier: int) -> Array:
         return np.asarray(self.carriers[carrier].untouched_deg, float)
 
-    def _at_locations(self, force, carrier):
+    def _at_locations(self, force: Array, carrier: int) -> Array:
         """g at the calibrated locations; shape (..., 2, J)."""
         curves, basis = self.carriers[carrier].coefficients_deg, self._basis(force)
         values = basis @ curves.reshape(-1, curves.shape[-1]).T
         return values.reshape(*basis.shape[:-1], *curves.shape[:-1])
 
-    def short_deg(self, force, location, carrier):
+    def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
         interpolation = self._interpolations[carrier]
         values = self._at_locations(force, carrier)
         added = np.stack(
@@ -197,10 +206,10 @@ class CurveModel(SensorModel):
         frequency = self.carriers[carrier].frequency_hz
         return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
-    def _model_std_deg(self, force, location, carrier):
+    def _model_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
         return np.sqrt(sum(self.variance_parts_deg2(force, location, carrier).values()))
 
-    def variance_parts_deg2(self, force, location, carrier):
+    def variance_parts_deg2(self, force: Array, location: Array, carrier: int) -> dict[str, Array]:
         """Variance of the phases by its cause, each (..., 2); for forces above the onset.
 
         ``noise`` of the data, ``locations`` too far apart, ``form`` of the curves, ``hysteresis``.
@@ -226,7 +235,7 @@ class CurveModel(SensorModel):
             parts["hysteresis"] = self._hysteresis_deg(force, location, carrier) ** 2
         return parts
 
-    def _hysteresis_deg(self, force, location, carrier):
+    def _hysteresis_deg(self, force: Array, location: Array, carrier: int) -> Array:
         """Standard deviation of each phase by which force is as uncertain as by hysteresis.
 
         Hysteresis changes both phases as a change of the force does. Standard deviations are
@@ -240,7 +249,7 @@ class CurveModel(SensorModel):
         factor = total / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
         return self.carriers[carrier].hysteresis_n * factor * slope
 
-    def _scaled(self, index, frequency_hz):
+    def _scaled(self, index: int, frequency_hz: float) -> dict[str, Any]:
         """Fields that change at another carrier."""
         from_hz = self.transferred_from_hz or self.frequencies_hz[index]
         return {
@@ -252,7 +261,7 @@ class CurveModel(SensorModel):
             ),
         }
 
-    def _scaled_carrier(self, index, frequency_hz):
+    def _scaled_carrier(self, index: int, frequency_hz: float) -> Carrier:
         """The curves of one carrier, their phases scaled to another frequency."""
         carrier = self.carriers[index]
         ratio = frequency_hz / carrier.frequency_hz
@@ -274,7 +283,7 @@ class CurveModel(SensorModel):
             misfit_deg=tuple(ratio * value for value in carrier.misfit_deg),
         )
 
-    def _whole_turns(self, index, ports_deg):
+    def _whole_turns(self, index: int, ports_deg: Array) -> Array:
         """Turns of 360 deg in the curves, as coefficients (2, 1, K): scaled, they would not be
 
         whole. What ports add, touched and untouched phases have in common.

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Phases to force and location, with covariance and flags."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS, press_posterior
-from .splines import node_slopes
+from .splines import Array, node_slopes
 
 if TYPE_CHECKING:
     from .model import SensorModel
@@ -36,7 +38,7 @@ class ForwardMap:
     turn on and on.
     """
 
-    def __init__(self, model, carriers):
+    def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
         low, high = model.force_span_n
         first, last = model.location_span_mm
         top = high + _MARGIN_FORCE * (high - low)
@@ -60,35 +62,35 @@ class ForwardMap:
         self._log_force = np.log(self.force_n)
 
     @cached_property
-    def _phase(self):
+    def _phase(self) -> list[Any]:
         return self._splines(self.phase_deg, 3)
 
     @cached_property
-    def _variance(self):
+    def _variance(self) -> list[Any]:
         return self._splines(self._variance_deg2, 1)
 
-    def _splines(self, values, degree):
+    def _splines(self, values: Array, degree: int) -> list[Any]:
         from scipy.interpolate import RectBivariateSpline  # readings need the nodes alone
 
         axes = self._log_force, self.location_mm
         planes = np.moveaxis(values, -1, 0)
         return [RectBivariateSpline(*axes, plane, kx=degree, ky=degree, s=0) for plane in planes]
 
-    def phases(self, force_n, location_mm):
+    def phases(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
         """Shape (n, P), degrees, not wrapped."""
         return self._evaluate(self._phase, force_n, location_mm)
 
-    def variances(self, force_n, location_mm):
+    def variances(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
         """Variance of the phases from what the calibration left open; shape (n, P)."""
         return np.maximum(self._evaluate(self._variance, force_n, location_mm), 0.0)
 
-    def slopes(self, force_n, location_mm):
+    def slopes(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
         """Derivatives by force and by location; shape (n, P, 2)."""
         by_force = self._evaluate(self._phase, force_n, location_mm, 1, 0)
         by_location = self._evaluate(self._phase, force_n, location_mm, 0, 1)
         return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
 
-    def table(self):
+    def table(self) -> Array:
         """At every node, what ``lib/kernel/inversion/tabulated_model.h`` interpolates.
 
         (forces, locations, P, 5): phases, their derivatives by the logarithm of force, by location
@@ -100,11 +102,18 @@ class ForwardMap:
         by_location, by_both = (across @ values for values in (phase, by_force))
         return np.stack([phase, by_force, by_location, by_both, self._variance_deg2], axis=-1)
 
-    def _evaluate(self, splines, force_n, location_mm, dx=0, dy=0):
+    def _evaluate(
+        self,
+        splines: list[Any],
+        force_n: ArrayLike,
+        location_mm: ArrayLike,
+        dx: int = 0,
+        dy: int = 0,
+    ) -> Array:
         log_force = np.log(force_n)
         return np.stack([s.ev(log_force, location_mm, dx=dx, dy=dy) for s in splines], axis=-1)
 
-    def clip(self, force_n, location_mm):
+    def clip(self, force_n: ArrayLike, location_mm: ArrayLike) -> tuple[Array, Array]:
         """Force and location brought into the domain."""
         return (
             np.clip(force_n, self.force_n[0], self.force_n[-1]),
@@ -112,7 +121,7 @@ class ForwardMap:
         )
 
 
-def _check_turns(phase_deg, where):
+def _check_turns(phase_deg: Array, where: str) -> None:
     """Refuses curves drawn through an error: the table of their inverse would have no end."""
     turns = [np.abs(np.diff(phase_deg, axis=a)).max(axis=(1 - a, 2)).sum() for a in (0, 1)]
     if not turns[0] * turns[1] <= _MOST_TURNS_DEG2:
@@ -203,7 +212,7 @@ class Inverter:
     ``lib/kernel/inversion/press_posterior.h``.
     """
 
-    def __init__(self, model: "SensorModel", carriers: tuple[int, ...]):
+    def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
         self.forward = ForwardMap(model, carriers)
         # An error of the ruler moves both phases as another location does, by the same distance.
         self._ruler_mm2 = (model.ruler_std_mm or 0.0) ** 2
@@ -236,7 +245,7 @@ class Inverter:
             values[:, -1] += self._ruler_mm2
         return inversion_of(values, codes)
 
-    def _known_location(self, location_mm, count):
+    def _known_location(self, location_mm: ArrayLike, count: int) -> Array:
         location = np.broadcast_to(np.asarray(location_mm, float), count)
         first, last = self.forward.location_mm[[0, -1]]
         outside = location[(location < first) | (location > last)]
@@ -245,11 +254,13 @@ class Inverter:
             raise InputError("location_mm", rule, float(outside[0]))
         return location
 
-    def unobservable(self, force, location, std=1.0):
+    def unobservable(self, force: ArrayLike, location: ArrayLike, std: ArrayLike = 1.0) -> Array:
         """Whether force and location cannot be distinguished with this noise (deg); broadcast."""
         return self._posterior.unobservable(force, location, np.max(std))
 
-    def code_of(self, force, force_std, location, location_std, std):
+    def code_of(
+        self, force: float, force_std: float, location: float, location_std: float, std: Array
+    ) -> int:
         """Sum of the flags of a press that was found in another way."""
         code = 0
         if self._posterior.extrapolated(force, location, force_std**2, location_std**2):
@@ -258,7 +269,7 @@ class Inverter:
             code |= INVERSION_FLAGS["force-unobservable"]
         return code
 
-    def systematic(self, force_n, location_mm):
+    def systematic(self, force_n: float, location_mm: float) -> Array:
         """Covariance (2, 2) of force and location that the model's own error leaves.
 
         It is the same at every reading of a press, however many are averaged.
@@ -275,18 +286,18 @@ class Inverter:
         return covariance
 
 
-def _standard_deviations(std_deg, shape):
+def _standard_deviations(std_deg: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     given = np.asarray(DEFAULT_STD_DEG if std_deg is None else std_deg, float)
     if not np.all((given >= 0) & (given < np.inf)):
         raise InputError("std_deg", "must be finite and not negative", given.tolist())
     return np.broadcast_to(given, shape)
 
 
-def inversion_of(values, codes):
+def inversion_of(values: Array, codes: Array) -> Inversion:
     """Inversion of rows (n, 6): force, location, and the rows of their covariance."""
     return Inversion(values[:, 0], values[:, 1], values[:, 2:].reshape(-1, 2, 2), codes)
 
 
-def words_of(code):
+def words_of(code: int) -> tuple[str, ...]:
     """The flags of a sum, in words."""
     return _WORDS[code]

@@ -11,18 +11,23 @@ between them. C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for Mac
 2006, sections 2.7 and 5.4.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from .splines import CubicSpline
+from .splines import Array, CubicSpline
 
 # The shapes S differ in their tails: exponential on both sides, slow on both sides, or one level up
 # to the middle that is left from there: exponentially with a round start, exponentially at once, or
 # as a Gaussian.
-_SHAPES = {
+_SHAPES: dict[str, Callable[[Array], Array]] = {
     "tanh": np.tanh,
     "algebraic": lambda x: x / np.hypot(1.0, x),
     "gompertz": lambda x: 2 * np.exp(-np.exp(np.minimum(-2 * x, 50.0))) - 1,
@@ -65,7 +70,7 @@ class Transition:
     residual_length_mm: float  # correlation length of what the shape does not explain
     residual_variance: float  # its variance, relative to that over the calibrated locations
 
-    def hypotheses(self):
+    def hypotheses(self) -> Array:
         """Four equally likely (fade, shift), with the mean and covariance of these; (4, 2)."""
         fade = self.fade_mm * np.exp(
             np.sqrt(2.0) * self.fade_relative_std * np.array([1, -1, 0, 0])
@@ -74,19 +79,19 @@ class Transition:
         return np.column_stack([fade, shift])
 
 
-def _change(location, shape, fade_shift, length_mm, port):
+def _change(location: Array, shape: str, fade_shift: Array, length_mm: float, port: int) -> Array:
     """S of one shape for each pair (fade, shift); shape (H, n)."""
     fade, shift = fade_shift.T[..., None]
     from_middle = location[None, :] - length_mm / 2
     return _SHAPES[shape](((from_middle if port == 0 else -from_middle) - shift) / fade)
 
 
-def _matern(distance, length):
+def _matern(distance: Array, length: float) -> Array:
     q = np.sqrt(5.0) * distance / length
     return (1 + q + q * q / 3) * np.exp(-q)
 
 
-def _kernel(at, length):
+def _kernel(at: Array, length: float) -> Array:
     return _matern(np.abs(at[:, None] - at[None, :]), length) + _NUGGET * np.eye(at.size)
 
 
@@ -99,10 +104,10 @@ class LocationInterpolation:
 
     location_mm: np.ndarray
     length_mm: float
-    transitions: tuple
+    transitions: tuple[Transition, ...]
 
     @cached_property
-    def _tables(self):
+    def _tables(self) -> list[list[CubicSpline]]:
         """Splines over location, per port: mean weights, their covariance, residual variance."""
         grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
         tables = []
@@ -118,12 +123,12 @@ class LocationInterpolation:
             tables.append([CubicSpline(grid, table) for table in (mean, spread, within)])
         return tables
 
-    def _kriging(self, grid, transition, port):
+    def _kriging(self, grid: Array, transition: Transition, port: int) -> tuple[Array, Array]:
         """Weights (4, G, J) and unit variance (4, G) of a transition's hypotheses."""
         at, length = self.location_mm, transition.residual_length_mm
         count, pairs = at.size, transition.hypotheses()
 
-        def trend(location):
+        def trend(location: Array) -> Array:
             change = _change(location, transition.shape, pairs, self.length_mm, port)
             return np.stack([np.ones_like(change), change], axis=-1)
 
@@ -143,11 +148,11 @@ class LocationInterpolation:
         variance = 1.0 - np.einsum("hkg,hgk->hg", solution, right)
         return np.swapaxes(solution[:, :count], 1, 2), np.maximum(variance, 0.0)
 
-    def weights(self, location_mm, port):
+    def weights(self, location_mm: ArrayLike, port: int) -> Array:
         """Shape (..., J)."""
         return self._tables[port][0](self._inside(location_mm))
 
-    def variance(self, location_mm, port, values):
+    def variance(self, location_mm: ArrayLike, port: int, values: Array) -> Array:
         """Variance of a value at locations (...) by not knowing how it goes between the calibrated
         ones.
 
@@ -161,11 +166,17 @@ class LocationInterpolation:
             values, axis=-1, ddof=1
         )
 
-    def _inside(self, location_mm):
+    def _inside(self, location_mm: ArrayLike) -> Array:
         return np.clip(np.asarray(location_mm, float), 0.0, self.length_mm)
 
 
-def learn_interpolation(location_mm, length_mm, values, noise_variance, physical=True):
+def learn_interpolation(
+    location_mm: ArrayLike,
+    length_mm: float,
+    values: Array,
+    noise_variance: float,
+    physical: bool = True,
+) -> LocationInterpolation:
     """The transitions that explain calibrated curves at J locations, with their probabilities.
 
     ``values`` (2, J, n) are what the contact adds to the line's phase (deg), for each port,
@@ -194,7 +205,7 @@ def learn_interpolation(location_mm, length_mm, values, noise_variance, physical
     return LocationInterpolation(at, float(length_mm), transitions)
 
 
-def _nodes(at, shape, length_mm, physical):
+def _nodes(at: Array, shape: str, length_mm: float, physical: bool) -> tuple[Array, Array]:
     """Pairs (fade, shift) that are considered (H, 2), and their log prior (H,)."""
     if not physical:
         return np.array([[4.0 * length_mm, 0.0]]), np.zeros(1)
@@ -211,14 +222,16 @@ def _nodes(at, shape, length_mm, physical):
 class _Curves:
     """Calibrated values over location, and how well a transition explains them."""
 
-    def __init__(self, at, length_mm, values, noise_variance, physical):
+    def __init__(
+        self, at: Array, length_mm: float, values: Array, noise_variance: float, physical: bool
+    ) -> None:
         variance = max(np.mean(np.var(values, axis=1, ddof=1)), 1e-12)
         self._at, self._length_mm = at, length_mm
         self._floor = max(noise_variance / variance, 1e-8)
         self._least = _LEAST_RESIDUAL if physical else _LEAST_RESIDUAL_UNPHYSICAL
         self._components = [_components(port / np.sqrt(variance), self._floor) for port in values]
 
-    def likelihood(self, shape, pairs, length):
+    def likelihood(self, shape: str, pairs: Array, length: float) -> tuple[Array, Array]:
         """Restricted log likelihood, and residual variance, of pairs (fade, shift); each (H,)."""
         observations = _LEAST_RESIDUAL_WEIGHT
         squares_sum = np.full(len(pairs), _LEAST_RESIDUAL_WEIGHT * self._least**2)
@@ -234,7 +247,7 @@ class _Curves:
         return -0.5 * (observations * np.log(variance) + log_determinant), variance
 
 
-def _components(values, floor):
+def _components(values: Array, floor: float) -> Array:
     """Orthogonal combinations of the forces, in units of one force, that rise above the noise."""
     vectors, singular, _ = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
     scaled = vectors * singular / np.sqrt(values.shape[1])
@@ -243,7 +256,9 @@ def _components(values, floor):
     return scaled[:, strong]
 
 
-def _restricted(at, change, length, components):
+def _restricted(
+    at: Array, change: Array, length: float, components: Array
+) -> tuple[Array, Array, Array]:
     """Generalised squares that the trend leaves, the trace of their matrix, and the log
 
     determinant of the restricted likelihood; each of shape (H,).
@@ -265,13 +280,15 @@ def _restricted(at, change, length, components):
     return np.maximum(squares, 0.0), trace, determinant
 
 
-def _explained(normal, one, both, change):
+def _explained(normal: tuple[Any, Any, Any], one: Any, both: Any, change: Array) -> Any:
     """What least squares on 1 and S explain, of the squares and the product of both projections."""
     size = normal[0] * normal[2] - normal[1] ** 2
     return (normal[2] * one - 2 * normal[1] * both + normal[0] * change) / size
 
 
-def _summaries(shape, length, pairs, share, variance, width):
+def _summaries(
+    shape: str, length: float, pairs: Array, share: Array, variance: Array, width: float
+) -> list[Transition]:
     """Transitions that stand for the nodes of one shape, nodes of similar fade and shift in one.
 
     How similar, ``width`` says in units of the constants above.
@@ -301,7 +318,7 @@ def _summaries(shape, length, pairs, share, variance, width):
     return found
 
 
-def _likeliest(found):
+def _likeliest(found: list[Transition]) -> tuple[Transition, ...]:
     """As many transitions as hold nearly all of the posterior, the likeliest first."""
     found = sorted(found, key=lambda t: -t.probability)
     total = np.cumsum([t.probability for t in found])

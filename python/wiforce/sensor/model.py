@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every sensor model can do, whatever stands behind its phases."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +14,11 @@ from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from . import line
 from .line import transfer_assumption
+from .splines import Array
 
 if TYPE_CHECKING:
-    from .inversion import Inversion
+    from .inversion import Inversion, Inverter
+    from .tracker import PressTracker
 
 # Standard deviations within which phases may be those of another state.
 _SIGMAS = 3.0
@@ -75,16 +79,16 @@ class SensorModel:
 
     name: str
     length_mm: float
-    frequencies_hz: tuple
+    frequencies_hz: tuple[float, ...]
     onset_force_n: float
-    force_span_n: tuple
-    location_span_mm: tuple
-    provenance: dict = field(default_factory=dict, compare=False)
+    force_span_n: tuple[float, float]
+    location_span_mm: tuple[float, float]
+    provenance: dict[str, Any] = field(default_factory=dict, compare=False)
     transferred_from_hz: float | None = None
     transfer_std_deg: float | None = None
     ruler_std_mm: float | None = None
 
-    def carrier_index(self, frequency_hz=None):
+    def carrier_index(self, frequency_hz: float | None = None) -> int:
         """Index of a carrier that the model must hold; ``None`` stands for the only one."""
         if frequency_hz is None:
             if len(self.frequencies_hz) > 1:
@@ -104,7 +108,7 @@ class SensorModel:
         hint = "; give Hz, as 915e6" if frequency_hz < _LEAST_CARRIER_HZ else ""
         return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz{hint}")
 
-    def at_carrier(self, frequency_hz: float) -> "SensorModel":
+    def at_carrier(self, frequency_hz: float) -> SensorModel:
         """The model for use at one carrier, at most 10 % from those it holds.
 
         The model itself where it holds the carrier, else the one that :meth:`transferred` makes of
@@ -117,7 +121,7 @@ class SensorModel:
             self._transferred[frequency_hz] = self.transferred(frequency_hz)
         return self._transferred[frequency_hz]
 
-    def transferred(self, frequency_hz: float, name: str | None = None) -> "SensorModel":
+    def transferred(self, frequency_hz: float, name: str | None = None) -> SensorModel:
         """The model at another carrier only, its phases scaled from the nearest one, at most 10 %
         away.
 
@@ -138,11 +142,11 @@ class SensorModel:
             **self._scaled(nearest, float(frequency_hz)),
         )
 
-    def _held(self):
+    def _held(self) -> str:
         return " or ".join(f"{f / 1e6:g} MHz" for f in self.frequencies_hz)
 
     @property
-    def calibrated(self):
+    def calibrated(self) -> tuple[Array, Array, Array]:
         """Locations (n,), rising, and the lowest and highest calibrated force at each; between
 
         them the forces are straight lines.
@@ -150,7 +154,7 @@ class SensorModel:
         low, high = (np.full(2, force) for force in self.force_span_n)
         return np.array(self.location_span_mm, float), low, high
 
-    def in_span(self, force_n, location_mm):
+    def in_span(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
         """Whether force and location lie within what was calibrated; broadcast, bool."""
         force, location = np.asarray(force_n, float), np.asarray(location_mm, float)
         places, low, high = self.calibrated
@@ -158,7 +162,9 @@ class SensorModel:
         above = force >= np.interp(location, places, low)
         return inside & above & (force <= np.interp(location, places, high))
 
-    def model_std_deg(self, force_n, location_mm, frequency_hz=None):
+    def model_std_deg(
+        self, force_n: ArrayLike, location_mm: ArrayLike, frequency_hz: float | None = None
+    ) -> Array:
         """One sigma of what calibration and transfer left open in psi_1, psi_2; (..., 2)."""
         carrier = self.carrier_index(frequency_hz)
         force, location = np.broadcast_arrays(
@@ -166,22 +172,30 @@ class SensorModel:
         )
         return self.carrier_std_deg(np.maximum(force, self.onset_force_n), location, carrier)
 
-    def carrier_std_deg(self, force, location, carrier):
+    def carrier_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
         """As :meth:`model_std_deg`, for forces above the onset and a carrier's index."""
         calibrated = self._model_std_deg(force, location, carrier)
         return np.hypot(calibrated, self.transfer_std_deg or 0.0)
 
-    def untouched_deg(self, frequency_hz=None):
+    def untouched_deg(self, frequency_hz: float | None = None) -> tuple[float, float]:
         """(psi_1, psi_2) of the untouched sensor, in (-180, 180]."""
         psi = wrap_deg(self._untouched_deg(self.carrier_index(frequency_hz)))
         return float(psi[0]), float(psi[1])
 
-    def is_untouched(self, phases_deg, std_deg=None, frequency_hz=None):
+    def is_untouched(
+        self,
+        phases_deg: ArrayLike,
+        std_deg: ArrayLike | None = None,
+        frequency_hz: float | None = None,
+    ) -> Array:
         """Whether both phases (n, 2) are within three standard deviations of the untouched ones."""
         change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
-        return np.all(np.abs(change) <= _SIGMAS * (1.0 if std_deg is None else std_deg), axis=-1)
+        allowed = _SIGMAS * np.asarray(1.0 if std_deg is None else std_deg)
+        return np.asarray(np.all(np.abs(change) <= allowed, axis=-1))
 
-    def phases_deg(self, force_n, location_mm, frequency_hz=None):
+    def phases_deg(
+        self, force_n: ArrayLike, location_mm: ArrayLike, frequency_hz: float | None = None
+    ) -> Array:
         """psi_1, psi_2 for forces and locations, in (-180, 180].
 
         Parameters
@@ -208,7 +222,7 @@ class SensorModel:
         std_deg: ArrayLike | None = None,
         location_mm: ArrayLike | None = None,
         frequency_hz: float | None = None,
-    ) -> "Inversion":
+    ) -> Inversion:
         """Inverts the phases of touched readings to force and location.
 
         Parameters
@@ -247,7 +261,7 @@ class SensorModel:
         """
         return self.inverter(frequency_hz).invert(phases_deg, std_deg, location_mm)
 
-    def inverter(self, frequency_hz=None):
+    def inverter(self, frequency_hz: float | None = None) -> Inverter:
         """The :class:`~.inversion.Inverter` at one carrier, or at all together; kept for reuse."""
         found = self._inverters.get(frequency_hz)
         if found is None:
@@ -261,23 +275,38 @@ class SensorModel:
             self._inverters[carriers] = self._inverters[frequency_hz] = found
         return found
 
-    def noise_deg(self, frequency_hz=None):
+    def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
+        """Phases of the pressed line, deg, not wrapped; (..., 2)."""
+        raise NotImplementedError
+
+    def _untouched_deg(self, carrier: int) -> Array:
+        raise NotImplementedError
+
+    def _model_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
+        raise NotImplementedError
+
+    def _scaled(self, index: int, frequency_hz: float) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def noise_deg(self, frequency_hz: float | None = None) -> tuple[float, ...]:
         """Scatter of the calibrated phases of both ends; none without a calibration."""
         self.carrier_index(frequency_hz)
         return (0.0, 0.0)
 
-    def tracker(self, group_period_s, frequency_hz=None, **settings):
+    def tracker(
+        self, group_period_s: float, frequency_hz: float | None = None, **settings: float
+    ) -> PressTracker:
         """A :class:`~.tracker.PressTracker` of this sensor."""
         from .tracker import PressTracker
 
         return PressTracker(self, group_period_s, frequency_hz, **settings)
 
     @cached_property
-    def _inverters(self):
+    def _inverters(self) -> dict[Any, Inverter]:
         return {}
 
     @cached_property
-    def _transferred(self):
+    def _transferred(self) -> dict[float, SensorModel]:
         return {}
 
 
@@ -285,23 +314,23 @@ class SensorModel:
 class LineModel(SensorModel):
     """A sensor by physics: a line and its permittivity, a contact law, a constant per port."""
 
-    contact: line.ContactLaw = None
+    contact: line.ContactLaw = field(kw_only=True)
     permittivity: float = 1.0
-    port_offset_deg: tuple = (0.0, 0.0)
+    port_offset_deg: tuple[float, float] = (0.0, 0.0)
 
-    def _untouched_deg(self, carrier):
+    def _untouched_deg(self, carrier: int) -> Array:
         psi = line.open_phase_deg(self.length_mm, self.frequencies_hz[carrier], self.permittivity)
-        return psi + np.asarray(self.port_offset_deg)
+        return psi + np.array(self.port_offset_deg)
 
-    def short_deg(self, force, location, carrier):
+    def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
         distance = line.shorting_points_mm(self.contact, force, location, self.length_mm)
         psi = line.short_phase_deg(distance, self.frequencies_hz[carrier], self.permittivity)
         return psi + np.asarray(self.port_offset_deg)
 
-    def _model_std_deg(self, force, location, carrier):
+    def _model_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
         return np.zeros((*np.shape(force), 2))
 
-    def _scaled(self, index, frequency_hz):
+    def _scaled(self, index: int, frequency_hz: float) -> dict[str, Any]:
         """Fields that change at another carrier."""
         ratio = frequency_hz / self.frequencies_hz[index]
         return {"port_offset_deg": tuple(ratio * offset for offset in self.port_offset_deg)}

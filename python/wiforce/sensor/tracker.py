@@ -1,12 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings of one sensor over time, filtered and smoothed."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from ..wiforce_kernels import INVERSION_FLAGS
-from .inversion import inversion_of, misfit_limit, words_of
+from .inversion import ForwardMap, Inversion, inversion_of, misfit_limit, words_of
+from .splines import Array
+
+if TYPE_CHECKING:
+    from .model import SensorModel
 
 # Degrees of freedom of the phase noise: published readings scatter so.
 NOISE_FREEDOM = 4.0
@@ -18,12 +27,14 @@ _FINEST_MM = 1e-3
 _FORCE_NODES = 400
 _ITERATIONS = 4
 _SETTLED_N = 0.01
+# Force, its standard deviation, location, its own, and flags.
+Reported = tuple[float, float, float, float, tuple[str, ...]]
 
 
 class _PhaseCurves:
     """Phases over force at each location of a grid, for quick look-up; linear between nodes."""
 
-    def __init__(self, forward, location_mm):
+    def __init__(self, forward: ForwardMap, location_mm: Array) -> None:
         self.location_mm = location_mm
         self._log = np.linspace(
             np.log(forward.force_n[0]), np.log(forward.force_n[-1]), _FORCE_NODES
@@ -46,7 +57,7 @@ class _PhaseCurves:
         self.variance = forward.variances(middle, location_mm)
         self.variance += (slope * np.gradient(location_mm)[:, None]) ** 2 / 12
 
-    def __call__(self, force_n):
+    def __call__(self, force_n: Array) -> tuple[Array, Array]:
         """Phases and their slopes by force at one force per location; each (M, P)."""
         place = (np.log(force_n) - self._log[0]) / self._step
         node = np.clip(place.astype(int), 0, _FORCE_NODES - 2)
@@ -63,18 +74,20 @@ class FilterBank:
     ``log_weight`` (M,) is that of the location, 0 at the likeliest.
     """
 
-    def __init__(self, forward, location_mm, start_n, start_std_n):
+    def __init__(
+        self, forward: ForwardMap, location_mm: Array, start_n: float, start_std_n: float
+    ) -> None:
         self._forward = forward
         self.curves = _PhaseCurves(forward, location_mm)
         self.mean = np.full(len(location_mm), float(start_n))
         self.variance = np.full(len(location_mm), float(start_std_n) ** 2)
         self.log_weight = np.zeros(len(location_mm))
 
-    def walk(self, variance):
+    def walk(self, variance: float) -> None:
         """Lets the force change by a random step of this variance (N^2)."""
         self.variance = self.variance + variance
 
-    def update(self, phases_deg, std_deg):
+    def update(self, phases_deg: Array, std_deg: Array) -> float:
         """Takes one reading; gives how badly the best location explains it (squared, whitened).
 
         ``phases_deg`` (P,) are those of both ends at each carrier, modulo 360, ``std_deg`` their
@@ -108,24 +121,25 @@ class FilterBank:
         self.mean, self.variance = force, variance
         return float(np.min(distance))
 
-    def weights(self):
+    def weights(self) -> Array:
         """Probability of each location (M,)."""
         weight = np.exp(self.log_weight)
         return weight / weight.sum()
 
-    def place(self):
+    def place(self) -> tuple[float, float]:
         """Mean (mm) and variance (mm^2) of the location; any between two nodes is as likely."""
         location, weight = self.curves.location_mm, self.weights()
         mean = weight @ location
-        return mean, weight @ (location - mean) ** 2 + np.min(np.diff(location)) ** 2 / 12
+        variance = weight @ (location - mean) ** 2 + np.min(np.diff(location)) ** 2 / 12
+        return float(mean), float(variance)
 
-    def about_place(self, first, last):
+    def about_place(self, first: float, last: float) -> Array:
         """A fine grid about the location, within these ends."""
         mean, variance = self.place()
         half = _HALF_WIDTHS * np.sqrt(variance)
         return np.linspace(max(mean - half, first), min(mean + half, last), _FINE_POINTS)
 
-    def close_in(self):
+    def close_in(self) -> FilterBank:
         """A bank on a finer grid where the location is known better than the grid is wide."""
         location = self.curves.location_mm
         spacing = np.min(np.diff(location))
@@ -141,7 +155,7 @@ class FilterBank:
         return bank
 
 
-def _parabolas(at, values, new):
+def _parabolas(at: Array, values: Array, new: Array) -> Array:
     """Through the three nearest nodes: log weights are close to parabolas."""
     middle = np.clip(np.searchsorted(at, new - 0.5 * (at[1] - at[0])), 1, len(at) - 2)
     x = (new - at[middle]) / (at[1] - at[0])
@@ -173,13 +187,13 @@ class PressTracker:
 
     def __init__(
         self,
-        model,
-        group_period_s,
-        frequency_hz=None,
-        force_walk_n=FORCE_WALK_N,
-        start_force_n=None,
-        start_std_n=START_ABOVE_ONSET_N,
-    ):
+        model: SensorModel,
+        group_period_s: float,
+        frequency_hz: float | None = None,
+        force_walk_n: float = FORCE_WALK_N,
+        start_force_n: float | None = None,
+        start_std_n: float = START_ABOVE_ONSET_N,
+    ) -> None:
         if start_force_n is None:
             start_force_n = model.onset_force_n + START_ABOVE_ONSET_N
         settings = {
@@ -196,14 +210,15 @@ class PressTracker:
         self._walk = force_walk_n**2 * group_period_s
         self._start = (start_force_n, start_std_n)
         self._limit = misfit_limit(self._forward.size, 1 - _LOST)
-        self._bank, self._lost = None, 0
+        self._bank: FilterBank | None = None  # of the press that is followed
+        self._lost = 0
         self._coarse = _coarse_grid(self._forward)
 
-    def reset(self):
+    def reset(self) -> None:
         """Forgets the press."""
         self._bank, self._lost = None, 0
 
-    def update(self, phases_deg, std_deg, touched=True):
+    def update(self, phases_deg: ArrayLike, std_deg: ArrayLike, touched: bool = True) -> Reported:
         """Takes phases (2,) or (2 C,), modulo 360, and their noise; gives force, location, stds and
         flags.
 
@@ -215,21 +230,23 @@ class PressTracker:
             return np.nan, np.nan, np.nan, np.nan, ()
         phases, std = self._checked(phases_deg, std_deg)
         if self._bank is None:
-            self._bank = FilterBank(self._forward, self._coarse, *self._start)
+            bank = FilterBank(self._forward, self._coarse, *self._start)
         else:
-            self._bank.walk(self._walk)
+            bank = self._bank
+            bank.walk(self._walk)
         lost = False
         if np.all(np.isfinite(phases)):
-            lost = self._bank.update(phases, std) > self._limit
+            lost = bank.update(phases, std) > self._limit
             self._lost = self._lost + 1 if lost else 0
             if self._lost >= _LOST_AFTER:
                 # another press has begun, or this one slides
-                self._bank, self._lost = FilterBank(self._forward, self._coarse, *self._start), 0
-                self._bank.update(phases, std)
-            self._bank = self._bank.close_in()
-        return self._report(std, lost)
+                bank, self._lost = FilterBank(self._forward, self._coarse, *self._start), 0
+                bank.update(phases, std)
+            bank = bank.close_in()
+        self._bank = bank
+        return self._report(bank, std, lost)
 
-    def _checked(self, phases_deg, std_deg):
+    def _checked(self, phases_deg: ArrayLike, std_deg: ArrayLike) -> tuple[Array, Array]:
         phases = np.asarray(phases_deg, float)
         if phases.shape != (self._forward.size,):
             rule = f"must have shape ({self._forward.size},)"
@@ -239,14 +256,14 @@ class PressTracker:
             raise InputError("std_deg", "must be finite and not negative", std.tolist())
         return phases, std
 
-    def _report(self, std, lost):
-        bank, weight = self._bank, self._bank.weights()
-        force = weight @ bank.mean
+    def _report(self, bank: FilterBank, std: Array, lost: bool) -> Reported:
+        weight = bank.weights()
+        force = float(weight @ bank.mean)
         variance = weight @ (bank.variance + (bank.mean - force) ** 2)
         place, spread = bank.place()
         systematic = self._inverter.systematic(force, place)
         variance, spread = variance + systematic[0, 0], spread + systematic[1, 1]
-        values = (float(force), float(np.sqrt(variance)), float(place), float(np.sqrt(spread)))
+        values = (force, float(np.sqrt(variance)), place, float(np.sqrt(spread)))
         code = self._inverter.code_of(*values, std)
         if lost:
             code |= INVERSION_FLAGS["inconsistent"]
@@ -254,47 +271,48 @@ class PressTracker:
             code |= INVERSION_FLAGS["ambiguous"]
         return (*values, words_of(code))
 
-    def systematic(self, force_n, location_mm):
+    def systematic(self, force_n: float, location_mm: float) -> Array:
         """See :meth:`~.inversion.Inverter.systematic`."""
         return self._inverter.systematic(force_n, location_mm)
 
     @property
-    def walk_variance(self):
+    def walk_variance(self) -> float:
         """Variance that the force gains from one reading to the next."""
         return self._walk
 
-    def bank_about_result(self):
-        """Fresh filters on a grid about the location that was found."""
+    def bank_about_result(self) -> FilterBank:
+        """Fresh filters on a grid about the location that was found; for a press only."""
+        assert self._bank is not None
         ends = self._forward.location_mm[[0, -1]]
         return FilterBank(self._forward, self._bank.about_place(*ends), *self._start)
 
-    def code_of(self, values, std):
+    def code_of(self, values: Array, std: Array) -> int:
         """Sum of the flags of force, location and their covariance, ``values`` (6,)."""
         force, place, variance, _, _, spread = values.tolist()
         return self._inverter.code_of(force, np.sqrt(variance), place, np.sqrt(spread), std)
 
 
-def _coarse_grid(forward):
+def _coarse_grid(forward: ForwardMap) -> Array:
     first, last = forward.location_mm[[0, -1]]
     return np.linspace(first, last, int(np.ceil((last - first) / _COARSE_MM)) + 1)
 
 
-def _two_places(location, weight):
+def _two_places(location: Array, weight: Array) -> bool:
     """Whether the location may be at two places with little in between."""
     heavy = location[weight > 0.1 * weight.max()]
     return bool(np.max(np.diff(heavy), initial=0.0) > _TWO_PLACES_MM)
 
 
 def smooth_press(
-    model,
-    phases_deg,
-    std_deg,
-    group_period_s,
-    frequency_hz=None,
-    force_walk_n=FORCE_WALK_N,
-    start_force_n=None,
-    start_std_n=START_ABOVE_ONSET_N,
-):
+    model: SensorModel,
+    phases_deg: ArrayLike,
+    std_deg: ArrayLike,
+    group_period_s: float,
+    frequency_hz: float | None = None,
+    force_walk_n: float = FORCE_WALK_N,
+    start_force_n: float | None = None,
+    start_std_n: float = START_ABOVE_ONSET_N,
+) -> Inversion:
     """Force over a whole press and its location, each reading in the light of all of them.
 
     Parameters are those of :class:`.PressTracker`; ``phases_deg`` (n, 2) or (n, 2 C) and
@@ -322,7 +340,9 @@ def smooth_press(
     return inversion_of(*_smoothed(history, bank, tracker, std))
 
 
-def _smoothed(history, bank, tracker, std):
+def _smoothed(
+    history: list[tuple[Array, Array, Array]], bank: FilterBank, tracker: PressTracker, std: Array
+) -> tuple[Array, Array]:
     """Rauch-Tung-Striebel per location, then the mixture of all: values (n, 6) and codes (n,)."""
     weight, location = bank.weights(), bank.curves.location_mm
     place, spread = bank.place()
@@ -334,7 +354,7 @@ def _smoothed(history, bank, tracker, std):
             gain = own_variance / before
             mean = own_mean + gain * (mean - own_mean)
             variance = own_variance + gain**2 * (variance - before)
-        force = weight @ mean
+        force = float(weight @ mean)
         away = mean - force
         covariance = tracker.systematic(force, place)
         covariance[0, 0] += weight @ (variance + away**2)

@@ -190,7 +190,7 @@ class Skin:
     def top_force_n(self) -> float:
         """Force that the calibration of the strips reaches wherever it is applied."""
         top = min(strip.model.force_span_n[1] for strip in self.strips)
-        return float(top / max(self.spreading.share(0.0), 1e-3))
+        return top / max(float(self.spreading.share(0.0)), 1e-3)
 
     def shares(self, y_mm: Array | list[float]) -> Array:
         """Share of each strip of presses at some y; shape (..., S)."""
