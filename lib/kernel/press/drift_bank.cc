@@ -68,6 +68,16 @@ void drift_bank::widen(double variance)
     d_estimate.variance += variance;
 }
 
+void drift_bank::narrow(double ratio)
+{
+    const double closer = std::sqrt(ratio);
+    for (std::size_t i = 0; i < d_count; i++) {
+        d_mean[i] = d_estimate.mean + closer * (d_mean[i] - d_estimate.mean);
+        d_variance[i] = std::max(ratio * d_variance[i], least_variance);
+    }
+    summarize();
+}
+
 void drift_bank::predict(double seconds)
 {
     for (std::size_t i = 0; i < d_count; i++)

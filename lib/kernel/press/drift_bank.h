@@ -32,6 +32,8 @@ public:
     void reset(double phase, double variance);
     void turn(double by);
     void widen(double variance);
+    //! Something else has been learned of it: its variance is so many times as large.
+    void narrow(double ratio);
     void predict(double seconds);
     //! Takes a phase; gives the log density that was expected of it. `memory` is the part
     //! of the evidence for the rates that is kept.

@@ -94,8 +94,8 @@ double press_filter::follow_turn(explanation& to,
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2, before = to.strength.mean;
     if (!to.near)
         to.strength.mean_variance += squared(d_set.turn_np / (d_set.turn_deg * deg) * by);
-    likelihood += update_amplitude(to.strength);
     to.common.turn(by);
+    likelihood += update_strength(to);
     // What is seen in the second group of a press may have begun in the first.
     if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s)
         to.common.widen(squared(by / 2));
@@ -154,9 +154,11 @@ void press_filter::press(const explanation& from, double probability)
     if (next.turning) {
         next.motion.move(next.velocity, squared(next.velocity) / 4);
     }
-    const double phases =
-        from.known ? std::log(density(from, d_group.phase) + 1e-12) : log_any_phases;
-    give(next, phases + compare_contact(from, d_set.contact_np));
+    if (shows_turns(next)) {
+        touch_with_strength(from, next, d_set.contact_np);
+        return;
+    }
+    give(next, contact_phases(next) + compare_contact(from, d_set.contact_np));
 }
 
 void press_filter::touch_unexplained(const explanation& from, double probability)
@@ -169,18 +171,11 @@ void press_filter::touch_unexplained(const explanation& from, double probability
     next.age_s = 0;
     next.turning = false;
     begin_press(next);
-    double explained = 0, near = 0;
-    if (from.known) {
-        explained = density(from, d_group.phase);
-        const auto at = baseline(from);
-        for (int e = 0; e < 2; e++)
-            near +=
-                squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
-        near = 0.99 * std::exp(-squared(near) / 2);
+    if (shows_turns(next)) {
+        touch_with_strength(from, next, any_amplitude);
+        return;
     }
-    give(next,
-         log_any_phases - std::log1p(explained / outside) + std::log1p(-near) +
-             compare_contact(from, any_amplitude));
+    give(next, contact_phases(next) + compare_contact(from, any_amplitude));
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
@@ -222,7 +217,7 @@ void press_filter::hold(const explanation& from, double probability)
         next.motion.stop(d_elapsed_s);
         const double likelihood = next.motion.update(d_group.phase, d_noise);
         hold_level(next);
-        give(next, likelihood + update_amplitude(next.strength));
+        give(next, likelihood + update_strength(next));
         return;
     }
     // What is held drifts as the untouched line does, and looks like it.
@@ -231,7 +226,7 @@ void press_filter::hold(const explanation& from, double probability)
     next.difference.share_rates(next.held_difference);
     next.motion.hold(phases_of(next.held_common, next.held_difference),
                      covariance_of(next.held_common, next.held_difference));
-    give(next, likelihood + update_amplitude(next.strength));
+    give(next, likelihood + update_strength(next));
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -280,7 +275,8 @@ void press_filter::change_steadily(const explanation& from,
         turned += squared(wrapped(d_group.phase[e] - was[e]));
     next.strength.mean_variance += squared(turned / 24);
     next.strength.difference_variance += squared(turned / 24);
-    likelihood += update_amplitude(next.strength);
+    doubt_off_states(next, from);
+    likelihood += update_strength(next);
     if (next.is == pressed && next.known) {
         const double inside = density(next, next.motion.phase()),
                      before = density(from, was);
@@ -342,7 +338,8 @@ void press_filter::jump(const explanation& from, double probability)
     const auto was = from.motion.phase();
     double likelihood = next.motion.update(d_group.phase, d_noise);
     hold_level(next);
-    likelihood += update_amplitude(next.strength);
+    doubt_off_states(next, from);
+    likelihood += update_strength(next);
     // What hardly differs is no jump.
     double jumped = 0;
     for (int e = 0; e < 2; e++)
@@ -382,11 +379,11 @@ void press_filter::mix(const explanation& from, double probability, double ends)
             next.start = untouched_ratio(from);
         else {
             const auto was = from.motion.phase();
+            const auto strength = seen_strength(from);
             for (int e = 0; e < 2; e++)
-                next.start[e] =
-                    std::polar(std::exp(from.strength.mean +
-                                        (e ? -0.5 : 0.5) * from.strength.difference),
-                               was[e]);
+                next.start[e] = std::polar(
+                    std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference),
+                    was[e]);
         }
         // Where a press ends, it is known what comes after.
         if (ends > 0 && from.known)

@@ -10,8 +10,9 @@
 namespace gr::wiforce::kernel {
 
 press_filter::press_filter(std::shared_ptr<const press_image> image,
-                           const press_parameters& settings)
-    : d_image(std::move(image)), d_set(settings)
+                           const press_parameters& settings,
+                           const off_states& off)
+    : d_image(std::move(image)), d_set(settings), d_off(off)
 {
 }
 
@@ -463,7 +464,7 @@ void press_filter::claim_untouched(double probability)
             next.common.reset(level[1] + apart / 2,
                               (sure.first + sure.second + 2 * sure.both) / 4);
             next.difference.reset(apart, sure.first + sure.second - 2 * sure.both);
-            next.line = next.strength;
+            next.line = seen_strength(next);
             next.quiet_amplitude = next.line.mean;
         }
         next.now = describe(next);

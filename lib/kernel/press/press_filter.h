@@ -2,6 +2,7 @@
 #pragma once
 
 #include "drift_bank.h"
+#include "off_states.h"
 #include "phase_motion.h"
 #include "press_image.h"
 #include "press_parameters.h"
@@ -71,7 +72,8 @@ public:
     };
 
     press_filter(std::shared_ptr<const press_image> image,
-                 const press_parameters& settings);
+                 const press_parameters& settings,
+                 const off_states& off = {});
 
     //! Takes the next group that was received.
     void take(const press_observation& group);
@@ -119,7 +121,8 @@ private:
         // whether the press changes steadily: at a speed, sliding or not.
         phase_motion motion;
         drift_bank held_common, held_difference;
-        both_amplitudes strength;
+        both_amplitudes strength; // where the off states differ, less than they cause
+        double with_common = 0;   // its difference's covariance with the common phase
         bool steady = false, slides = false;
         bool jolted = false,
              jumped = false; // suddenly, in this group: it may not be over
@@ -193,8 +196,15 @@ private:
     double update_baseline(explanation& to) const;
     void notice_hand(explanation& to) const;
     void lose_sight_of_hand(explanation& to) const;
+    double contact_phases(const explanation& of) const;
     double compare_contact(const explanation& with, double spread) const;
     double update_amplitude(both_amplitudes& own) const;
+    double update_strength(explanation& to) const;
+    void touch_with_strength(const explanation& from, explanation& next, double spread);
+    bool shows_turns(const explanation& of) const;
+    pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
+    void doubt_off_states(explanation& to, const explanation& from) const;
+    both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
     void begin_press(explanation& to) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
@@ -211,6 +221,7 @@ private:
 
     std::shared_ptr<const press_image> d_image;
     press_parameters d_set;
+    off_states d_off;
     std::vector<explanation> d_kept, d_next;
     double d_best = 0,
            d_peak = 0; // largest log weight so far; largest density of a group

@@ -9,6 +9,14 @@
 
 namespace gr::wiforce::kernel {
 
+namespace {
+
+// Of the common phase by the amplitudes, where it is known to no better than a degree.
+constexpr int iterations = 4;
+constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
+
+} // namespace
+
 // What follows with this probability, before the event has changed it; nothing where even
 // the best prediction of the group would leave no weight.
 std::optional<press_filter::explanation> press_filter::follow(const explanation& from,
@@ -183,6 +191,22 @@ void press_filter::notice_hand(explanation& to) const
     to.quiet_amplitude += forgets / 4 * grown;
 }
 
+// Log density of the phases of a contact that begins in this group.
+double press_filter::contact_phases(const explanation& of) const
+{
+    if (!of.known)
+        return log_any_phases;
+    const double explained = density(of, d_group.phase);
+    if (of.is == pressed)
+        return std::log(explained + 1e-12);
+    double near = 0;
+    const auto at = baseline(of);
+    for (int e = 0; e < 2; e++)
+        near += squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
+    near = 0.99 * std::exp(-squared(near) / 2);
+    return log_any_phases - std::log1p(explained / outside) + std::log1p(-near);
+}
+
 double press_filter::compare_contact(const explanation& with, double spread) const
 {
     const double known =
@@ -212,6 +236,100 @@ double press_filter::update_amplitude(both_amplitudes& own) const
     own.mean_variance *= 1 - by_mean;
     own.difference_variance *= 1 - by_difference;
     return likelihood;
+}
+
+// Whether the amplitudes show how far both ends have turned.
+bool press_filter::shows_turns(const explanation& of) const
+{
+    return d_off.differ() && of.known && (of.is == pressed || of.is == unexplained);
+}
+
+// Of both phases against the untouched line.
+pair_of_ends press_filter::change(const explanation& of, const pair_of_ends& phase) const
+{
+    const auto at = baseline(of);
+    return { phase[0] - at[0], phase[1] - at[1] };
+}
+
+// Takes the amplitudes of a press. Where the off states differ they show the common
+// phase, as far as is known what the contact loses: a Kalman filter of both, which are
+// correlated from then on, iterated because the amplitudes are no linear function of the
+// phase.
+double press_filter::update_strength(explanation& to) const
+{
+    auto& own = to.strength;
+    if (!shows_turns(to))
+        return update_amplitude(own);
+    const double noise = 4 * d_amplitude_noise, known = to.common.estimate().variance;
+    const auto seen = change(to, d_group.phase);
+    pair_of_ends expected;
+    double turn = 0, slope = 0, variance = 1, off = 0, by_turn = 0;
+    for (int i = 0; i < (known < squared(deg) ? 1 : iterations); i++) {
+        const pair_of_ends at{ seen[0] - turn, seen[1] - turn };
+        expected = d_off.amplitude(at);
+        slope = -d_off.slope(at);
+        variance = slope * slope * known + 2 * slope * to.with_common +
+                   own.difference_variance + noise;
+        by_turn = (slope * known + to.with_common) / variance;
+        off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
+              slope * turn;
+        turn = by_turn * off;
+    }
+    const double by_loss = (slope * to.with_common + own.difference_variance) / variance;
+    double likelihood = log_normal(off, variance);
+    own.difference += by_loss * off;
+    own.difference_variance =
+        std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
+    to.with_common -= by_turn * by_loss * variance;
+    to.common.turn(turn);
+    to.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
+    const double mean = d_amplitude - (expected[0] + expected[1]) / 2 - own.mean,
+                 mean_variance = own.mean_variance + d_amplitude_noise,
+                 by_mean = own.mean_variance / mean_variance;
+    likelihood += log_normal(mean, mean_variance);
+    own.mean += by_mean * mean;
+    own.mean_variance *= 1 - by_mean;
+    return likelihood;
+}
+
+// Begins a contact that loses something, or nothing.
+void press_filter::touch_with_strength(const explanation& from,
+                                       explanation& next,
+                                       double spread)
+{
+    const double floor = 2 * squared(d_set.amplitude_np);
+    for (const double loss : { spread, 0.0 }) {
+        auto contact = next;
+        contact.log_weight -= std::log(2.0);
+        contact.with_common = 0;
+        contact.strength = { from.line.mean,
+                             from.line.difference,
+                             from.line.mean_variance + from.near_square / 2 +
+                                 squared(loss) / 2,
+                             from.line.difference_variance + 2 * squared(loss) + floor +
+                                 d_off.variance({ 0, 0 }, change(next, d_group.phase)) };
+        const double likelihood = update_strength(contact);
+        give(contact, likelihood + contact_phases(contact));
+    }
+}
+
+// The amplitudes of another press, by off states that are not quite known.
+void press_filter::doubt_off_states(explanation& to, const explanation& from) const
+{
+    if (shows_turns(to))
+        to.strength.difference_variance += d_off.variance(
+            change(from, from.motion.phase()), change(to, to.motion.phase()));
+}
+
+press_filter::both_amplitudes press_filter::seen_strength(const explanation& of) const
+{
+    auto seen = of.strength;
+    if (!shows_turns(of))
+        return seen;
+    const auto caused = d_off.amplitude(change(of, of.motion.phase()));
+    seen.mean += (caused[0] + caused[1]) / 2;
+    seen.difference += caused[0] - caused[1];
+    return seen;
 }
 
 void press_filter::begin_press(explanation& to) const
@@ -315,7 +433,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
     const auto common = of.common.estimate(), apart = of.difference.estimate();
     return { of.is,
              of.known,
-             of.turned_now || of.turning,
+             (of.turned_now || of.turning) && !shows_turns(of),
              baseline(of),
              common.variance + (of.is == pressed ? of.near_square / 2 : 0),
              apart.variance,

@@ -39,6 +39,7 @@ class PlannedSensor:
     # Stated random walk of the untouched phases; None: learned.
     drift_deg_per_sqrt_s: float | None = None
     turns_per_s: float | None = None  # stated rate of turns of the tag or an antenna; None: learned
+    off_reflection_std: float = 0.0  # of the real and the imaginary part of each
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,7 @@ class Plan:
                 np.asarray(s.off_reflection),
                 s.drift_deg_per_sqrt_s,
                 s.turns_per_s,
+                s.off_reflection_std,
             )
             for s in scene.sensors
         )

@@ -134,7 +134,11 @@ class Explanations:
 
 
 def filter_of(
-    model: SensorModel, frequency_hz: float, off_reflection: ArrayLike, **parameters: Any
+    model: SensorModel,
+    frequency_hz: float,
+    off_reflection: ArrayLike,
+    off_std: float = 0.0,
+    **parameters: Any,
 ) -> press_filter:
     """Make the press filter of a sensor.
 
@@ -145,6 +149,8 @@ def filter_of(
         Carrier, in Hz.
     off_reflection : complex or array_like of two
         G_off / rho, per switch where they differ.
+    off_std : float
+        Standard deviation of its real and its imaginary part.
     **parameters
         Of ``lib/kernel/press/press_parameters.h``, where they differ from the defaults.
 
@@ -159,12 +165,16 @@ def filter_of(
         model.phases_deg(forces[:, None], locations[None], frequency_hz),
         (len(forces), len(locations), 2),
     )
-    untouched = np.exp(1j * np.radians(model.untouched_deg(frequency_hz)))
-    off = np.asarray(off_reflection, complex)
+    untouched_rad = np.radians(model.untouched_deg(frequency_hz))
+    untouched = np.exp(1j * untouched_rad)
+    off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - off)
+    step = float(np.log(forces[1] / forces[0]))
+    image = np.angle(ratios), step, np.radians(_SPREAD_DEG), parameters
+    if off[0] != off[1]:
+        return press_filter(*image, untouched_rad.tolist(), off.tolist(), off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
     spread = float(np.log(np.abs(ratios)).mean(axis=2).std())
     if spread > 0:
         parameters["contact_np"] = float(np.hypot(parameters.get("contact_np", 0.05), spread))
-    step = float(np.log(forces[1] / forces[0]))
-    return press_filter(np.angle(ratios), step, np.radians(_SPREAD_DEG), parameters)
+    return press_filter(*image)

@@ -11,7 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..estimation.capture.antennas import curvature_deg
 from ..estimation.groups import Array, Groups
-from ..estimation.phases.off_state import corrected_phase_deg
+from ..estimation.phases.off_state import (
+    corrected_phase_deg,
+    off_state_error_deg,
+    phase_on_circle_deg,
+)
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from ..wiforce_kernels import INVERSION_FLAGS
 from .evidence import Suspicion
@@ -82,6 +86,8 @@ class SensorReadout:
         Amplitude of the tag over that of the static path, for two antennas; 0 for one.
     in_lamps : bool
         Whether strong lines of the tag coincide with those of lamps.
+    off_std : float
+        Standard deviation of the real and the imaginary part of each off state.
     """
 
     def __init__(
@@ -95,13 +101,15 @@ class SensorReadout:
         surveyed_snr_db: float | None = None,
         tag_ratio: float = 0.0,
         in_lamps: bool = False,
+        off_std: float = 0.0,
     ) -> None:
         self._model = model
         self._frequency_hz = frequency_hz
         self._surveyed_snr_db, self._tag_ratio = surveyed_snr_db, tag_ratio
         self._in_lamps = in_lamps
         self._period_s = group_period_s
-        self._off = np.asarray(off_reflection, complex)
+        self._off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
+        self._off_std = off_std
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self.state = state
         # Force and location of the newest group that was touched; NaN when unknown.
@@ -210,13 +218,21 @@ class SensorReadout:
         without that of the common phase, which the nodes stand for.
         """
         with np.errstate(invalid="ignore"):
-            phases, slope = corrected_phase_deg(level, self._untouched, self._off)
+            if self._off[0] != self._off[1]:
+                # What turns the tag changes |R| of both ends as well.
+                phases, slope = phase_on_circle_deg(level, self._untouched, self._off)
+            else:
+                phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             own = found.variance + found.difference_variance[:, None] / 4
             if self._tag_ratio:
                 own = own + np.radians(curvature_deg(found.ratios, self._tag_ratio)) ** 2
             if whole:
                 own = own + found.common_variance[:, None]
-            return phases, np.degrees(np.sqrt(own)) * slope
+            std = np.degrees(np.sqrt(own)) * slope
+            if self._off_std:
+                unsure = off_state_error_deg(level, self._untouched, self._off)
+                std = np.hypot(std, self._off_std * unsure)
+            return phases, std
 
     def _invert(
         self,

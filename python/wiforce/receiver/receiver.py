@@ -276,6 +276,7 @@ def make_readout(
             snr_db,
             tag_ratio,
             lamps,
+            s.off_reflection_std,
         )
         for s, snr_db, tag_ratio, lamps in zip(
             plan.sensors, surveyed, tag_ratios, in_lamps, strict=True
@@ -300,6 +301,12 @@ def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     if sensor.turns_per_s is not None:
         parameters |= {"turns": sensor.turns_per_s, "turns_s": _STATED_S}
     return SensorState(
-        lambda: filter_of(sensor.model, carrier_hz, sensor.off_reflection, **parameters),
+        lambda: filter_of(
+            sensor.model,
+            carrier_hz,
+            sensor.off_reflection,
+            sensor.off_reflection_std,
+            **parameters,
+        ),
         PressEvidence(sensor.model, carrier_hz, np.asarray(sensor.off_reflection), period_s),
     )

@@ -318,6 +318,11 @@ class SceneSensor:
         default=(0j, 0j),
         doc="G_off / rho of the open switches; two pairs where the switches differ.",
     )
+    off_reflection_std: float = key(
+        Number(low=0, high=0.5),
+        default=0.0,
+        doc="Standard deviation of the real and the imaginary part of each, which widens readings.",
+    )
 
     def load_model(self, scene: "Scene") -> "SensorModel":
         """Load the reader's model of this sensor (see ``sensor.load_sensor``)."""

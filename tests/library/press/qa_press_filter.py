@@ -143,6 +143,24 @@ def test_turn_at_mid_line_is_decided_by_the_release():
         assert np.degrees(at_last.baseline[0]) == pytest.approx([8, 8], abs=0.3)
 
 
+@pytest.mark.parametrize("turn_deg", [3.0, -30.0])
+def test_turn_at_mid_line_is_seen_where_off_states_differ(turn_deg):
+    """Phases alone read it as a change of force."""
+    off, untouched = np.array([0.3, -0.3]), np.exp(1j * np.radians(MODEL.untouched_deg()))
+    ratio = (untouched * np.exp(1j * np.radians(MIDDLE)) - off) / (untouched - off)
+    ratios = np.ones((200, 2), complex)
+    ratios[60:140] = ratio
+    ratios[100:] *= 1.05 * np.exp(1j * np.radians(turn_deg))
+    rows = rows_of(phases_of((0.0, 0.0), 60, 80, 60) + np.degrees(np.angle(ratios)))
+    rows[:, 3:5] = np.log(np.abs(ratios))
+    rows[:, 3:5] += np.radians(NOISE_DEG) * np.random.default_rng(2).standard_normal((200, 2))
+    found = explained(rows, filter_of(MODEL, 900e6, off))
+    first, _ = found.likeliest(200)
+    for group, turned in ((90, 0.0), (130, turn_deg), (190, turn_deg)):
+        line = np.degrees(found.baseline[first[group]].mean())
+        assert line == pytest.approx(turned, abs=1.0), group
+
+
 def test_claim_beside_a_press_leaves_both_possible_until_the_release():
     press_filter, rows = filter_of(MODEL, 900e6, 0.0), rows_of(phases_of(PRESS))
     explained(rows[:90], press_filter)

@@ -3,6 +3,8 @@
 
 #include <kernel/press/press_filter.h>
 
+#include <pybind11/stl.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -146,11 +148,15 @@ void bind_press(py::module& m)
         "Weighs what may have happened to a sensor, group by group (docs/press.md).\n\n"
         "change: (F, L, 2) changes of both phases by presses, rad; forces rise by equal\n"
         "ratios, of the logarithm log_step. spread: rad, by which models are wrong.\n"
-        "parameters: of press_parameters.h, where they differ.")
+        "parameters: of press_parameters.h, where they differ. untouched: both phases,\n"
+        "rad; off: both off states, and their standard deviation (off_states.h).")
         .def(py::init([](const array<double>& change,
                          double log_step,
                          double spread,
-                         const py::dict& parameters) {
+                         const py::dict& parameters,
+                         const pair_of_ends& untouched,
+                         const std::array<std::complex<double>, 2>& off,
+                         double off_std) {
                  if (change.ndim() != 3 || change.shape(2) != 2)
                      throw std::invalid_argument(
                          "press_filter: change must have shape (F, L, 2)");
@@ -160,12 +166,16 @@ void bind_press(py::module& m)
                                          static_cast<std::size_t>(change.shape(1)),
                                          log_step,
                                          spread),
-                                     parameters_of(parameters));
+                                     parameters_of(parameters),
+                                     off_states(untouched, off, off_std));
              }),
              "change"_a,
              "log_step"_a,
              "spread"_a,
-             "parameters"_a = py::dict())
+             "parameters"_a = py::dict(),
+             "untouched"_a = pair_of_ends{},
+             "off"_a = std::array<std::complex<double>, 2>{},
+             "off_std"_a = 0.0)
         .def(
             "take",
             &take,
