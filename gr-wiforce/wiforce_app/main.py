@@ -31,31 +31,35 @@ from .shell.log import PROGRAM, log, printable
 
 # Module and one line of help of each subcommand, so that --help imports none of them.
 COMMANDS = {
-    "demo": (".scenes.demo", "Simulate two presses, read them back and compare with the truth."),
+    "demo": (".scenes.demo", "Simulate two presses, read them, compare with the truth."),
     "list": (".scenes.list", "List shipped scenes and sensor models."),
-    "schema": (".scenes.schema", "Print the JSON Schema of scene or sensor files."),
     "simulate": (".scenes.simulate", "Simulate a scene and write its capture."),
     "read": (".read.read", "Read force and location from a capture."),
+    "survey": (".plan.survey", "Show what is in the room of a capture."),
+    "score": (".evaluate.score", "Compare readings with the record of a force gauge."),
+    "export": (".read.export", "Convert readings to CSV, JSON lines, Parquet, MCAP."),
+    "check": (".plan.check", "Check a radio, or the files of a capture."),
     "live": (".live.live", "Read force and location live from a radio."),
-    "status": (".live.status", "Print the health of a live reader."),
     "watch": (".web.watch", "Show readings in a browser."),
+    "status": (".live.status", "Print the health of a live reader."),
     "keys": (".live.keys", "Make keys for ZMQ beyond this machine."),
-    "check": (".plan.check", "Check a radio before a measurement, or the files of a capture."),
+    "emulate": ("software_n210.command", "Run a software USRP N210 that simulates a scene."),
+    "plan": (".plan.plan", "Show errors to expect of a scene, and what limits them."),
+    "design": (".plan.design", "Show impedance and timer of a tag to build."),
     "calibrate": (".calibrate.calibrate", "Make a sensor model from known presses."),
     "transfer": (".calibrate.transfer", "Transfer a sensor model to another carrier."),
-    "off-reflection": (
-        ".calibrate.off_reflection",
-        "Estimate the off state of the switches from a capture.",
-    ),
+    "off-reflection": (".calibrate.off_reflection", "Estimate the off state of the switches."),
     "invert": (".calibrate.invert", "Convert measured phases to force and location."),
-    "export": (".read.export", "Convert readings between CSV, JSON lines, Parquet and MCAP."),
-    "survey": (".plan.survey", "Show what is in the room of a capture besides its tags."),
-    "plan": (".plan.plan", "Show steps, cost and expected errors of a scene."),
-    "design": (".plan.design", "Show impedance and phase of a line to build, and its tag's timer."),
-    "emulate": ("software_n210.command", "Run a software USRP N210 that simulates a scene."),
-    "score": (".evaluate.score", "Compare readings with the record of a force gauge."),
-    "evaluate": (".evaluate.evaluate", "Compare readings with the truth and with the paper."),
+    "schema": (".scenes.schema", "Print the JSON Schema of scene or sensor files."),
+    "evaluate": (".evaluate.evaluate", "Compare readings with the truth and the paper."),
     "bench": (".bench", "Measure accuracy, speed and numerical limits."),
+}
+_GROUPS = {
+    "Begin": "demo list simulate",
+    "Recordings": "read survey score export",
+    "Radio": "check live watch status keys emulate",
+    "Sensors and tags": "calibrate transfer off-reflection invert design schema",
+    "Study": "plan evaluate bench",
 }
 # System errors caused by an unusable path count as bad input; others, such as a full disk, do not.
 _PATH_ERRORS = {
@@ -87,10 +91,10 @@ def _set_debug(ctx, _, asked):
     cls=LazyGroup,
     package=__package__,
     commands=COMMANDS,
+    groups=_GROUPS,
+    examples=("read press -o press.csv --plot press.png",),
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
-    "1 any other failure; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141, silently, when standard "
-    "output was closed early, as by head.",
+    epilog="Exit status: 0, 2 bad input, 1 failure, 130 Ctrl-C, 143 SIGTERM, 141 closed.",
 )
 @click.option(
     "--version",
@@ -138,7 +142,9 @@ def main(argv=None):
     except _OutputClosed:
         _silence_stdout()
         return OUTPUT_CLOSED
-    except SystemExit as error:  # how click ends on any other broken pipe
+    except SystemExit as error:  # how click ends on any other broken pipe, and after completions
+        if error.__context__ is None:
+            return error.code
         return _fail(FAILED, str(error.__context__ or error))
     except OSError as error:
         if state["debug"]:

@@ -4,6 +4,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -40,11 +41,13 @@ def wait_for_rows(path, count):
 
 
 def counted(summary):
-    """Groups in all, clear, flagged, dropped, of a summary line."""
-    words = summary.replace(":", "").replace(",", "").split()
-    return tuple(
-        int(words[words.index(key) - 1]) for key in ("groups", "clear", "flagged", "dropped")
-    )
+    """Groups in all, usable, flagged and lost, of a summary line."""
+    found = [
+        re.search(rf"(\d+) {words}", summary)
+        for words in ("groups", "usable", "reference", "while pressing", "doubtful", "lost")
+    ]
+    groups, clear, *flagged, lost = (0 if each is None else int(each[1]) for each in found)
+    return groups, clear, sum(flagged), lost
 
 
 def test_a_growing_capture_is_read_as_it_grows_and_as_when_it_is_whole(sandbox, readings):

@@ -66,19 +66,29 @@ def test_man_page_matches_command_help():
 
 
 @pytest.mark.parametrize(
-    ("typed", "expected"), [("re", "plain,read"), ("sim", "plain,simulate"), ("nothing", "")]
+    ("typed", "expected"),
+    [
+        ("re", "plain,read"),
+        ("sim", "plain,simulate"),
+        ("nothing", ""),
+        ("plan tablet", "plain,tabletop\nplain,tabletop_two"),
+        ("read press --scene dem", "plain,demo"),
+        ("plan ./my", "file,./my"),
+        ("invert --sensor wiforce-900mhz", "plain,wiforce-900mhz"),
+    ],
 )
-def test_shell_completes_subcommands(typed, expected):
+def test_shell_completes_subcommands_scenes_and_sensors(typed, expected):
     done = subprocess.run(
         [sys.executable, "-c", "from wiforce_app.main import main; main()"],
         env=os.environ
         | {"_GR_WIFORCE_COMPLETE": "bash_complete", "COMP_WORDS": f"gr-wiforce {typed}"}
-        | {"COMP_CWORD": "1"},
+        | {"COMP_CWORD": str(len(typed.split()))},
         capture_output=True,
         text=True,
         timeout=60,
     )
     assert done.stdout.strip() == expected
+    assert done.stderr == ""  # it would appear on the line that is typed
 
 
 def test_completion_scripts_query_the_command():

@@ -10,7 +10,7 @@ from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from ..shell.commands import GroupedHelp
-from ..shell.options import FiniteRange, Number, sensor_output
+from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
 from .guide import complete_settings, guide, guided_options, table_of
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
@@ -92,7 +92,11 @@ _STEPS = ("nearest", "given", "line")
     help="Standard deviation of the locations. Default: 0, with --live 0.3.",
 )
 @click.option(
-    "--refine", "refined", metavar="SENSOR", help="Refine this sensor with TABLE instead."
+    "--refine",
+    "refined",
+    metavar="SENSOR",
+    shell_complete=sensor_names,
+    help="Refine this sensor with TABLE instead.",
 )
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
 @click.option(

@@ -13,16 +13,23 @@ from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.model import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
+from ..shell.commands import GroupedHelp
 from ..shell.log import log
-from ..shell.options import CARRIER_HZ, Number
+from ..shell.options import CARRIER_HZ, Number, sensor_names
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 
 
-@click.command()
+@click.command(cls=GroupedHelp, examples=("invert phases.csv --sensor arm.yaml -o forces.csv",))
 @click.argument("phases", type=click.Path())
-@click.option("--sensor", "model", required=True, help="Shipped sensor or SENSOR.yaml.")
+@click.option(
+    "--sensor",
+    "model",
+    required=True,
+    shell_complete=sensor_names,
+    help="Shipped sensor or SENSOR.yaml.",
+)
 @click.option(
     "-o",
     "--output",

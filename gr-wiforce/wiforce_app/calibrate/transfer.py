@@ -6,11 +6,14 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.io.text.textfile import check_output
 
-from ..shell.options import CARRIER_HZ, sensor_output
+from ..shell.commands import GroupedHelp
+from ..shell.options import CARRIER_HZ, sensor_names, sensor_output
 
 
-@click.command()
-@click.argument("sensor")
+@click.command(
+    cls=GroupedHelp, examples=("transfer arm.yaml --frequency-hz 915e6 -o arm-915.yaml",)
+)
+@click.argument("sensor", shell_complete=sensor_names)
 @click.option("--frequency-hz", type=CARRIER_HZ, required=True, help="The new carrier.")
 @sensor_output
 @click.option("--name", help="Name of the sensor; the output's name by default.")

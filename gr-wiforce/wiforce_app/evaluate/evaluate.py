@@ -9,7 +9,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import check_output
 
-from ..shell.options import worker_options
+from ..shell.options import scene_names, worker_options
 from ..shell.progress import progress
 from . import published
 from .published_series import series_lines
@@ -34,7 +34,7 @@ def evaluate():
 
 
 @evaluate.command(hidden=True)
-@click.argument("scenes", nargs=-1, required=True)
+@click.argument("scenes", nargs=-1, required=True, shell_complete=scene_names)
 @click.option(
     "--folder",
     type=click.Path(file_okay=False),

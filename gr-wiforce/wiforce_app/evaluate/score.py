@@ -14,13 +14,14 @@ from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
+from ..shell.commands import GroupedHelp
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
 
 _READINGS = (".csv", ".jsonl", ".parquet")
 _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 
 
-@click.command()
+@click.command(cls=GroupedHelp, examples=("score press --against gauge.csv",))
 @click.argument("capture", type=click.Path())
 @click.option(
     "--against", required=True, type=click.Path(), help="CSV file of the gauge or load cell."

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import click
 from gnuradio.wiforce.sensor.microstrip import CRYSTAL_HZ, Microstrip, tag_timer
 
+from ..shell.commands import GroupedHelp
 from ..shell.options import CARRIER_HZ, FiniteRange
 
 _PAPER = Microstrip()
@@ -19,7 +20,7 @@ _SIZE_MM, _PERMITTIVITY, _CLOCK_HZ = (
 _CRYSTAL_HZ = FiniteRange(1e5, 2e7)
 
 
-@click.command()
+@click.command(cls=GroupedHelp, examples=("design --height-mm 0.5", "design --clock-hz 1035"))
 @click.option("--width-mm", type=_SIZE_MM, default=_PAPER.width_mm, help="Width of the trace.")
 @click.option(
     "--height-mm", type=_SIZE_MM, default=_PAPER.height_mm, help="Distance of trace and ground."

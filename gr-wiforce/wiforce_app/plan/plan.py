@@ -10,7 +10,7 @@ from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note, recommendation
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
-from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.expected import CALIBRATION, RADIO, expect
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.room.report import findings_text
@@ -21,15 +21,15 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
-from ..shell.options import IntegerRange, sample_type
+from ..shell.options import IntegerRange, sample_type, scene_names
 
 
 @click.command(
     cls=GroupedHelp,
-    groups={"Options": "--capture --datatype --improve --measure --clocks --json"},
+    groups={"Options": "--improve --steps --plot --capture --datatype --measure --clocks --json"},
     examples=("plan demo --improve", "plan scene.yaml --capture press", "plan demo --clocks 4"),
 )
-@click.argument("scene", metavar="SCENE.yaml")
+@click.argument("scene", metavar="SCENE.yaml", shell_complete=scene_names)
 @click.option(
     "--capture",
     "capture_path",
@@ -38,6 +38,13 @@ from ..shell.options import IntegerRange, sample_type
 )
 @sample_type
 @click.option("--improve", is_flag=True, help="Propose better settings and state their effect.")
+@click.option("--steps", "with_steps", is_flag=True, help="Show each step, its cost, and why.")
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a map of the errors over force and location (PNG, PDF or SVG).",
+)
 @click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
 @click.option(
     "--clocks",
@@ -45,8 +52,8 @@ from ..shell.options import IntegerRange, sample_type
     help="Propose clocks for so many sensors in this scene, and show nothing else.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
-    """Show which steps a SCENE needs, what each costs, and which errors to expect.
+def plan(scene, capture_path, datatype, improve, with_steps, plot_path, measure, clocks, as_json):
+    """Show which errors to expect of a SCENE, what limits them, and what would improve it.
 
     Noise, clutter and presses are taken from the section simulation of the scene.
     """
@@ -56,6 +63,10 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
     if clocks is not None:
         _propose_clocks(scene, clocks, as_json)
         return
+    if plot_path is not None:
+        from ..shell.plots import check_picture
+
+        check_picture(plot_path, scene.files)
     settings = plan_of(scene)
     report = {
         "settings": _settings(settings),
@@ -81,11 +92,15 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
             step["seconds_per_s"] = took[step["name"]]
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
+    if plot_path is not None:
+        from .error_map import plot_errors
+
+        plot_errors(settings, plot_path)
     if as_json:
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        _print(report, scene, str(settings), link_lines(settings, reaches))
+        _print(report, scene, str(settings), link_lines(settings, reaches), with_steps or measure)
 
 
 def _propose_clocks(scene, count, as_json):
@@ -140,15 +155,18 @@ def _settings(settings):
     }
 
 
-def _print(report, scene, summary, link):
+# What is added to the line of a sensor; None: not readable.
+_LIMITED = {
+    None: "",
+    RADIO: "; limited by the noise of the radio",
+    CALIBRATION: "; limited by the calibration",
+}
+
+
+def _print(report, scene, summary, link, with_steps):
     chosen, *expected = summary.splitlines()
-    click.echo(chosen)
-    if "waveform" in report:
-        _print_waveform(report["waveform"])
-    _print_steps(report["steps"])
-    if "room" in report:
-        _print_room(report["room"], report["steps"])
-    click.echo("\n" + "\n".join(expected))
+    for line, sensor in zip(expected, (None, *report["expected"]), strict=True):
+        click.echo(line if sensor is None else line + _LIMITED[sensor["limited_by"]])
     for line in link:
         click.echo(line)
     if "surface" in report:
@@ -165,6 +183,13 @@ def _print(report, scene, summary, link):
         )
     if "proposals" in report and not report["proposals"]:
         click.echo("no better settings found")
+    click.echo(f"\n{chosen}")
+    if "waveform" in report:
+        _print_waveform(report["waveform"])
+    if with_steps:
+        _print_steps(report["steps"])
+    if "room" in report:
+        _print_room(report["room"], report["steps"])
 
 
 def _print_waveform(limits):

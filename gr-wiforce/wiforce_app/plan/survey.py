@@ -13,6 +13,7 @@ from gnuradio.wiforce.scene import scene_of
 from gnuradio.wiforce.signal.lines import aliased_hz
 
 from ..read.recordings import warn
+from ..shell.commands import GroupedHelp
 from ..shell.options import capture_scene, refuse_scenes, sample_type
 from ..shell.plots import legend_below, save_picture
 
@@ -131,7 +132,7 @@ def _mark(axis, survey, lines_hz, label, **style):
     axis.plot(*np.reshape(marks, (-1, 2)).T, ls="", ms=6, label=label, **style)
 
 
-@click.command()
+@click.command(cls=GroupedHelp, examples=("survey press --plot room.png",))
 @click.argument("capture", type=click.Path())
 @capture_scene
 @sample_type

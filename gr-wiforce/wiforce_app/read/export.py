@@ -13,7 +13,9 @@ from gnuradio.wiforce.io.text.textfile import check_output, replacing
 from gnuradio.wiforce.scene import load_scene
 
 from ..live.outputs import STAMP_COLUMNS
+from ..shell.commands import GroupedHelp
 from ..shell.log import log
+from ..shell.options import scene_names
 from ..shell.progress import progress
 from ..shell.provenance import provenance
 
@@ -26,7 +28,7 @@ _SUFFIXES = {
 }
 
 
-@click.command()
+@click.command(cls=GroupedHelp, examples=("export press.csv --to mcap",))
 @click.argument("readings", type=click.Path())
 @click.option("--to", "form", type=click.Choice(list(_SUFFIXES)), help="Default: by OUT's suffix.")
 @click.option(
@@ -36,7 +38,12 @@ _SUFFIXES = {
     metavar="OUT",
     help="OUT.mcap, OUT.parquet, OUT.csv or OUT.jsonl. Default: beside READINGS.",
 )
-@click.option("--scene", "scene_path", help="Scene to describe in MCAP or Parquet: file or name.")
+@click.option(
+    "--scene",
+    "scene_path",
+    shell_complete=scene_names,
+    help="Scene to describe in MCAP or Parquet: file or name.",
+)
 def export(readings, form, output, scene_path):
     """Convert READINGS between CSV, JSON lines, Parquet and MCAP.
 

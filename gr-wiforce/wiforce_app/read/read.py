@@ -22,8 +22,9 @@ from ..shell.options import (
 @click.command(
     cls=GroupedHelp,
     groups={
-        "Options": "--scene --output --mcap --plot --tracked --follow --datatype --csi-tool "
-        "--frame-offset --format --again --jobs --scheduler"
+        "Options": "--output --plot --scene --mcap --tracked --follow --datatype --frame-offset",
+        "Many captures": "--format --again --jobs --scheduler",
+        "Channel snapshots": "--csi-tool --mac --second-antenna",
     },
     examples=("read press -o press.csv --plot press.png", "read captures -o readings"),
 )

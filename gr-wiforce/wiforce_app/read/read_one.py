@@ -50,12 +50,13 @@ def read_one(
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, output, rows)) from interrupt
     warn_of_end(capture, reader)
-    log.info(f"read {reader.counts}")
     if plot_path is not None:
         from ..shell.plots import plot_readings
 
         length_mm = max(each.model.length_mm for each in settings.sensors)
         plot_readings(kept, plot_path, title=str(capture), length_mm=length_mm)
+    wrote = ", ".join(str(path) for path in (output, mcap, plot_path) if path is not None)
+    log.info(f"read {reader.counts}" + (f"; wrote {wrote}" if wrote else ""))
     return 0
 
 

@@ -5,13 +5,16 @@ import dataclasses
 
 import click
 
+from ..shell.commands import GroupedHelp
 from ..shell.log import log
-from ..shell.options import IntegerRange
+from ..shell.options import IntegerRange, scene_names
 from ..shell.progress import progress
 
 
-@click.command()
-@click.argument("scene", metavar="SCENE.yaml")
+@click.command(
+    cls=GroupedHelp, examples=("simulate demo press", "simulate scene.yaml press --seed 7")
+)
+@click.argument("scene", metavar="SCENE.yaml", shell_complete=scene_names)
 @click.argument("name", metavar="NAME")
 @click.option(
     "--datatype",

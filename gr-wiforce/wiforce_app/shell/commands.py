@@ -13,12 +13,16 @@ class LazyGroup(click.Group):
     """A group of commands, each a function of the same name in a module.
 
     ``package``: package that relative names of modules refer to; ``commands``: module and one line
-    of help by command, so that showing them imports none of the modules.
+    of help by command, so that showing them imports none of the modules; ``groups``: names of
+    commands by heading, separated by spaces. One group of all by default; ``examples``: command
+    lines without the name of the program.
     """
 
-    def __init__(self, *arguments, package, commands, **options):
+    def __init__(self, *arguments, package, commands, groups=None, examples=(), **options):
         super().__init__(*arguments, **options)
         self._package, self._commands = package, commands
+        self._groups = groups or {"Commands": " ".join(commands)}
+        self._examples = examples
 
     def list_commands(self, ctx):
         return list(self._commands)
@@ -44,10 +48,13 @@ class LazyGroup(click.Group):
             raise
 
     def format_commands(self, ctx, formatter):
-        rows = [(name, text) for name, (_, text) in self._commands.items()]
-        if rows:
-            with formatter.section("Commands"):
-                formatter.write_dl(rows)
+        widest = max(map(len, self._commands))
+        for heading, names in self._groups.items():
+            with formatter.section(heading):
+                formatter.write_dl(
+                    [(name.ljust(widest), self._commands[name][1]) for name in names.split()]
+                )
+        _write_examples(ctx, formatter, self._examples)
 
 
 @contextmanager
@@ -70,12 +77,14 @@ class GroupedHelp(click.Command):
     """A command whose help fits on a screen; ``--help-all`` explains every option.
 
     ``groups``: names of options by heading, separated by spaces. Those of the first group, and
-    options in none of them, are explained by ``--help``; of the others it lists the names;
+    options in none of them, are explained by ``--help``; of the others it lists the names. One
+    group of all options by default;
     ``examples``: command lines without the name of the program.
     """
 
-    def __init__(self, *arguments, groups, examples=(), **options):
+    def __init__(self, *arguments, groups=None, examples=(), **options):
         super().__init__(*arguments, **options)
+        groups = groups or {"Options": ""}
         self._groups, self._examples = groups, examples
         if len(groups) == 1:
             return
@@ -119,10 +128,14 @@ class GroupedHelp(click.Command):
             with formatter.section("More, explained by --help-all"):
                 others = list(self._groups.items())[1:]
                 formatter.write_dl([(heading, names) for heading, names in others])
-        if self._examples:
-            with formatter.section("Examples"):
-                for example in self._examples:
-                    formatter.write_text(f"{ctx.find_root().info_name} {example}")
+        _write_examples(ctx, formatter, self._examples)
+
+
+def _write_examples(ctx, formatter, examples):
+    if examples:
+        with formatter.section("Examples"):
+            for example in examples:
+                formatter.write_text(f"{ctx.find_root().info_name} {example}")
 
 
 def _show_all(ctx, _, asked):

@@ -45,12 +45,34 @@ def _sensor_file(_, __, output):
     return output
 
 
+def scene_names(_, __, typed):
+    """Complete the name of a shipped scene, or of a file."""
+    from gnuradio.wiforce.scene import shipped_scenes
+
+    return _names(shipped_scenes(), typed)
+
+
+def sensor_names(_, __, typed):
+    """Complete the name of a shipped sensor, or of a file."""
+    from gnuradio.wiforce.sensor import shipped_sensors
+
+    return _names(shipped_sensors(), typed)
+
+
+def _names(known, typed):
+    from click.shell_completion import CompletionItem
+
+    found = [CompletionItem(name) for name in known if name.startswith(typed)]
+    return found or [CompletionItem(typed, type="file")]
+
+
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
 
 capture_scene = click.option(
     "--scene",
     "scene_path",
     type=click.Path(),
+    shell_complete=scene_names,
     help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
 )
 sample_type = click.option(
@@ -129,7 +151,11 @@ _OF_A_RADIO = (
 
 
 _SCENE = click.option(
-    "--scene", "scene_path", required=True, help="Scene file, or name of a shipped scene."
+    "--scene",
+    "scene_path",
+    required=True,
+    shell_complete=scene_names,
+    help="Scene file, or name of a shipped scene.",
 )
 
 
@@ -143,7 +169,12 @@ def radio_options(command):
 def optional_radio_options(command):
     """Add the options that open a device, to a command that can do without one."""
     scene, args = (
-        click.option("--scene", "scene_path", help="Scene file, or name of a shipped scene."),
+        click.option(
+            "--scene",
+            "scene_path",
+            shell_complete=scene_names,
+            help="Scene file, or name of a shipped scene.",
+        ),
         click.option("--args", help=_ARGS_HELP),
     )
     for option in reversed((scene, args, *_OF_A_RADIO[1:])):

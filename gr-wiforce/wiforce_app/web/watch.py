@@ -7,13 +7,17 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 
+from ..shell.commands import GroupedHelp
 from ..shell.log import log
 from ..shell.options import FiniteRange, client_keys, web_options
 
 _HISTORY_S = 30.0
 
 
-@click.command()
+@click.command(
+    cls=GroupedHelp,
+    examples=("watch readings.csv --web 8080", "watch 5555 --control 5556 --web 8080"),
+)
 @click.argument("source")
 @web_options(required=True)
 @click.option(

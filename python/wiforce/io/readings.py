@@ -218,12 +218,15 @@ def rounded(key: str, value: float) -> float | None:
 class GroupCounts:
     """Counts of phase groups by outcome; together all groups that the stream spans.
 
-    ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received; ``flags``
-    counts flagged groups by word, ``interfered`` groups lack snapshots because of interference.
+    ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received;
+    ``flags`` counts flagged groups by word; of them ``reference`` groups belong to the reference,
+    and in ``changing`` ones a press began, ended or changed. ``interfered`` groups lack snapshots
+    because of interference.
     """
 
     def __init__(self) -> None:
         self.clear = self.flagged = self.dropped = 0
+        self.reference = self.changing = 0
         self.flags: Counter[str] = Counter()
         self.interfered = 0
 
@@ -232,7 +235,12 @@ class GroupCounts:
         readings = list(readings)
         self.interfered += any(reading.interference for reading in readings)
         flags = {flag for reading in readings for flag in reading.flags}
-        self.flags.update(flags)
+        if Flag.REFERENCE.word in flags:
+            self.reference += 1
+        elif Flag.TRANSITION.word in flags:
+            self.changing += 1
+        else:
+            self.flags.update(flags)
         if flags:
             self.flagged += 1
         else:
@@ -243,6 +251,8 @@ class GroupCounts:
         self.clear += other.clear
         self.flagged += other.flagged
         self.dropped += other.dropped
+        self.reference += other.reference
+        self.changing += other.changing
         self.interfered += other.interfered
         self.flags.update(other.flags)
 
@@ -256,14 +266,22 @@ class GroupCounts:
         return {key: getattr(self, key) for key in ("clear", "flagged", "dropped")}
 
     def short(self) -> str:
-        """As ``str``, without the flags."""
+        """Number of groups by outcome, in words."""
         outcomes = ", ".join(f"{count} {outcome}" for outcome, count in self.asdict().items())
         return f"{self.groups} groups: {outcomes}"
 
     def __str__(self) -> str:
+        doubtful = self.flagged - self.reference - self.changing
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
-        text = self.short().replace(" flagged", f" flagged ({named})" if named else " flagged")
+        parts = (
+            (self.reference, "reference"),
+            (self.changing, "while pressing or releasing"),
+            (doubtful, f"doubtful ({named})"),
+            (self.dropped, "lost"),
+        )
+        text = f"{self.groups} groups: {self.clear} usable"
+        text += "".join(f", {count} {outcome}" for count, outcome in parts if count)
         if self.interfered:
             share = self.interfered / self.groups
             text += f"; interference in {self.interfered} groups ({share:.0%})"

@@ -144,12 +144,16 @@ MEDIAN = 0.6745
 _UNTOUCHED_SWEEPS = 10
 # Longest group for which the bound is computed; beyond it the variance falls with the length.
 _LONGEST = 1250
+# Of the phases of a radio without noise, where a variance is divided by.
+_NOISELESS_DEG = 1e-6
 # Most groups of a scene whose readings are drawn at random, and draws of each.
 _GROUPS, _DRAWS = 300, 16
 
 
 # Median errors of phases, force and location.
 _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
+# What limits the force, as Expected.limited_by.
+RADIO, CALIBRATION = "radio", "calibration"
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,8 @@ class Expected:
     # ``location_error_mm``.
     force_error_n: float | None
     location_error_mm: float | None
+    # What causes most of the variance of the force: the noise of the radio or the calibration.
+    limited_by: str | None = None
 
     def __str__(self) -> str:
         error, std = self.phase_error_deg, self.phase_std_deg
@@ -192,13 +198,41 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
     for i, (sensor, std) in enumerate(zip(plan.sensors, stds, strict=True)):
         model, pressed = sensor.model, points[i]
         medians: _Medians = (None, None, None)
+        limit = None
         if not why_not_readable(scene, i, levels):
             if pressed is None:
                 medians = _stated(model, carrier_hz, _span(model), std)
             else:
                 medians = _drawn(model, carrier_hz, pressed, np.hypot(std, _curvature_deg(scene)))
-        found.append(Expected(sensor.name, tuple(std.tolist()), *medians))
+            limit = _limit(model, carrier_hz, _span(model) if pressed is None else pressed, std)
+        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit))
     return tuple(found)
+
+
+def _limit(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> str:
+    """What more than half of the variance of the force comes from.
+
+    ``points`` (n, 2 or more): force and location; ``std`` (2,): of the phases, in deg.
+    """
+    where = points[:, :2]
+    together = _spread(model, carrier_hz, where, std)[:, 0]
+    alone = _spread(model, carrier_hz, where, np.full(2, _NOISELESS_DEG))[:, 0]
+    return CALIBRATION if np.median((alone / together) ** 2) > 0.5 else RADIO
+
+
+def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndarray) -> np.ndarray:
+    """Expected standard deviations of steady readings over force and location.
+
+    Returns ndarray, shape (F, L, 2): of force in N and of location in mm, by the noise of the
+    scene's radio and by the calibration.
+
+    ``sensor``: index in the plan; ``force_n`` (F,), ``location_mm`` (L,).
+    """
+    planned, std = plan.sensors[sensor], phase_std_deg(plan)[sensor]
+    grid = np.meshgrid(force_n, location_mm, indexing="ij")
+    points = np.stack(grid, axis=-1).reshape(-1, 2)
+    spread = _spread(planned.model, plan.center_frequency_hz, points, std)
+    return spread.reshape(len(force_n), len(location_mm), 2)
 
 
 def phase_std_deg(plan: Plan) -> np.ndarray:

@@ -110,7 +110,7 @@ def test_live_network_cut_in_a_packet_continues_the_run_and_its_outputs(
     check_times(rows[:tared], losses)
     assert rows[-1]["flags"] == "" and rows[-1]["touch"] == "0"
     dropped = sum(row["flags"] == "gap" for row in rows)
-    assert f"{len(rows)} groups" in said and f"{dropped} dropped" in said
+    assert f"{len(rows)} groups" in said and f"{dropped} lost" in said
     assert dropped * SLOW_GROUP_S > 5.9 * losses
     # The recording is one capture, with the breaks as gaps.
     capture = open_capture(name)

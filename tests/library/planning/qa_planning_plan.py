@@ -12,7 +12,7 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
-from gnuradio.wiforce.planning.expected import expect, receive_levels
+from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
 from gnuradio.wiforce.planning.loss import line_loss_db
 from gnuradio.wiforce.planning.plan import HARMONICS, plan
 from gnuradio.wiforce.planning.steps import MORE_LINES, steps, waveform_warnings, with_more_lines
@@ -247,16 +247,47 @@ def command(*arguments):
     return run_command("plan", *arguments)
 
 
-def test_command_prints_steps_errors_and_warnings():
-    done = command("two_sensors")
+def test_command_states_errors_first_and_steps_on_request():
+    """A newcomer who asks how well his scene is read got 20 lines of steps first."""
+    done = command("two_sensors", "--steps")
     assert done.returncode == 0 and done.stderr == ""
-    for words in (
-        "separation",
-        "skipped",
-        "expected median errors at snr_db 10",
-        "clock collision",
-    ):
-        assert words in done.stdout
+    places = [
+        done.stdout.index(words)
+        for words in (
+            "expected median errors at snr_db 10",
+            "limited by the ",
+            "warning: clock collision",
+            "snapshots/s",
+            "skipped",
+            "separation ",
+        )
+    ]
+    assert places[0] == 0 and places == sorted(places)
+    assert "separation " not in command("two_sensors").stdout
+
+
+@pytest.mark.parametrize(
+    ("snr_db", "limit"), [(-15, "the noise of the radio"), (20, "the calibration")]
+)
+def test_command_names_what_limits_the_errors(snr_db, limit, tmp_path):
+    """More transmit power does not help where the calibration is the limit."""
+    sensors = "[{name: arm, model: line-900mhz-calibrated, clock_hz: 1035}]"
+    text = f"sensors: {sensors}\nsimulation: {{snr_db: {snr_db}}}\n"
+    (tmp_path / "scene.yaml").write_text(text)
+    assert f"mm; limited by {limit}\n" in command(tmp_path / "scene.yaml").stdout
+
+
+def test_command_draws_errors_over_force_and_location(tmp_path):
+    picture = tmp_path / "errors.png"
+    done = command("two_sensors", "--plot", picture)
+    assert done.returncode == 0 and picture.read_bytes().startswith(b"\x89PNG")
+    assert command("demo", "--plot", tmp_path / "errors.txt").returncode == 2
+    settings = plan("two_sensors")
+    force_n, location_mm = np.array([2.0, 5.0]), np.array([20.0, 40.0, 60.0])
+    spread = error_map(settings, 0, force_n, location_mm)
+    assert spread.shape == (2, 3, 2)
+    # The contact saturates: the same error of phase is more force where less of it moves.
+    assert (spread[1, :, 0] > spread[0, :, 0]).all() and (spread > 0).all()
 
 
 def test_command_json_holds_results_of_functions():
