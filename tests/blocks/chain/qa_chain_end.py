@@ -75,7 +75,7 @@ def test_chain_flags_clipped_groups_as_the_reader(codes, plan):
     assert_equal_readings(found, readings_of_reader(plan, array_source(clipped)))
 
 
-@pytest.mark.parametrize("groups", [(4, 25), (ACQUISITION, 16.5, 25)])
+@pytest.mark.parametrize("groups", [(4, 16.5, 25), (ACQUISITION, 16.5, 25)])
 def test_chain_flowgraph_that_is_run_again_goes_on_as_the_reader(codes, plan, groups):
     ends = [int(end * GROUP) for end in groups]
     found, expected = (
