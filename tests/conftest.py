@@ -14,7 +14,8 @@ from live_runs import SLOW, scene_file
 from software_usrp import SoftwareUsrp, software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
-TIMEOUT_S = 120
+# Several times what a test takes on a busy machine.
+TIMEOUT_S = 400
 # Folders whose tests wait for a device most of the time.
 WITH_DEVICE = ("live", "radio", "software_n210")
 # Files that take or wait for eight seconds and more, with a device and without, by their time.
@@ -119,13 +120,16 @@ def time_limit(request):
     seconds = marker.args[0] if marker else TIMEOUT_S
 
     def expired(signum, frame):
+        # It was no hang outside Python, and the report may take a busy machine long.
+        faulthandler.cancel_dump_traceback_later()
         faulthandler.dump_traceback(file=sys.__stderr__)
         pytest.fail(f"still running after {seconds} s")
 
     before = signal.signal(signal.SIGALRM, expired)
     signal.alarm(seconds)
-    # A signal is handled between bytecodes: a flowgraph that hangs in C++ never gets there.
-    faulthandler.dump_traceback_later(seconds + 10, exit=True, file=sys.__stderr__)
+    # A signal is handled between bytecodes: a flowgraph that hangs in C++ never gets there. The process
+    # ends, and the whole run with it: pytest-xdist does not go on without a worker.
+    faulthandler.dump_traceback_later(seconds + 60, exit=True, file=sys.__stderr__)
     yield
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)

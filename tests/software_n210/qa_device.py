@@ -138,13 +138,13 @@ def test_devices_at_two_addresses_run_together(software_usrp):
     for k, source in enumerate(sources):
         source.set_samp_rate(5e6)
         source.set_time_now(uhd.time_spec(10 * k))
-        source.set_start_time(uhd.time_spec(10 * k + 1))
+        source.set_start_time(uhd.time_spec(10 * k + 2))
         sinks.append(blocks.vector_sink_s(2))
         flowgraph.connect(source, blocks.head(4, 200_000), sinks[-1])
     flowgraph.run()
     for k, sink in enumerate(sinks):
         low, high = np.array(sink.data()).reshape(-1, 2).T.astype(np.int64)
-        expected = (10 * k + 1) * 5e6 + np.arange(200_000)
+        expected = (10 * k + 2) * 5e6 + np.arange(200_000)
         assert np.array_equal((low & 0xFFFF) | high << 16, expected)
 
 

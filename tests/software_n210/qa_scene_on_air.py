@@ -56,8 +56,8 @@ def run(args, scene, count, path):
         block.set_center_freq(scene.radio.center_frequency_hz)
         block.set_gain(15)
     source.set_time_now(uhd.time_spec(0))
-    source.set_start_time(uhd.time_spec(1.0))
-    sink.set_start_time(uhd.time_spec(1.0))
+    for block in (source, sink):  # far enough ahead for a busy machine
+        block.set_start_time(uhd.time_spec(3.0))
     frame = np.rint(scene.waveform().frame().view(float) * REFERENCE_AMPLITUDE * 32767)
     frames = blocks.vector_source_s(frame.astype(int).tolist(), True, 2)
     head, received = blocks.head(4, count), blocks.file_sink(4, str(path))

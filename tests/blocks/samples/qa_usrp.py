@@ -10,7 +10,6 @@ from software_usrp import SoftwareUsrp
 # Of the device, 250 samples; the search begins frames up to 8 samples early.
 DELAY_US, EARLY = 100, 8
 
-pytestmark = pytest.mark.timeout(120)
 
 
 @pytest.fixture(scope="module")

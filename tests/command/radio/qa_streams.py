@@ -10,7 +10,7 @@ from long_cases import cases
 
 RATE = 12.5e6
 DELAY = 64  # samples at RATE: the default delay of the device
-START_S = 1.0  # far enough ahead for a busy machine
+START_S = 2.0  # far enough ahead for a busy machine
 
 
 class TagRecorder(gr.sync_block):
