@@ -59,7 +59,7 @@ class Browser:
         """Text of the first element that a CSS selector finds."""
         return self.run("return document.querySelector(arguments[0])?.textContent", selector)
 
-    def wait(self, script, limit_s=20.0):
+    def wait(self, script, limit_s=60.0):
         """Wait until a script returns something true; returns it."""
         end = time.monotonic() + limit_s
         while not (result := self.run(script)):

@@ -92,7 +92,7 @@ class Publisher:
         report |= {"tare": {"state": "none", "reason": ""}, "sensors": sensors, "gaps": 0}
         self._publisher.send(kind, {**report, "groups": {"dropped": 0}, **more})
 
-    def until(self, condition, limit_s=10.0, **heartbeat):
+    def until(self, condition, limit_s=60.0, **heartbeat):
         """Send heartbeats until a condition holds."""
         end = time.monotonic() + limit_s
         while not condition():
@@ -131,7 +131,7 @@ class RawViewer:
         self._socket = socket.socket()
         if receive_buffer is not None:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        self._socket.settimeout(20)
+        self._socket.settimeout(60)
         self._socket.connect((parts.hostname, parts.port))
         lines = [
             f"GET {path} HTTP/1.1",

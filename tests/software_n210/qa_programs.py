@@ -71,7 +71,9 @@ def test_uhd_latency_test_all_replies_transmitted_in_time(software_usrp, long_ru
 def test_uhd_rx_timed_samples_arrive_complete(software_usrp):
     # The program waits 0.6 s of wall time for samples that come after 0.5 s of device time.
     device = software_usrp("--air", "cable", speed=4)
-    output = run("rx_timed_samples", "--args", device.args, "--nsamps", 20000, "--secs", 0.5, attempts=3)
+    output = run(
+        "rx_timed_samples", "--args", device.args, "--nsamps", 20000, "--secs", 0.5, attempts=3
+    )
     packets = [int(n) for n in re.findall(r"Received packet: (\d+) samples", output)]
     assert sum(packets) == 20000, output
 

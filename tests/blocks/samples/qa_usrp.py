@@ -11,7 +11,6 @@ from software_usrp import SoftwareUsrp
 DELAY_US, EARLY = 100, 8
 
 
-
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """An untouched sensor, at a low rate."""

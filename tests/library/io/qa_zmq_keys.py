@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, is_loopback, request
 from gnuradio.wiforce.io.readings import Reading
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 # Of a client that must get nothing; what is let in gets an answer in a few milliseconds.
 NOTHING_S = 0.5
 

@@ -88,19 +88,19 @@ def test_answer_that_comes_later_is_sent_when_it_is_known(free_port):
             client.setsockopt(zmq.LINGER, 0)
             client.connect(f"tcp://127.0.0.1:{free_port}")
             client.send(word)
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while not last.poll(5) and time.monotonic() < deadline:
             replies.serve(10)
         assert json.loads(last.recv()) == {"ok": True} and not first.poll(50)
         later.answer("complete")
         replies.close()
-        assert first.poll(20_000) and first.recv() == b"complete"
+        assert first.poll(60_000) and first.recv() == b"complete"
 
 
 def test_request_without_a_reader_ends_in_time(free_port):
     begin = time.monotonic()
     assert request(str(free_port), "status", 0.1) is None
-    assert time.monotonic() - begin < 5
+    assert time.monotonic() - begin < 30
 
 
 def test_localhost_is_bound_and_connected_to_as_loopback(free_port):
@@ -109,7 +109,7 @@ def test_localhost_is_bound_and_connected_to_as_loopback(free_port):
     client = zmq.Context.instance().socket(zmq.REQ)
     client.connect(endpoint_of(f"tcp://localhost:{free_port}", "ENDPOINT"))
     client.send(b"hello")
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while not client.poll(5) and time.monotonic() < deadline:
         replies.serve(10)
     assert client.recv() == b"HELLO"
@@ -172,7 +172,7 @@ def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(free_port, leng
         attacker.stdin.close()
         subscriber.connect(address)
         subscriber.subscribe('{"message": "reading"')
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while not subscriber.poll(10):
             assert time.monotonic() < deadline
             publisher.publish(Reading(0.018, "arm"), {"run": "1"})
