@@ -127,8 +127,8 @@ def time_limit(request):
 
     before = signal.signal(signal.SIGALRM, expired)
     signal.alarm(seconds)
-    # A signal is handled between bytecodes: a flowgraph that hangs in C++ never gets there. Then its
-    # process ends, and the whole run: pytest-xdist does not go on without a worker.
+    # A signal is handled between bytecodes, and a flowgraph that hangs in C++ never gets there: its
+    # process ends, and the whole run, since pytest-xdist does not go on without a worker.
     faulthandler.dump_traceback_later(seconds + 60, exit=True, file=sys.__stderr__)
     yield
     faulthandler.cancel_dump_traceback_later()
