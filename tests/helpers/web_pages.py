@@ -51,10 +51,12 @@ class Publisher:
     """
 
     def __init__(self, sensors=("arm",)):
-        self.sensors, self.refusal, self.tares = sensors, "", 0
+        self.sensors, self.refusal = sensors, ""
+        self.tares = self.forced = 0
         self.readings, self.control = str(free_port()), str(free_port())
         self._publisher = ReadingsPublisher(self.readings)
-        self._replies = Replies(self.control, answer_words({"tare": self._tare}))
+        requests = {"tare": self._tare, "tare force": self._force}
+        self._replies = Replies(self.control, answer_words(requests))
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
@@ -62,6 +64,10 @@ class Publisher:
     def _tare(self):
         self.tares += 1
         return {"ok": False, "error": f"tare refused: {self.refusal}"} if self.refusal else {}
+
+    def _force(self):
+        self.forced += 1
+        return {}
 
     def _serve(self):
         while not self._ending.wait(0.02):
@@ -88,7 +94,7 @@ class Publisher:
             }
             for number, name in enumerate(self.sensors)
         }
-        report = {"run": run, "time_s": 1.0, "state": state, "reason": reason}
+        report = {"run": run, "scene": "hand", "time_s": 1.0, "state": state, "reason": reason}
         report |= {"tare": {"state": "none", "reason": ""}, "sensors": sensors, "gaps": 0}
         self._publisher.send(kind, {**report, "groups": {"dropped": 0}, **more})
 

@@ -97,12 +97,19 @@ def test_page_repeats_the_palette():
     listed = re.search(r"COLORS = \[(.+?)\]", script)[1]
     assert tuple(re.findall("#[0-9a-f]{6}", listed)) == palette.SERIES
     assert re.search('WARNING = "(.+?)"', script)[1] == palette.WARNING
-    stated = dict(re.findall("--([a-z]+): (#[0-9a-f]{6});", style))
+    light, dark = (
+        dict(re.findall("--([a-z]+): (#[0-9a-f]{6});", part)) for part in style.split("@media", 1)
+    )
+    assert set(dark) == set(light)
+    stated = light
     assert stated == {
         "ink": palette.INK,
         "faint": palette.FAINT,
         "rule": palette.GRID,
         "warning": palette.WARNING,
+        "paper": palette.PAPER,
+        "beam": palette.BEAM,
+        "ground": palette.GROUND,
     }
 
 

@@ -201,6 +201,7 @@ class RunHealth:
         return {
             **surface,
             "run": self.run,
+            "scene": "" if (path := self._stream.plan.require_scene().path) is None else path.stem,
             "time_utc": written_utc(time.time()),
             "time_utc_uncertainty_s": self._clock.uncertainty_s,
             "time_s": session.time_s,

@@ -14,8 +14,8 @@ from gnuradio.wiforce.errors import InputError
 
 from .page_state import MOST_SENSORS, PageState, page_row
 
-# Of a long file only the end is read: half a minute of eight sensors takes 1 MB.
-_TAIL_BYTES = 4 << 20
+# Of a long file only the end is read: as many rows as the page keeps take 5 MB.
+_TAIL_BYTES = 8 << 20
 # Most that one call reads, so that viewers are served meanwhile.
 _CHUNK_BYTES = 1 << 20
 _LONGEST_ROW = 100_000

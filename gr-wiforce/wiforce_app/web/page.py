@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The plots of the page: force and location of all sensors over the last seconds.
+"""The plots of the page: force and location of all sensors, and a strip of doubtful readings.
 
-Python describes them, and ``assets/page.js`` fills their sources by name: `lines` and `bands` with
-readings that have no flag, `doubtful` and `whiskers` with those that have one.
+Python describes them, and ``assets/plots.js`` fills their sources by name: `lines`, `bands` and
+`points` with readings that have no flag, the strip with a mark for each one that has.
 """
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,14 @@ from gnuradio.wiforce.io.palette import FAINT, GRID, INK
 
 _HEIGHT_PX = 210
 # The same on both plots, so that their time axes are aligned.
-_LEFT_PX = 52
+_LEFT_PX, _RIGHT_PX = 52, 10
+_UPRIGHT = math.pi / 2
 _SOURCES = {
     "lines": ("xs", "ys", "color", "dash"),
     "bands": ("xs", "ys", "color"),
     "points": ("x", "y", "color"),
-    "doubtful": ("x", "y", "color", "marker"),
-    "whiskers": ("x", "low", "high", "color"),
 }
+_STRIP_PX = 30
 
 
 def bokeh_scripts() -> list[Path]:
@@ -35,13 +36,38 @@ def bokeh_scripts() -> list[Path]:
 
 @cache
 def figures() -> dict[str, Any]:
-    """Both plots, in the form that Bokeh's ``embed_item`` takes."""
+    """The plots, in the form that Bokeh's ``embed_item`` takes."""
     time_axis = Range1d(0, 30, name="time")
     force = _plot("force", "force (N)", time_axis)
     location = _plot("location", "location (mm)", time_axis)
     force.xaxis.major_label_text_font_size = "0px"
     location.xaxis.axis_label = "time (s)"
-    return json_item(column(force, location, sizing_mode="stretch_width", spacing=0))
+    plots = (_strip(time_axis), force, location)
+    return json_item(column(*plots, sizing_mode="stretch_width", spacing=0))
+
+
+def _strip(time_axis: Range1d) -> figure:
+    """Times of readings with a flag, a row for each sensor: their values are not to be used."""
+    plot = figure(
+        name="strip-plot",
+        height=_STRIP_PX,
+        sizing_mode="stretch_width",
+        tools="",
+        toolbar_location=None,
+        x_range=time_axis,
+        y_range=Range1d(-1, 1, name="strip-range"),
+        outline_line_color=GRID,
+        min_border_left=_LEFT_PX,
+        min_border_right=_RIGHT_PX,
+        min_border_top=4,
+        min_border_bottom=2,
+        lod_threshold=None,
+    )
+    data = ColumnDataSource({key: [] for key in ("x", "y", "color")}, name="strip-marks")
+    plot.scatter("x", "y", source=data, marker="dash", angle=_UPRIGHT, size=8, line_color="color")
+    plot.axis.visible = False
+    plot.grid.grid_line_color = None
+    return plot
 
 
 def _plot(name: str, label: str, time_axis: Range1d) -> figure:
@@ -57,7 +83,7 @@ def _plot(name: str, label: str, time_axis: Range1d) -> figure:
         y_axis_label=label,
         outline_line_color=GRID,
         min_border_left=_LEFT_PX,
-        min_border_right=10,
+        min_border_right=_RIGHT_PX,
         min_border_top=8,
         lod_threshold=None,
     )
@@ -71,10 +97,6 @@ def _plot(name: str, label: str, time_axis: Range1d) -> figure:
     )
     plot.multi_line("xs", "ys", source=data["lines"], line_width=2, line_dash="dash", **color)
     plot.scatter("x", "y", source=data["points"], size=4, fill_color="color", line_color=None)
-    plot.segment("x", "low", "x", "high", source=data["whiskers"], line_alpha=0.45, **color)
-    plot.scatter(
-        "x", "y", source=data["doubtful"], size=5, marker="marker", fill_color="white", **color
-    )
     plot.grid.grid_line_color = GRID
     plot.xgrid.grid_line_color = None
     for axis in (*plot.xaxis, *plot.yaxis):

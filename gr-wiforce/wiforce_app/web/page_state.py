@@ -51,6 +51,7 @@ def status_of(heartbeat: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "state": text(heartbeat.get("state")),
         "reason": text(heartbeat.get("reason")),
+        "scene": text(heartbeat.get("scene")),
         "time_s": number(heartbeat.get("time_s")),
         "tare": _plain(tare) if isinstance(tare, dict) else None,
         "sensors": {text(name): _plain(health) for name, health in named},

@@ -72,6 +72,8 @@ _ASSETS = Path(__file__).with_name("assets")
 # Most often and least often that viewers are sent something. A reading that comes in wakes the
 # server, and those of short groups are collected.
 _SHORTEST_S, _LONGEST_S = 0.02, 0.04
+# Of signal that viewers can scroll back to.
+HISTORY_S = 600.0
 _STATUS_S = 0.5  # as often as heartbeats come
 # Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
@@ -107,7 +109,7 @@ class Source(Protocol):
 class PageServer:
     """Serves one source.
 
-    ``listening``: of :meth:`PageAddress.listen`; ``history_s``: seconds of signal that are shown;
+    ``listening``: of :meth:`PageAddress.listen`; ``history_s``: seconds of signal that are kept;
     ``length_mm``: length of sensors whose source does not state it. ``viewers``: browsers that are
     connected.
     """
@@ -117,7 +119,7 @@ class PageServer:
         source: Source,
         address: PageAddress,
         listening: socket.socket,
-        history_s: float = 30.0,
+        history_s: float = HISTORY_S,
         length_mm: float | None = None,
     ):
         self.source, self.address = source, address
@@ -125,7 +127,10 @@ class PageServer:
         self.viewers: set[_Viewer] = set()
         self._listening = listening
         self._status_s = -math.inf
-        self._settings = {"history_s": history_s, "length_mm": length_mm}
+        self._settings = {
+            "history_s": history_s if math.isfinite(history_s) else None,
+            "length_mm": length_mm,
+        }
         self._ending = asyncio.Event()
         self._asking: set[_Viewer] = set()
         self._asked = False
@@ -163,14 +168,17 @@ class PageServer:
         """End soon; may be called from a signal handler of the loop."""
         self._ending.set()
 
-    def tare(self, viewer: "_Viewer") -> None:
-        """Request a tare; viewers who do so meanwhile get the same answer."""
+    def tare(self, viewer: "_Viewer", force: bool = False) -> None:
+        """Request a tare; viewers who do so meanwhile get the same answer.
+
+        ``force``: also while a sensor seems touched.
+        """
         ask = getattr(self.source, "tare", None)
         if ask is None:
             return
         self._asking.add(viewer)
         if not self._asked:
-            ask(self._take_answer)
+            ask(self._take_answer, force)
             self._asked = bool(self._asking)
 
     def forget(self, viewer: "_Viewer") -> None:
@@ -332,8 +340,8 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         self.page.forget(self)
 
     def on_message(self, message: str | bytes) -> None:
-        if message == "tare":
-            self.page.tare(self)
+        if message in ("tare", "tare force"):
+            self.page.tare(self, message == "tare force")
 
     def on_ping(self, data: bytes) -> None:
         if self._waits:  # an answer to each would have to be stored

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce watch``: readings of a file or of a live reader, in a browser."""
 
+import math
 from pathlib import Path
 
 import click
@@ -10,8 +11,6 @@ from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
 from ..shell.options import FiniteRange, client_keys, web_options
-
-_HISTORY_S = 30.0
 
 
 @click.command(
@@ -28,11 +27,9 @@ _HISTORY_S = 30.0
 @client_keys
 @click.option(
     "--history",
-    type=FiniteRange(1, 600),
-    default=_HISTORY_S,
-    show_default=True,
+    type=FiniteRange(1, 86_400),
     metavar="S",
-    help="Seconds of signal in the plots.",
+    help="Seconds of signal to scroll back to. Default: 600; all of a file, up to 50 000 readings.",
 )
 @click.option(
     "--length",
@@ -51,12 +48,13 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
     address = PageAddress.of(web, web_token)
     opened = _open_source(source, control, zmq_keys)
     with address.listen() as listening:
-        from .server import PageServer, serve_until_signal
+        from .server import HISTORY_S, PageServer, serve_until_signal
 
         log.info(address.notice)
         if not _is_endpoint(source) and not Path(source).exists():
             log.info(f"waiting for {source}, which does not exist yet")
-        serve_until_signal(lambda: PageServer(opened, address, listening, history, length))
+        kept_s = history or (HISTORY_S if _is_endpoint(source) else math.inf)
+        serve_until_signal(lambda: PageServer(opened, address, listening, kept_s, length))
     return 0
 
 

@@ -72,10 +72,11 @@ class ZmqSource:
         self._take_answer()
         page_state.show(self._status())
 
-    def tare(self, answer: Callable[[dict[str, Any]], None]) -> None:
+    def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
         """Request a tare; a request during another one shares its answer.
 
-        ``answer``: takes what the reader answers: ``ok`` and, where it refuses, ``error``.
+        ``answer``: takes what the reader answers: ``ok`` and, where it refuses, ``error``;
+        ``force``: also while a sensor seems touched.
         """
         import zmq
 
@@ -84,7 +85,7 @@ class ZmqSource:
             return
         if self._asked is None:
             self._asked = self._connected(zmq.REQ, self._control, "--control")
-            self._asked.send_string("tare")
+            self._asked.send_string("tare force" if force else "tare")
             self._asked_s = self._now()
         self._answers.append(answer)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """State, log lines and times of a live run, from what a session reports alone."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -29,7 +30,11 @@ class Run:
             reference_problem=lambda name: self.problem,
             suspicions=lambda: {"arm": self.suspicions},
             plan=SimpleNamespace(
-                reference_groups=10, group_period_s=0.05, sensors=[sensor], skin=None
+                reference_groups=10,
+                group_period_s=0.05,
+                sensors=[sensor],
+                skin=None,
+                require_scene=lambda: SimpleNamespace(path=Path("arm_scene.yaml")),
             ),
         )
         self.cancelled = []

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the page shows, in a headless Chromium, as wide as on a desktop and on a phone."""
 
+import math
 import time
 from contextlib import contextmanager
 
@@ -23,8 +24,9 @@ TEXTS = """(() => {
     return {...Object.fromEntries(arm), leg: text("[data-sensor=leg] .force"),
             doubtful: document.querySelector(".doubtful[data-sensor=arm]") !== null};
 })()"""
-SERIES = """return Object.fromEntries(["lines", "bands", "points", "doubtful", "whiskers"].map(
+SERIES = """return Object.fromEntries(["lines", "bands", "points"].map(
     (kind) => [kind, page.plots.models(arguments[0] + "-" + kind).data]))"""
+MARKS = "return page.plots.models('strip-marks').data"
 AXIS = "const range = page.plots.models(arguments[0] + '-range'); return [range.start, range.end]"
 
 
@@ -63,6 +65,12 @@ def opened(window, source, reader):
         window.driver.get("about:blank")
 
 
+def shown(window, sensor, text):
+    """Wait until a sensor's force is shown as a text; numbers change five times per second."""
+    find = f"document.querySelector('[data-sensor={sensor}] .force')?.textContent"
+    return window.wait(f"return {find} === '{text}' && {TEXTS}")
+
+
 def drawn(window):
     """Wait until the plots show all that has arrived."""
     window.wait("return !page.changed")
@@ -76,27 +84,23 @@ def test_page_shows_what_was_published(window, reader):
         press += [touched(1.0 + 0.1 * step, 3.0 + 0.1 * step) for step in range(1, 6)]
         doubtful = touched(1.6, 70.0, 44.0, flags=("weak", "inconsistent"))
         reader.publish(*past, *press, doubtful, touched(1.7, 3.456, 41.23))
-        texts = window.wait(f"return page.newest === 1.7 && {TEXTS}")
-        assert texts["force"] == "3.46 ± 0.10 N" and texts["location"] == "41.2 ± 0.4 mm"
-        assert texts["flags"] == ""
+        texts = shown(window, "arm", "3.46 ± 0.10 N")
+        assert texts["location"] == "41.2 ± 0.4 mm"
+        assert texts["flags"] == "" and window.text("#scene") == "scene hand"
         assert texts["details"].startswith("SNR 12.3 dBclock +40.1 ppminterference 25 %")
         drawn(window)
-        # Good readings are lines, flagged ones hollow markers, which do not stretch the axis.
+        # Good readings are lines; flagged ones are marks in a strip, whatever they say.
         force = window.run(SERIES, "force")
         assert force["lines"]["ys"] == [[0] * 9, pytest.approx([3.1, 3.2, 3.3, 3.4, 3.5])]
         assert force["points"]["y"] == [3.456]
-        assert force["doubtful"]["x"] == [1.0, 1.6]
-        assert force["doubtful"]["marker"] == ["triangle", "triangle"]
+        assert window.run(MARKS)["x"] == [1.0, 1.6]
         assert window.run(AXIS, "force")[1] == pytest.approx(1.04 * 1.15 * 3.5)
-        assert max(force["doubtful"]["y"]) == pytest.approx(1.15 * 3.5)
         location = window.run(SERIES, "location")
-        assert location["doubtful"]["y"] == [40.0, 44.0]
-        assert location["whiskers"]["low"] == pytest.approx([30.0, 43.6])
         assert location["lines"]["ys"] == [[40.0] * 5]
         assert len(location["bands"]["xs"][0]) == 10
         # A doubtful reading says so, and an untouched sensor carries no force.
         reader.publish(touched(1.8, flags=("weak",)), untouched(1.8, "leg"))
-        texts = window.wait(f"return page.tracks.get('leg')?.latest?.time === 1.8 && {TEXTS}")
+        texts = shown(window, "arm", "3.00 ± 0.10 N")
         assert texts["flags"] == "weak" and texts["doubtful"] and texts["leg"] == "0 N"
         # Another run begins with an empty history.
         reader.publish(untouched(0.5), run="another")
@@ -122,7 +126,7 @@ def test_page_of_eight_sensors_fits_its_window(window, reader, size):
         assert window.run(outside) == []
         # A sensor can be taken out of the plots.
         window.run("document.querySelector('[data-sensor=a] .name').click()")
-        window.wait("return page.plots.models('force-doubtful').data.x.length === 63")
+        window.wait("return page.plots.models('strip-marks').data.x.length === 63")
         assert window.run("return document.getElementById('tare').disabled")
         if size == "desktop":
             assert window.run("return document.documentElement.scrollHeight") <= SIZES[size][1]
@@ -136,6 +140,16 @@ def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, read
         window.run(press_tare)
         reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
         assert window.run("return document.getElementById('outcome').className") == "bad"
+        # Who knows better is asked first.
+        assert window.text("#refusal") == f"tare refused: {reader.refusal}"
+        window.run("document.querySelector('dialog [value=cancel]').click()")
+        assert not window.run("return document.getElementById('force').open") and reader.forced == 0
+        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
+        window.run(press_tare)
+        window.wait("return document.getElementById('force').open")
+        window.run("document.getElementById('forced').click()")
+        reader.until(lambda: window.text("#outcome") == "tare complete")
+        assert reader.forced == 1 and not window.run("return document.getElementById('force').open")
         reader.refusal = ""
         reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
         window.run(press_tare)
@@ -174,11 +188,100 @@ def test_page_of_a_file_shows_its_past_and_follows_it(window, tmp_path):
                 window.wait("return page.newest.toFixed(1) === '1.9'")
                 assert window.run("return page.tracks.get('arm').readings.length") == 19
                 writer.write(touched(2.0, 3.21))
-                texts = window.wait(f"return page.newest === 2 && {TEXTS}")
-            assert texts["force"] == "3.21 ± 0.10 N"
+                shown(window, "arm", "3.21 ± 0.10 N")
             assert window.text("#run") == "readings.csv"
             assert window.run("return document.getElementById('tare').disabled")
             window.driver.get("about:blank")
+
+
+MOVE = """
+const box = document.getElementById("plots").getBoundingClientRect();
+const plot = page.plots.models("force-plot");
+const left = box.left + plot.outer_width - 10 - plot.inner_width;
+const at = (time) => left + plot.inner_width * (time - page.plots.shown.start)
+    / (page.plots.shown.end - page.plots.shown.start);
+const send = (kind, time) => document.getElementById("plots").dispatchEvent(new PointerEvent(kind,
+    { clientX: at(time), clientY: box.top + 60, pointerType: "mouse", bubbles: true }));
+"""
+
+
+def test_page_of_a_finished_file_is_looked_through(window, tmp_path):
+    """What happened a minute ago could not be seen any more."""
+    path = tmp_path / "readings.csv"
+    with open_writer(path) as writer:
+        for step in range(1, 1000):
+            time_s = 0.1 * step
+            pressed = 40 < time_s < 60
+            flags = ("weak",) if step == 505 else ()
+            writer.write(touched(time_s, 4.0, flags=flags) if pressed else untouched(time_s))
+    with serving(FileSource(path), history_s=math.inf) as (url, _):
+        window.open(url)
+        window.wait("return page.newest > 99.8")
+        drawn(window)
+        assert window.run("return page.plots.shown") == {"start": pytest.approx(69.9), "end": 99.9}
+        window.run(
+            "const span = document.getElementById('span'); span.value = '';"
+            "span.dispatchEvent(new Event('change'))"
+        )
+        window.wait("return page.plots.shown.start < 0.2")
+        # A time in the past is looked at, with its numbers.
+        window.run(
+            "const scrub = document.getElementById('scrub'); scrub.value = 50.25;"
+            "scrub.dispatchEvent(new Event('input'))"
+        )
+        shown(window, "arm", "4.00 ± 0.10 N")
+        assert window.text("#cursor") == "at 50.25 s" and window.text("#pause") == "Go on"
+        # The values under the pointer, with their flags.
+        window.wait("return page.plots.shown.end === 50.25")
+        window.run(MOVE + "send('pointermove', 45.0)")
+        said = "45.00 s\narm: 4.00 ± 0.10 N, 40.0 ± 0.4 mm"
+        assert window.text("#hover") == said
+        window.run(MOVE + "send('pointermove', 50.21)")
+        # 50.2 s is nearer than the doubtful one at 50.5 s, which lies behind the end.
+        assert window.text("#hover").endswith("mm") and window.text("#hover").startswith("50.21 s")
+        # A stretch that is dragged over fills the plots, until a double click.
+        window.run(MOVE + "send('pointerdown', 42.0); send('pointerup', 48.0)")
+        window.wait("return Math.abs(page.plots.shown.start - 42) < 0.2")
+        assert window.run("return page.plots.shown.end") == pytest.approx(48, abs=0.2)
+        window.run("document.getElementById('plots').dispatchEvent(new MouseEvent('dblclick'))")
+        window.wait("return page.plots.shown.end === 50.25")
+        window.run("document.getElementById('pause').click()")
+        window.wait("return page.plots.shown.end === 99.9")
+        assert window.text("#pause") == "Pause" and window.text("#cursor") == ""
+        window.driver.get("about:blank")
+
+
+def test_page_that_is_paused_stays_where_it_is_and_loses_nothing(window, reader):
+    with opened(window, ZmqSource(reader.readings), reader):
+        reader.publish(*(touched(0.1 * step) for step in range(1, 20)))
+        window.wait("return page.newest > 1.85")
+        window.run("document.getElementById('pause').click()")
+        reader.publish(*(touched(0.1 * step, 5.0) for step in range(20, 40)))
+        window.wait("return page.newest > 3.85")
+        drawn(window)
+        assert window.run("return page.times.range.end") == pytest.approx(5.0)
+        assert window.run("return page.times.cursor") == pytest.approx(1.9)
+        shown(window, "arm", "3.00 ± 0.10 N")
+        window.run("document.getElementById('pause').click()")
+        window.wait("return page.plots.models('force-lines').data.xs[0]?.length === 39")
+
+
+def test_page_in_the_dark_keeps_every_series_visible(window, reader):
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    window.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": dark})
+    try:
+        with opened(window, ZmqSource(reader.readings), reader):
+            style = "return getComputedStyle(document.body)"
+            assert window.run(f"{style}.backgroundColor") == "rgb(22, 25, 28)"
+            assert (
+                window.run("return page.plots.models('force-plot').border_fill_color") == "#16191c"
+            )
+            reader.publish(*(untouched(1.0, name) for name in EIGHT))
+            window.wait("return page.tracks.size === 8")
+            colors = window.run("return [...page.tracks.values()].map((t) => t.view.color)")
+            assert "#202428" not in colors and len(set(colors)) == 7
+    finally:
+        window.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
 class RawViewerOf(RawViewer):

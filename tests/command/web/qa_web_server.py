@@ -433,7 +433,7 @@ def test_viewers_that_ask_and_leave_are_forgotten():
     class Silent(NoSource):
         asked = 0
 
-        def tare(self, answer):
+        def tare(self, answer, force=False):
             self.asked += 1
             self.answer = answer
 
@@ -585,6 +585,7 @@ def test_heartbeat_of_wrong_types_is_shown_without_them():
     good = {
         "state": "reading",
         "reason": "",
+        "scene": "hand",
         "time_s": 1.0,
         "tare": {"state": "refused", "forced": True, "reason": "arm is touched", "time_s": 1.0},
         "sensors": {

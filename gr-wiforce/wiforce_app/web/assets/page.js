@@ -7,6 +7,9 @@ const RECONNECT_MS = [500, 1000, 2000, 5000];
 // drawing takes long: at least four fifths of the time are left for readings that come in.
 const HISTORY_MS = 200;
 const PAUSE_PER_DRAWING = 4, LONGEST_PAUSE_MS = 1000;
+// Numbers change as often, since nobody reads faster.
+const NUMBERS_MS = 200;
+const MOST_READINGS = 50000; // as many as the server keeps
 const DEFAULT_LENGTH_MM = 80;
 // Numbers of sensors from which on each gets a lower picture.
 const SEVERAL = 3, CROWDED = 5;
@@ -19,13 +22,15 @@ const page = {
   status: { state: "connecting", reason: "", sensors: {}, ages: {} },
   statusAt: 0,
   newest: 0,
-  settings: { history_s: 30, length_mm: null },
+  oldest: 0,
+  settings: { history_s: 600, length_mm: null },
   connected: false,
   lostAt: null,
   attempts: 0,
   refusal: "",
   socket: null,
   plots: null,
+  times: null,
   asked: false,
   changed: true,
   messages: 0,
@@ -43,7 +48,9 @@ function trackOf(sensor) {
     const view = new SensorView(sensor, page.tracks.size, byId("sensors"), () => {
       page.changed = true;
     });
-    page.tracks.set(sensor, { readings: [], latest: null, arrivedAt: -Infinity, view });
+    page.tracks.set(sensor, {
+      readings: [], latest: null, fresh: [], held: null, arrivedAt: -Infinity, view,
+    });
     byId("empty").hidden = true;
     byId("sensors").classList.toggle("several", page.tracks.size >= SEVERAL);
     byId("sensors").classList.toggle("crowded", page.tracks.size >= CROWDED);
@@ -57,12 +64,16 @@ function take(message) {
   if (message.answer) takeAnswer(message.answer);
   if (message.restart) {
     page.newest = 0;
-    for (const track of page.tracks.values()) Object.assign(track, { readings: [], latest: null });
+    for (const track of page.tracks.values()) {
+      Object.assign(track, { readings: [], latest: null, fresh: [], held: null });
+    }
+    page.times.set({ end: null, zoom: null });
   }
   for (const row of message.rows ?? []) {
     const reading = asReading(row);
     const track = trackOf(reading.sensor);
     track.readings.push(reading);
+    track.fresh.push(reading);
     track.latest = reading;
     track.across = track.across || reading.y !== null;
     track.arrivedAt = now;
@@ -70,14 +81,22 @@ function take(message) {
   }
   if (message.rows?.length) page.changed = true;
   if (message.status) takeStatus(message.status, now);
-  for (const track of page.tracks.values()) {
-    const oldest = page.newest - page.settings.history_s;
-    const stale = track.readings.findIndex((reading) => reading.time >= oldest);
-    if (stale > 0) track.readings.splice(0, stale);
-    else if (stale < 0) track.readings.length = 0;
-  }
-  drawSensors();
+  forget();
+  drawPictures();
   if (message.status || message.answer) drawHead();
+}
+
+// Readings that are older than the history, or too many.
+function forget() {
+  const before = page.newest - (page.settings.history_s ?? Infinity);
+  const most = Math.ceil(MOST_READINGS / Math.max(1, page.tracks.size));
+  page.oldest = page.newest;
+  for (const { readings } of page.tracks.values()) {
+    const old = readings.findIndex((reading) => reading.time >= before);
+    const stale = Math.max(old < 0 ? readings.length : old, readings.length - most);
+    if (stale > 0) readings.splice(0, stale);
+    if (readings.length) page.oldest = Math.min(page.oldest, readings[0].time);
+  }
 }
 
 function takeStatus(status, now) {
@@ -95,7 +114,21 @@ function takeAnswer(answer) {
   const outcome = byId("outcome");
   outcome.textContent = answer.ok ? "tare complete" : answer.error || "tare failed";
   outcome.classList.toggle("bad", !answer.ok);
+  if (!answer.ok && answer.error?.startsWith("tare refused")) askToForce(answer.error);
   page.answered = JSON.stringify(page.status.tare ?? null);
+}
+
+// Who was refused may know better than the reader.
+function askToForce(refusal) {
+  byId("refusal").textContent = refusal;
+  byId("force").showModal();
+}
+
+function ask(request) {
+  page.asked = true;
+  byId("outcome").textContent = "";
+  page.socket.send(request);
+  drawHead();
 }
 
 function lengthOf(sensor) {
@@ -123,12 +156,30 @@ function planeOf(sensor, track) {
   return { strips: [], x: [0, lengthOf(sensor)], y: [low, Math.max(low + 10, 10 * Math.ceil(high / 10))] };
 }
 
-function drawSensors() {
-  const now = performance.now();
+// The reading at the time that is looked at, with its age; the given one where that is now.
+function lookedAt(track, current) {
+  const { cursor } = page.times;
+  if (cursor === null) return [current, (performance.now() - track.arrivedAt) / 1000];
+  const reading = track.readings[firstAfter(track.readings, cursor) - 1] ?? null;
+  return [reading, reading === null ? Infinity : cursor - reading.time];
+}
+
+function drawPictures() {
   for (const [sensor, track] of page.tracks) {
-    const health = page.status.sensors[sensor] ?? {};
-    const ageS = (now - track.arrivedAt) / 1000;
-    track.view.draw(track.latest, health, ageS, lengthOf(sensor), planeOf(sensor, track));
+    const [reading, ageS] = lookedAt(track, track.latest);
+    track.view.draw(reading, ageS, lengthOf(sensor), planeOf(sensor, track));
+  }
+}
+
+// Of the readings since the last numbers the latest without a flag, so that those of a moment in
+// which a press changes do not flash up.
+function drawNumbers() {
+  for (const [sensor, track] of page.tracks) {
+    const clear = track.fresh.filter((reading) => !reading.doubtful);
+    track.held = (clear.length ? clear : track.fresh).at(-1) ?? track.held;
+    track.fresh = [];
+    const [reading, ageS] = lookedAt(track, track.held);
+    track.view.drawNumbers(reading, page.status.sensors[sensor] ?? {}, ageS);
   }
 }
 
@@ -139,6 +190,7 @@ function drawHead() {
   byId("state").dataset.state = state;
   setText(byId("state"), state);
   setText(byId("reason"), page.connected || ended ? status.reason ?? "" : "");
+  setText(byId("scene"), status.scene ? `scene ${status.scene}` : "");
   setText(byId("time"), page.newest ? `${page.newest.toFixed(1)} s of signal` : "");
   setText(byId("run"), status.run ? `run ${status.run}` : status.source ?? "");
   setText(byId("losses"), lossesOf(status));
@@ -191,7 +243,9 @@ function drawHistory() {
     const { color, dash, shown } = track.view;
     if (shown) tracks.push({ readings: track.readings, color, dash });
   }
-  page.plots.draw(tracks, page.newest, lengthMm || DEFAULT_LENGTH_MM);
+  const { start, end } = page.times.range;
+  page.plots.draw(tracks, start, end, lengthMm || DEFAULT_LENGTH_MM);
+  page.times.draw();
 }
 
 // Resolves when what was changed has been painted.
@@ -236,23 +290,29 @@ async function begin() {
   const response = await fetch("figures.json");
   const { figures, ...settings } = await response.json();
   page.settings = settings;
-  page.plots = new Plots(settings.history_s);
+  page.plots = new Plots();
   await page.plots.embed(figures);
-  byId("tare").onclick = () => {
-    page.asked = true;
-    byId("outcome").textContent = "";
-    page.socket.send("tare");
-    drawHead();
-  };
+  page.times = new TimeView(page, () => {
+    page.changed = true;
+    drawPictures();
+    drawNumbers();
+  });
+  page.times.listen();
+  byId("tare").onclick = () => ask("tare");
+  byId("forced").onclick = () => ask("tare force");
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  scheme.onchange = () => page.plots.paint();
+  page.plots.paint();
   page.plots.fit();
   window.addEventListener("resize", () => {
     page.plots.fit();
-    drawSensors();
+    drawPictures();
   });
   setInterval(() => {
-    drawSensors();
+    drawPictures();
+    drawNumbers();
     drawHead();
-  }, 200);
+  }, NUMBERS_MS);
   connect();
   keepHistory();
 }

@@ -5,6 +5,8 @@
 // One per sensor, those of python/wiforce/io/palette.py. Further sensors have the same colours with
 // dashed lines.
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e6c200", "#202428"];
+// The last one on dark paper, where it would not be seen.
+const LIGHT = "#e6e9ec", DARK_PAPER = matchMedia("(prefers-color-scheme: dark)");
 const FORCE_SPAN_N = 8; // force of the longest arrow, unless a sensor is pressed harder
 const STALE_S = 1;
 const WARNING = "#a35500";
@@ -30,6 +32,11 @@ function withSpread(value, std, decimals, unit) {
   return `${value.toFixed(decimals)}${spread} ${unit}`;
 }
 
+function placeOf(reading) {
+  const location = withSpread(reading.location, reading.locationStd, 1, "mm");
+  return reading.y === null ? location : `x ${location}, y ${withSpread(reading.y, reading.yStd, 1, "mm")}`;
+}
+
 function element(tag, className, parent) {
   const made = document.createElement(tag);
   made.className = className;
@@ -44,11 +51,10 @@ function setText(node, text) {
 
 class SensorView {
   constructor(name, index, parent, onToggle) {
-    this.color = COLORS[index % COLORS.length];
+    this.own = COLORS[index % COLORS.length];
     this.dash = index < COLORS.length ? "solid" : "dashed";
     this.root = element("article", "sensor", parent);
     this.root.dataset.sensor = name;
-    this.root.style.setProperty("--color", this.color);
     const heading = element("div", "heading", this.root);
     this.name = element("button", `name ${this.dash}`, heading);
     this.name.textContent = name;
@@ -76,11 +82,20 @@ class SensorView {
     this.drawn = "";
   }
 
-  // `health` is what a heartbeat says of the sensor; `ageS` counts from the arrival of the reading.
-  // `plane` is that of a surface, null for a sensor.
-  draw(reading, health, ageS, lengthMm, plane) {
+  get color() {
+    return DARK_PAPER.matches && this.own === COLORS.at(-1) ? LIGHT : this.own;
+  }
+
+  // The numbers: `health` is what a heartbeat says of the sensor; `ageS` counts from the arrival of
+  // the reading.
+  drawNumbers(reading, health, ageS) {
+    this.root.style.setProperty("--color", this.color);
+    this.drawTexts(reading, health, ageS, reading === null || !(ageS <= STALE_S));
+  }
+
+  // The line with the press. `plane` is that of a surface, null for a sensor.
+  draw(reading, ageS, lengthMm, plane) {
     const stale = reading === null || !(ageS <= STALE_S);
-    this.drawTexts(reading, health, ageS, stale);
     const pressed = !stale && reading.touch === 1;
     const width = this.picture.clientWidth, height = this.picture.clientHeight;
     this.root.classList.toggle("plane", plane !== null);
@@ -100,8 +115,7 @@ class SensorView {
     let force = "no readings", location = "";
     if (touched) {
       force = withSpread(reading.force, reading.forceStd, 2, "N");
-      location = withSpread(reading.location, reading.locationStd, 1, "mm");
-      if (reading.y !== null) location = `x ${location}, y ${withSpread(reading.y, reading.yStd, 1, "mm")}`;
+      location = placeOf(reading);
     } else if (!stale) {
       force = reading.touch === 0 ? "0 N" : "no reading";
       location = reading.touch === 0 ? "not touched" : "";
@@ -135,9 +149,9 @@ class SensorView {
         x: from, y: 0, width: Math.max(1, to - from), height: ground, fill: color, opacity: 0.2,
       }));
     }
-    parts.push(shape("rect", { x: left, y: ground - 2, width: right - left, height: 3, fill: "#9aa3ac" }));
+    parts.push(shape("rect", { x: left, y: ground - 2, width: right - left, height: 3, class: "ground" }));
     parts.push(shape("path", {
-      d: beam(left, right, ground, at), fill: "none", stroke: "#cdd4db", "stroke-width": 5,
+      d: beam(left, right, ground, at), class: "beam", "stroke-width": 5,
     }));
     if (labelled) parts.push(...scale(x, ground, lengthMm, width));
     if (at !== null) parts.push(...arrow(press, at, ground, color));
@@ -179,11 +193,11 @@ function scale(x, ground, lengthMm, width) {
   const parts = [];
   for (let mark = 0; mark <= lengthMm + 1e-9; mark += wanted) {
     const last = mark + wanted > lengthMm + 1e-9;
-    parts.push(shape("path", { d: `M${x(mark)} ${ground + 1}v4`, stroke: "#646b73" }));
+    parts.push(shape("path", { d: `M${x(mark)} ${ground + 1}v4`, class: "tick" }));
     const anchor = mark === 0 ? "start" : last && x(mark) > width - 30 ? "end" : "middle";
     const edge = { start: -6, middle: 0, end: 12 }[anchor];
     parts.push(shape("text", {
-      x: x(mark) + edge, y: ground + 15, "font-size": 11, fill: "#646b73", "text-anchor": anchor,
+      x: x(mark) + edge, y: ground + 15, "font-size": 11, class: "label", "text-anchor": anchor,
     }, last ? `${mark} mm` : String(mark)));
   }
   return parts;

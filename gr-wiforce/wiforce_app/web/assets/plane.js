@@ -15,18 +15,18 @@ function drawPlane(view, press, plane, width, height) {
   const x = (mm) => left + scale * (mm - x0), y = (mm) => room.top + scale * (y1 - mm);
   const parts = [shape("rect", {
     x: x(x0), y: y(y1), width: scale * (x1 - x0), height: scale * (y1 - y0),
-    fill: "none", stroke: "#9aa3ac",
+    class: "edge",
   })];
   for (const strip of plane.strips) {
     const [from, to] = strip.x_mm;
     parts.push(shape("path", {
-      d: `M${x(from)} ${y(strip.y_mm)}H${x(to)}`, stroke: "#cdd4db", "stroke-width": 5,
+      d: `M${x(from)} ${y(strip.y_mm)}H${x(to)}`, class: "beam", "stroke-width": 5,
     }));
   }
   if (room.bottom > 4) {
     const label = `${Math.round(x1 - x0)} × ${Math.round(y1 - y0)} mm`;
     parts.push(shape("text", {
-      x: x(x0), y: y(y0) + 13, "font-size": 11, fill: "#646b73",
+      x: x(x0), y: y(y0) + 13, "font-size": 11, class: "label",
     }, label));
   }
   if (press !== null && press.location !== null && press.y !== null) {
@@ -51,7 +51,7 @@ function pressOnPlane(press, atX, atY, scale, own) {
     parts.push(shape("ellipse", {
       class: "spread", rx: Math.max(1, scale * axes.major), ry: Math.max(1, scale * axes.minor),
       transform: `translate(${atX} ${atY}) rotate(${-axes.angle})`,
-      fill: "none", stroke: "#202428", "stroke-width": 1.5,
+      "stroke-width": 1.5,
     }));
   }
   return parts;
