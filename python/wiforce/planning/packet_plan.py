@@ -3,6 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,37 +27,89 @@ _BAND_GROUPS, _BATCH = 6, 16
 _FEW = 0.5
 
 
-def fitted_plan(
-    plan: Plan, subcarrier_hz: np.ndarray, time_s: np.ndarray, packets: DividedPackets
-) -> Plan:
-    """Fit a plan to the times (n,) and channels of packets without an oscillator's phase.
+class PacketPlans:
+    """Fits a plan to the times of packets: one for each clutter band that may suit them.
 
     It is designed for the group of the untouched reference with the median number of packets, and
     refused when the reference holds too few packets to read the tags.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the scene.
+    subcarrier_hz : ndarray, shape (K,)
+    time_s : ndarray, shape (n,)
+    channels : int
+        Channels that are combined of each packet.
     """
-    scene = plan.require_scene()
-    period_s = scene.group_period_s
-    groups = int(scene.reference_s / period_s)
-    bounds = np.searchsorted(time_s, np.arange(groups + 1) * period_s)
-    counts = np.diff(bounds)
-    usual = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
-    order = usual[np.argsort(counts[usual], kind="stable")]
-    if not order.size:
-        raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
-    typical = int(order[len(order) // 2])
-    rows = slice(bounds[typical], bounds[typical + 1])
-    times_s = time_s[rows] - (typical + 0.5) * period_s
-    waveform = packet_waveform(
-        period_s / len(times_s),
-        plan.waveform.averaging_s,
-        subcarrier_hz,
-        channels=packets.combined.shape[1] // len(subcarrier_hz),
-    )
-    changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
-    changed = changed.with_clocks(plan.clocks)
-    if scene.environment.moving_clutter_hz is not None:
-        return changed
-    return _with_band(changed, time_s, packets)
+
+    def __init__(
+        self, plan: Plan, subcarrier_hz: np.ndarray, time_s: np.ndarray, channels: int
+    ) -> None:
+        scene = plan.require_scene()
+        period_s = scene.group_period_s
+        groups = int(scene.reference_s / period_s)
+        bounds = np.searchsorted(time_s, np.arange(groups + 1) * period_s)
+        counts = np.diff(bounds)
+        usual = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
+        order = usual[np.argsort(counts[usual], kind="stable")]
+        if not order.size:
+            raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
+        typical = int(order[len(order) // 2])
+        rows = slice(bounds[typical], bounds[typical + 1])
+        times_s = time_s[rows] - (typical + 0.5) * period_s
+        waveform = packet_waveform(
+            period_s / len(times_s), plan.waveform.averaging_s, subcarrier_hz, channels=channels
+        )
+        changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
+        self._plans = [changed.with_clocks(plan.clocks)]
+        if scene.environment.moving_clutter_hz is None:
+            self._plans += _other_bands(self._plans[0])
+        looked_at = np.arange(min(changed.reference_groups, _BAND_GROUPS) + 1)
+        self._rows = [
+            slice(*ends) for ends in pairwise(np.searchsorted(time_s, looked_at * period_s))
+        ]
+        self._time_s = time_s
+
+    def best(self, packets: DividedPackets) -> Plan:
+        """The plan with the clutter band that leaves the least noise in the untouched reference.
+
+        ``packets`` are without an oscillator's phase.
+        """
+        best, *others = self._plans
+        if not others:
+            return best
+        least = self._tone_noise(best, packets)
+        for plan in others:
+            noise = self._tone_noise(plan, packets)
+            if noise < _WORTH_A_BAND * least:
+                best, least = plan, noise
+        return best
+
+    def _tone_noise(self, plan: Plan, packets: DividedPackets) -> float:
+        """Variance of the tones by the residual of some groups of the reference."""
+        table = plan.table
+        assert isinstance(table, TimedTable)
+        found = []
+        for group, rows in enumerate(self._rows):
+            states = packets.state[rows]
+            kept = states >= 0
+            times_s = self._time_s[rows][kept] - (group + 0.5) * table.group_period_s
+            noise = table.tone_noise(times_s, packets.combined[rows][kept], states[kept])
+            if noise is not None:
+                found.append(noise)
+        return float(np.median(found)) if found else np.inf
+
+
+def _other_bands(plan: Plan) -> list[Plan]:
+    """Plans with other clutter bands, each wider than the one before."""
+    found: list[Plan] = []
+    for band_hz in _BANDS_HZ:
+        trial = replace(plan, clutter_hz=band_hz)
+        if band_hz > _HIGHEST_BAND * min(plan.clocks_hz) or not trial.separable:
+            break
+        found.append(trial)
+    return found
 
 
 def solved_tags(
@@ -90,36 +143,3 @@ def solved_tags(
         response,
         hidden,
     )
-
-
-def _with_band(plan: Plan, time_s: np.ndarray, packets: DividedPackets) -> Plan:
-    """The plan with the clutter band that leaves the least noise in the untouched reference."""
-    best, least = plan, _tone_noise(plan, time_s, packets)
-    for band_hz in _BANDS_HZ:
-        if band_hz > _HIGHEST_BAND * min(plan.clocks_hz):
-            break
-        trial = replace(plan, clutter_hz=band_hz)
-        if not trial.separable:
-            break
-        noise = _tone_noise(trial, time_s, packets)
-        if noise < _WORTH_A_BAND * least:
-            best, least = trial, noise
-    return best
-
-
-def _tone_noise(plan: Plan, time_s: np.ndarray, packets: DividedPackets) -> float:
-    """Variance of the tones by the residual of some groups of the reference."""
-    table = plan.table
-    assert isinstance(table, TimedTable)
-    found = []
-    for group in range(min(plan.reference_groups, _BAND_GROUPS)):
-        bounds = np.searchsorted(time_s, np.array([group, group + 1]) * table.group_period_s)
-        rows = np.arange(*bounds)
-        rows = rows[packets.state[rows] >= 0]
-        times_s = time_s[rows] - (group + 0.5) * table.group_period_s
-        states = packets.state[rows]
-        weights = table.at(times_s, states)
-        if weights is not None:
-            gain = np.mean(np.sum(np.abs(weights.weights) ** 2, axis=1))
-            found.append(gain * table.residual(times_s, packets.combined[rows], states))
-    return float(np.median(found)) if found else np.inf

@@ -18,7 +18,7 @@ from ..estimation.packets.packet_groups import PacketGroups, whole_groups
 from ..estimation.packets.tag_parts import SolvedTags
 from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.readings import GroupCounts, Reading
-from ..planning.packet_plan import fitted_plan, solved_tags
+from ..planning.packet_plan import PacketPlans, solved_tags
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..press.evidence import Suspicion
 from ..signal.timed_weights import TimedTable
@@ -63,6 +63,7 @@ class SnapshotReader:
         scene = plan.require_scene()
         self._states: AntennaStates | None = None
         self._kept_db = 0.0
+        self._plans: dict[int, PacketPlans] = {}  # by the number of channels of a packet
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             if scene.environment.reader_clock == "free":
@@ -128,8 +129,12 @@ class SnapshotReader:
         return found
 
     def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
+        hertz = self._recording.subcarrier_hz
+        channels = packets.combined.shape[1] // len(hertz)
         try:
-            return fitted_plan(plan, self._recording.subcarrier_hz, time_s, packets)
+            if channels not in self._plans:
+                self._plans[channels] = PacketPlans(plan, hertz, time_s, channels)
+            return self._plans[channels].best(packets)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
             note = self._interval_note(plan)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -60,26 +61,31 @@ class TimedTable(ToneTable):
 
         ``states`` (n,) are those of the receiver: each has a constant of its own.
         """
-        weights = _solve(self._columns(times_s, states), len(self.tones))
-        if weights is None or not len(weights):
+        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
+        if fit is None or not len(fit.gain) or fit.gain.max() > self._worst(times_s):
             return None
-        noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * len(times_s)
-        if noise_gain.max() > WORST_PARTIAL_GAIN:
-            return None
-        return TimedWeights(np.ones(len(times_s), bool), weights, times_s=times_s)
+        return TimedWeights(np.ones(len(times_s), bool), fit.weights, times_s=times_s)
 
-    def residual(
+    @staticmethod
+    def _worst(times_s: np.ndarray) -> float:
+        """Noise of a tone over that of a snapshot from which on it is undetermined."""
+        return WORST_PARTIAL_GAIN / max(len(times_s), 1)
+
+    def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
-    ) -> float:
-        """What neither tones nor clutter explain of a group's channel (n, K): mean power per degree
-        of freedom.
+    ) -> float | None:
+        """Variance of the tones by what neither they nor clutter explain of a channel (n, K).
 
-        There must be more snapshots than tones and clutter together; ``states`` as for :meth:`at`.
+        None where :meth:`at` is. ``states`` as there.
         """
-        basis = np.linalg.qr(self._columns(times_s, states))[0]
-        explained = np.sum(np.abs(basis.T @ channel) ** 2)
-        freedom = (len(times_s) - basis.shape[1]) * channel.shape[1]
-        return float((np.sum(np.abs(channel) ** 2) - explained) / max(freedom, 1))
+        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
+        if fit is None or not len(gain := fit.gain) or gain.max() > self._worst(times_s):
+            return None
+        power, basis = np.sum(np.abs(channel) ** 2), fit.orthogonal.T
+        # Parts by themselves: complex channels would make the basis complex.
+        explained = np.sum((basis @ channel.real) ** 2) + np.sum((basis @ channel.imag) ** 2)
+        freedom = (len(times_s) - len(basis)) * channel.shape[1]
+        return float(gain.mean() * (power - explained) / max(freedom, 1))
 
     def _columns(self, times_s: np.ndarray, states: np.ndarray | None) -> np.ndarray:
         """Cosines, sines and clutter at some times, and what differs from state to state."""
@@ -185,18 +191,38 @@ def _prolate_functions(band: float, order: int) -> np.ndarray:
     return normalised
 
 
-def _solve(columns: np.ndarray, tones: int) -> np.ndarray | None:
-    """Rows of the pseudo-inverse of [tones, clutter] that are tones; None if undetermined.
+class _Fit(NamedTuple):
+    """Least-squares fit of [tones, clutter] (n, columns): A diag(scale) = Q R.
 
     ``columns`` holds cosines and sines of the upper half of the tones, and clutter.
     """
-    if len(columns) <= columns.shape[1]:
-        return None
-    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    orthogonal, triangle = np.linalg.qr(columns * scale)
-    sizes = np.linalg.svd(triangle, compute_uv=False)
-    if not sizes[-1] * _WORST_CONDITION > sizes[0]:
-        return None
-    rows = np.linalg.solve(triangle, orthogonal.T)[:tones] * scale[:tones, None]
-    upper = (rows[: tones // 2] - 1j * rows[tones // 2 :]) / 2
-    return np.vstack([upper[::-1].conj(), upper])
+
+    orthogonal: np.ndarray  # Q
+    inverse: np.ndarray  # rows of diag(scale) R^-1 that are cosines, then sines
+
+    @classmethod
+    def of(cls, columns: np.ndarray, tones: int) -> "_Fit | None":
+        """None if undetermined."""
+        if len(columns) <= columns.shape[1]:
+            return None
+        scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        orthogonal, triangle = np.linalg.qr(columns * scale)
+        sizes = np.linalg.svd(triangle, compute_uv=False)
+        if not sizes[-1] * _WORST_CONDITION > sizes[0]:
+            return None
+        return cls(orthogonal, np.linalg.inv(triangle)[:tones] * scale[:tones, None])
+
+    @property
+    def gain(self) -> np.ndarray:
+        """Variance of each tone of the upper half over that of a snapshot."""
+        power = np.sum(self.inverse**2, axis=1).reshape(2, -1)
+        gain: np.ndarray = (power[0] + power[1]) / 4
+        return gain
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Rows of the pseudo-inverse that are tones, of both halves; complex, (tones, n)."""
+        rows = self.inverse @ self.orthogonal.T
+        half = len(rows) // 2
+        upper = (rows[:half] - 1j * rows[half:]) / 2
+        return np.vstack([upper[::-1].conj(), upper])
