@@ -63,7 +63,7 @@ def live_command(args, scene, *options):
 
 
 @contextmanager
-def live(args, scene, *options, limit=100, before=None):
+def live(args, scene, *options, limit=300, before=None):
     """A running live reader; ended if the test doesn't. ``before`` is called in it first."""
     process = subprocess.Popen(
         live_command(f"{args},{FRAMES}", scene, *options),
@@ -91,7 +91,7 @@ def streaming_s(device):
     return device.command("status")["streaming_s"]
 
 
-def wait_until(condition, limit=90):
+def wait_until(condition, limit=300):
     end = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < end, "not in time"
@@ -102,7 +102,7 @@ def run_session(*arguments):
     """The last line that a run of session_runs.py prints, and what it says besides."""
     script = Path(__file__).with_name("session_runs.py")
     command = [sys.executable, str(script), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
@@ -135,6 +135,6 @@ def command(*words):
         [sys.executable, "-m", "wiforce_app.main", *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
     )
     return done.returncode, done.stdout, done.stderr

@@ -18,7 +18,7 @@ NEWER = "__pybind11_internals_v5_gcc_libstdcpp_cxxabi1017__"
 
 def run(*command, **options):
     return subprocess.run(
-        [str(part) for part in command], capture_output=True, text=True, timeout=120, **options
+        [str(part) for part in command], capture_output=True, text=True, timeout=300, **options
     )
 
 

@@ -82,7 +82,7 @@ def run_python(code, *folders, arguments=(), **options):
         env=os.environ | path,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
         **options,
     )
 
@@ -231,7 +231,7 @@ def test_package_built_and_installed_by_pip_reads_a_capture(capture, tmp_path):
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     command = [tmp_path / "venv" / "bin" / "gr-wiforce", "read", capture]
     command += ["-o", tmp_path / "pip.csv"]
-    subprocess.run(command, check=True, env=environment, timeout=100)
+    subprocess.run(command, check=True, env=environment, timeout=300)
     assert (tmp_path / "pip.csv").read_text() == (tmp_path / "here.csv").read_text()
     code = "import gnuradio, json, sys; print(json.dumps([gnuradio.__file__, list(sys.path)]))"
     done = subprocess.run([python, "-c", code], env=environment, capture_output=True, text=True)

@@ -16,7 +16,7 @@ STEPS = ROOT / "tests/platforms/steps"
 
 def run(*words):
     command = [sys.executable, RUN, *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_every_script_of_a_step_is_valid_and_used():
     scripts = sorted(STEPS.glob("*.sh"))
     assert len(scripts) >= 5
     for script in scripts:
-        subprocess.run(["bash", "-n", script], check=True, timeout=30)
+        subprocess.run(["bash", "-n", script], check=True, timeout=300)
         assert f'"{script.name}"' in text
 
 

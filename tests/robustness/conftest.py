@@ -45,7 +45,7 @@ class Sandbox:
             ["gr-wiforce", *map(str, arguments)],
             capture_output=True,
             text=True,
-            timeout=100,
+            timeout=300,
             cwd=self.folder,
             preexec_fn=before,
         )

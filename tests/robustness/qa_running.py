@@ -65,7 +65,7 @@ def test_a_growing_capture_is_read_as_it_grows_and_as_when_it_is_whole(sandbox, 
         recording.write(data[half:])
         assert wait_for_rows(output, len(readings) - 2) > so_far
     reader.send_signal(signal.SIGINT)
-    _, said = reader.communicate(timeout=60)
+    _, said = reader.communicate(timeout=300)
     assert reader.returncode == 0, said
     assert output.read_text() == "".join(readings)
     assert counted(said)[0] == len(readings) - 1
@@ -92,7 +92,7 @@ def test_a_gap_that_a_recorder_notes_while_we_read_is_a_gap_in_the_readings(sand
         recording.write(data[4 * (20 * GROUP + lost) :])
         wait_for_rows(output, 28)
     reader.send_signal(signal.SIGTERM)
-    _, said = reader.communicate(timeout=60)
+    _, said = reader.communicate(timeout=300)
     assert reader.returncode == 0, said
     rows = [json.loads(line) for line in output.read_text().splitlines()]
     assert [i for i, row in enumerate(rows) if row["flags"] == "gap"] == [20, 21, 22]
@@ -145,7 +145,7 @@ def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, l
         time.sleep(rng.random() * 1.2 * complete_s)
         seen = output.read_text() if output.exists() else ""
         reader.kill()
-        reader.communicate(timeout=60)
+        reader.communicate(timeout=300)
         written = output.read_text() if output.exists() else ""
         assert written == whole[: len(written)] and written[-1:] in ("", "\n")
         assert len(written) >= len(seen)

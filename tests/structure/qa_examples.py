@@ -35,7 +35,7 @@ def compiled(tmp_path_factory):
     folder = tmp_path_factory.mktemp("generated")
     script = Path(__file__).parents[1] / "helpers/grc_layout.py"
     command = [sys.executable, str(script), str(folder), *map(str, FLOWGRAPHS)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return folder, json.loads(done.stdout)
 
@@ -58,7 +58,7 @@ def generated(compiled, qt):
 @pytest.mark.parametrize("arguments", [["--help"], ["5555"], ["tcp://127.0.0.1:1", "key", "x"]])
 def test_zmq_client_bad_usage_is_reported(arguments):
     command = [sys.executable, HEADLESS / "zmq_client.py", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 1 and done.stderr.startswith("usage: zmq_client.py [ENDPOINT")
     assert len(done.stderr.splitlines()) == 1
 
@@ -130,7 +130,7 @@ class Collector(gr.basic_block):
 
     def wait_for(self, enough):
         with self._more:
-            assert self._more.wait_for(lambda: enough(self.readings), timeout=60)
+            assert self._more.wait_for(lambda: enough(self.readings), timeout=300)
 
 
 def after(readings, time_s, sensor=None):
@@ -386,7 +386,7 @@ def test_headless_read_recording_refuses_to_replace_the_scene(capture, tmp_path)
     scene = tmp_path / "scene.csv"
     shutil.copy(wiforce.load_scene("tabletop").path, scene)
     command = [sys.executable, HEADLESS / "read_recording.py", capture[0], scene, scene]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode and "scene.csv: cannot be written (is an input)" in done.stderr
     assert "sensors:" in scene.read_text()
 

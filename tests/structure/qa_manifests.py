@@ -63,7 +63,7 @@ def test_citation_is_valid_by_the_schema_of_its_format(tmp_path):
     import jsonschema
 
     pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "-d", tmp_path]
-    subprocess.run([*pip, "cffconvert"], check=True, timeout=100)
+    subprocess.run([*pip, "cffconvert"], check=True, timeout=300)
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as files:
         schema = json.loads(files.read("cffconvert/schemas/1.2.0/schema.json"))

@@ -25,6 +25,6 @@ def test_package_annotations_pass_mypy(pytestconfig):
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr

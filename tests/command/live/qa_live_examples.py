@@ -60,7 +60,7 @@ def test_readme_live_line_reads_from_the_device_that_emulate_starts(device, scen
         + options,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
     )
     assert done.returncode == 0 and "http://127.0.0.1:" in done.stderr, done.stderr
     assert len(rows_of(tmp_path / "out.csv")) > 30
@@ -99,7 +99,7 @@ def running(*words, **options):
         yield process
         process.stdin.write("\n")
         process.stdin.close()
-        assert process.wait(timeout=60) == 0, process.lines
+        assert process.wait(timeout=300) == 0, process.lines
     finally:
         process.kill()
         reading.join()
@@ -113,7 +113,7 @@ def args_of(device):
     return f"{device.args},{FRAMES}"
 
 
-def read(process, count, of="", limit=90):
+def read(process, count, of="", limit=300):
     """Waits until a program has printed so many readings of a device."""
     wait_until(lambda: sum(line.startswith(of) for line in process.lines) > count, limit)
 
@@ -190,7 +190,7 @@ def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
         ["grcc", "-o", str(tmp_path), str(flowgraph)],
         check=True,
         capture_output=True,
-        timeout=100,
+        timeout=300,
     )
     screenless = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     words = (tmp_path / f"{name}.py", "--device", args_of(device))
@@ -204,6 +204,6 @@ def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
     try:
         wait_until(pressed, limit=200)
         process.terminate()
-        assert process.wait(timeout=60) == 0
+        assert process.wait(timeout=300) == 0
     finally:
         process.kill()

@@ -36,7 +36,7 @@ class LslRecorder:
         assert not self._thread.is_alive()
 
     def _run(self):
-        streams = pylsl.resolve_byprop("name", self._name, timeout=60)
+        streams = pylsl.resolve_byprop("name", self._name, timeout=300)
         inlet = pylsl.StreamInlet(streams[0], recover=False)
         self.info, self.correction_s = inlet.info(), inlet.time_correction()
         try:
@@ -102,7 +102,7 @@ def test_live_outputs_all_hold_the_readings_of_the_file(scene, software_usrp, tm
         device.command(f"press {SENSOR} 4.0 45.0")
         wait_until(lambda: pressed() > PRESSED)
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
     client.join()
     recorder.join()

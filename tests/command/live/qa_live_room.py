@@ -30,7 +30,7 @@ def test_live_room_is_surveyed_in_the_reference_and_reported(tmp_path):
             wait_until(lambda: ask(client, "status")["time_s"] > 2.2)
             status = ask(client, "status")
             ask(client, "stop")
-            _, said = process.communicate(timeout=60)
+            _, said = process.communicate(timeout=300)
     finally:
         device.stop()
     assert process.returncode == 0

@@ -34,7 +34,7 @@ def run_of(device, scene, folder, *options):
     output = folder / ("soapy.csv" if options else "uhd.csv")
     options = [*GAINS, *options, "-o", output, "--record", output.with_suffix("")]
     with live(args, scene, *options, "--duration", 1.9) as process:
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
     return rows_of(output), said
 
@@ -110,7 +110,7 @@ def test_soapy_device_lost_is_opened_again_on_the_frames_that_it_had(
         second = software_usrp(slow_scene, address=first.address)
         wait_until(lambda: streaming_s(second) > 1.4)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     assert process.returncode == 0 and "terminate" not in said
     assert "is back after" in said and "frame timing" not in said
     rows = rows_of(output)
@@ -133,7 +133,7 @@ def test_soapy_without_reconnect_a_lost_device_ends_the_run(
     with live(f"driver=uhd,{device.args}", slow_scene, *SOAPY, *GAINS, "-o", output) as process:
         wait_until(lambda: streaming_s(device) > 0.6)
         device.process.kill()
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     assert process.returncode == 1
     assert "is lost" in said or "has sent no samples" in said or "cannot be reached" in said
     assert said.splitlines()[-1].endswith("all readings until then are kept")

@@ -62,7 +62,7 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
             assert time.monotonic() < end and process.poll() is None
             time.sleep(0.01)
         process.send_signal(number)
-        said = process.communicate(timeout=30)[1]
+        said = process.communicate(timeout=300)[1]
     word = "terminated" if number == signal.SIGTERM else "interrupted"
     assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
     assert names_in(tmp_path) == ["scene.yaml"]

@@ -251,7 +251,7 @@ def test_follow_waits_for_frames_and_then_reads(press, tmp_path):
         assert time.monotonic() < end and process.poll() is None
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    assert "read " in process.communicate(timeout=30)[1] and process.returncode == 0
+    assert "read " in process.communicate(timeout=300)[1] and process.returncode == 0
 
 
 def test_follow_interrupted_before_frames_says_why_nothing_was_read(tmp_path):
@@ -261,6 +261,6 @@ def test_follow_interrupted_before_frames_says_why_nothing_was_read(tmp_path):
     process = following(path, scene, output)
     process.stderr.readline()
     os.kill(process.pid, signal.SIGINT)
-    lines = process.communicate(timeout=30)[1]
+    lines = process.communicate(timeout=300)[1]
     assert process.returncode == 2 and "no sounding frames found" in lines
     assert not output.exists()

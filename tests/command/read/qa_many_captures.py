@@ -186,7 +186,7 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
         while len(list(out.glob("[!.]*.csv"))) < 2 and time.monotonic() < deadline:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=300)
     assert process.returncode == 130
     done = len(list(out.glob("[!.]*.csv")))
     assert 2 <= done < 30

@@ -63,7 +63,7 @@ def test_read_loads_neither_scipy_nor_pandas(read_args):
         "sys.exit(status)"
     )
     command = [sys.executable, "-c", code, *map(str, read_args)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     loaded = {name.split(".")[0] for name in done.stdout.split()}
     assert "wiforce_app" in loaded and not {"scipy", "pandas", "matplotlib"} & loaded
@@ -110,7 +110,7 @@ def followed(command, output):
             assert time.monotonic() < end
             time.sleep(0.1)
         reading.send_signal(signal.SIGINT)
-        said = reading.communicate(timeout=100)[1]
+        said = reading.communicate(timeout=300)[1]
     return reading.returncode, said
 
 

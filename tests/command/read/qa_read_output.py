@@ -177,7 +177,7 @@ def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, stat
             assert time.monotonic() < end and process.poll() is None
             time.sleep(0.005)
         process.send_signal(number)
-        said = process.communicate(timeout=30)[1].splitlines()[-1]
+        said = process.communicate(timeout=300)[1].splitlines()[-1]
     assert process.returncode == status
     found = re.search(r"out.csv is partial: it holds the first (\d+) of (\d+) rows", said)
     assert found, said
@@ -248,7 +248,7 @@ def test_follow_metadata_that_contradict_what_was_read_end_the_run(growing, chan
     else:
         first["core:frequency"] = 905e6
     growing.grow()
-    said = growing.process.communicate(timeout=30)[1]
+    said = growing.process.communicate(timeout=300)[1]
     assert growing.process.returncode == 2 and message in said
     assert len(rows_of(growing.output)) >= 39
 
@@ -263,6 +263,6 @@ def test_follow_gap_reported_before_its_samples_is_read(growing):
     growing.grow()
     growing.wait_for_rows(growing.data.size // (321 * 63))
     growing.process.send_signal(signal.SIGINT)
-    said = growing.process.communicate(timeout=30)[1]
+    said = growing.process.communicate(timeout=300)[1]
     assert growing.process.returncode == 0, said
     assert sum("gap" in row["flags"] for row in rows_of(growing.output)) in (5, 6)

@@ -19,7 +19,7 @@ from wiforce_app.shell import blas
 
 def run_process(*arguments, **options):
     return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=300, **options
     )
 
 
@@ -209,10 +209,10 @@ def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
         "from wiforce_app.shell.progress import progress\n"
         "with progress('working', 4) as done: done(2); done(2)\n"
     )
-    piped = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    piped = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=300)
     assert (piped.stdout, piped.stderr) == (b"", b"")
     terminal, end = pty.openpty()
-    subprocess.run([sys.executable, "-c", script], stderr=end, timeout=60, check=True)
+    subprocess.run([sys.executable, "-c", script], stderr=end, timeout=300, check=True)
     os.close(end)
     drawn = os.read(terminal, 10_000)
     os.close(terminal)
@@ -231,7 +231,7 @@ def test_command_on_a_home_that_cannot_be_written_prints_its_own_lines_only(tmp_
     )
     environment = {**os.environ, "HOME": "/nonexistent", "MPLCONFIGDIR": "/proc/none"}
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, env=environment
     )
     assert (done.returncode, done.stderr) == (0, "") and path.exists()
 
@@ -286,7 +286,7 @@ def test_blas_settings_by_processor(tmp_path, flags, kernels):
 def test_command_uses_stated_kernels_of_blas():
     environment = {name: value for name, value in os.environ.items() if "OPENBLAS" not in name}
     command = [sys.executable, "-c", _ARCHITECTURE]
-    used = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    used = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
     stated, *kernels = used.stdout.split()
     assert stated == str(blas.settings().get("OPENBLAS_CORETYPE"))
     # None where NumPy has another library; its own choice where nothing is stated.

@@ -60,7 +60,7 @@ def fetch(url, path="", **headers):
     """Status and text of an answer."""
     try:
         request = urllib.request.Request(url + path, headers=headers)
-        with urllib.request.urlopen(request, timeout=60) as answer:
+        with urllib.request.urlopen(request, timeout=300) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
@@ -171,7 +171,7 @@ def test_page_with_token_answers_nobody_without_it():
 def test_page_cookie_is_kept_from_scripts_and_other_sites():
     """Another site could read the token, or press the tare button with it."""
     with serving(NoSource(), TOKEN) as (url, _):
-        with urllib.request.urlopen(f"{url}?token={TOKEN}", timeout=60) as answer:
+        with urllib.request.urlopen(f"{url}?token={TOKEN}", timeout=300) as answer:
             cookie = answer.headers["Set-Cookie"]
     assert TOKEN in cookie and "HttpOnly" in cookie and "SameSite=Strict" in cookie
 

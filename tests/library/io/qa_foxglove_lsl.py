@@ -78,16 +78,16 @@ def test_lsl_samples_have_the_time_of_the_measurement():
     """Streams of other devices are aligned by it; the time of arrival is a group and more later."""
     name = f"arm{os.getpid()}"
     outlets = LslOutlets([name], 0.036)
-    (info,) = pylsl.resolve_byprop("name", f"gr-wiforce {name}", timeout=30)
+    (info,) = pylsl.resolve_byprop("name", f"gr-wiforce {name}", timeout=300)
     inlet = pylsl.StreamInlet(info, recover=False)
-    inlet.open_stream(timeout=30)
+    inlet.open_stream(timeout=300)
     measured_s = time.time() - 0.1
     utc = datetime.fromtimestamp(measured_s, timezone.utc).isoformat()
     before_s = pylsl.local_clock()
     outlets.push(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), utc)
     outlets.push(Reading(0.054, name), "")
-    sample, sample_s = inlet.pull_sample(timeout=30)
-    unknown, unknown_s = inlet.pull_sample(timeout=30)
+    sample, sample_s = inlet.pull_sample(timeout=300)
+    unknown, unknown_s = inlet.pull_sample(timeout=300)
     outlets.close()
     found = {label: value for (label, *_), value in zip(CHANNELS, sample, strict=True)}
     assert (found["force_n"], found["touch"], found["flags"], found["group"]) == (4.0, 1, 10, 7)

@@ -93,7 +93,7 @@ def test_writer_pipe_is_opened_at_once(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         listener = pool.submit(pipe.open)
         writer = open_writer(pipe)
-        with listener.result(timeout=10) as stream:
+        with listener.result(timeout=60) as stream:
             writer.close()
             assert stream.read() == ",".join(COLUMNS) + "\n"
 
