@@ -76,7 +76,7 @@ def tag():
     yield box(445, 160, 140, 100)
     yield label(515, 180, "two RF switches", size=13)
     yield line((515, 188), (515, 200))
-    for x, color, name in ((475, END1, "clock fs"), (555, END2, "2 fs")):
+    for x, color, name in ((480, END1, "switch 1"), (550, END2, "switch 2")):
         yield line((515, 200), (x, 218), color=color)
         yield element("circle", cx=x, cy=220, r=4, fill=color)
         yield label(x, 250, name, color, 13)
@@ -101,9 +101,9 @@ def sensor():
     yield label((left + press) / 2 - 6, 252, "phase 1", END1, 13)
     yield label((right + press) / 2 + 6, 252, "phase 2", END2, 13)
     # From the switches to the ends of the line.
-    yield line((475, 220), (475, 232), (615, 232), (615, copper), (left, copper), color=END1)
+    yield line((480, 220), (480, 232), (615, 232), (615, copper), (left, copper), color=END1)
     yield line(
-        *((555, 220), (600, 220), (600, 286), (932, 286), (932, copper), (right, copper)),
+        *((550, 220), (600, 220), (600, 286), (932, 286), (932, copper), (right, copper)),
         color=END2,
         stroke_dasharray="9 4",
     )

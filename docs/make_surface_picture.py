@@ -34,7 +34,7 @@ def main():
     phases = truth.phases_deg(loads, x[:, None], 915e6)
     phases += NOISE_DEG * rng.standard_normal(phases.shape)
     touched, std = loads >= truth.onset_force_n, np.full(phases.shape, NOISE_DEG)
-    canvas = Figure(figsize=(12, 4.2), layout="constrained")
+    canvas = Figure(figsize=(12, 4.8), layout="constrained")
     law, whole, lost = canvas.subplots(1, 3, width_ratios=(1, 1.25, 1.25))
     draw_law(law, skin, plate)
     for axis, usable, title in (
@@ -45,6 +45,7 @@ def main():
         found = SurfaceEstimator(skin).read(phases, std, usable, touched)
         draw_plane(axis, skin, found, np.column_stack([force, x, y]), usable[0])
         axis.set_title(title)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8)
     canvas.savefig(PICTURE, dpi=100)
 
 
@@ -66,19 +67,25 @@ def draw_law(axis, skin, plate):
 def draw_plane(axis, skin, found, presses, usable):
     """Strips, true presses as crosses, readings as dots with two standard deviations."""
     for strip, on in zip(skin.strips, usable, strict=True):
-        axis.axhline(strip.y_mm, color=BEAM, lw=4, ls="-" if on else ":", zorder=0)
+        style = {"ls": "-", "label": "strip"} if on else {"ls": ":", "label": "strip that is off"}
+        if style["label"] in axis.get_legend_handles_labels()[1]:
+            del style["label"]
+        axis.axhline(strip.y_mm, color=BEAM, lw=4, zorder=0, **style)
     for i, (_, x, y) in enumerate(presses):
-        axis.plot(x, y, "+", color=INK, ms=8)
+        once = i == 0
+        axis.plot(x, y, "+", color=INK, ms=8, label="press" if once else None)
         mean, c = found.mean[i, 0], found.covariance[i, 0]
         stds = dict(zip(("location_std_mm", "y_std_mm"), np.sqrt(np.diag(c))[1:], strict=True))
         reading = SurfaceReading(0.0, "", cov_x_y=c[1, 2], **stds)
         semi, angle = ellipse(reading)
         size = 2 * semi[0], 2 * semi[1]
         axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc=SERIES[0], alpha=0.25))
-        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc="none", ec=SERIES[0], lw=0.8))
-        axis.plot(mean[1], mean[2], "o", color=SERIES[1], ms=1.1 * np.sqrt(mean[0]), alpha=0.8)
+        axis.add_patch(Ellipse(mean[1:], *size, angle=angle, fc="none", ec=SERIES[0], lw=0.8,
+                               label="two standard deviations" if once else None))  # fmt: skip
+        axis.plot(mean[1], mean[2], "o", color=SERIES[1], ms=1.1 * np.sqrt(mean[0]), alpha=0.8,
+                  label="reading" if once else None)  # fmt: skip
     axis.set_xlim(18, 62)
-    axis.set_ylim(-10, 46)
+    axis.set_ylim(-18, 46)
     axis.set_aspect("equal")
     axis.set_xlabel("x (mm)")
     axis.set_ylabel("y (mm)")

@@ -17,6 +17,7 @@ LINE = Microstrip()
 BOARD_MM, BOARD_PERMITTIVITY = (36.0, 24.0), 4.4
 BOARD_HEIGHT_MM = 0.8
 SCALE = 8  # pixels per mm
+BEAM_MM = 10.0  # width and thickness, a guess to begin with (docs/build-a-tag.md)
 
 
 def wire(*points, color=draw.INK):
@@ -144,6 +145,9 @@ def controller():
     yield draw.label(860, 432, "also to U2, U3 (100 nF each)", draw.FAINT, 12)
 
 
+TRACE_MM = 0.3  # of slow signals
+
+
 def trace_width_mm():
     """Width of a trace of 50 ohm on the board."""
     ratio = np.linspace(0.5, 5, 4001)
@@ -178,34 +182,41 @@ def layout():
     left, middle = 18.0, 12.0
     yield to_scale(left, middle - LINE.ground_mm / 2, LINE.length_mm, LINE.ground_mm,
                    fill="#e9ddd0")  # fmt: skip
+    yield to_scale(left, middle - BEAM_MM / 2, LINE.length_mm, BEAM_MM, fill="none",
+                   stroke=draw.FAINT, stroke_dasharray="6 4")  # fmt: skip
     yield to_scale(left, middle - LINE.width_mm / 2, LINE.length_mm, LINE.width_mm,
                    fill=draw.COPPER)  # fmt: skip
     for x, port in ((left, 1), (left + LINE.length_mm, 2)):
         yield to_scale(x - 1.5, middle - 1.5, 3, 3, fill="#ffffff")
-        yield named(x, middle - 4, f"J{port + 1}, port {port}")
-    yield from dimension(left, left + LINE.length_mm, 20.0, f"{LINE.length_mm:g} mm")
+        yield named(x, middle - 6, f"J{port + 1}, port {port}")
+    yield named(
+        left + 40, middle - 6, f"outline of the beam, 80 x {BEAM_MM:g} mm", color=draw.FAINT
+    )
+    yield from dimension(left, left + LINE.length_mm, 22.2, f"{LINE.length_mm:g} mm")
     for millimetre in range(0, 81, 10):
         x = left + millimetre
-        yield wire(*((round(SCALE * x, 1), SCALE * y) for y in (15.2, 15.9)))
-        yield named(x, 17.2, f"{millimetre}", 11, draw.FAINT)
-    yield from section(78.0, 32.0)
-    yield from board(8.0, 28.0)
+        yield wire(*((round(SCALE * x, 1), SCALE * y) for y in (17.3, 18.0)))
+        yield named(x, 19.4, f"{millimetre}", 11, draw.FAINT)
+    yield from section(81.0, 33.5)
+    yield from board(8.0, 29.0)
 
 
 def section(x, y):
     """Cross-section of the line, enlarged four times."""
-    yield named(x - 10, y - 7.5, "cross-section, 4 : 1", 15, anchor="start")
     zoom, height = 4, LINE.height_mm
-    yield to_scale(x - 14, y - 5, 28, 5, fill="#c8c8c8", rx=4)
-    yield named(x, y - 2.1, "soft beam")
+    half = zoom * BEAM_MM / 2
+    yield named(x - half, y - 6.5, "cross-section, 4 : 1", 15, anchor="start")
+    yield to_scale(x - half, y - 5, 2 * half, 5, fill="#c8c8c8")
+    yield named(x, y - 2.1, f"soft beam, {BEAM_MM:g} mm wide, {BEAM_MM:g} mm thick (cut)")
     yield to_scale(x - zoom * LINE.width_mm / 2, y, zoom * LINE.width_mm, 0.6, fill=draw.COPPER)
     base = y + 0.6 + zoom * height
     yield to_scale(x - zoom * LINE.ground_mm / 2, base, zoom * LINE.ground_mm, 0.6,
                    fill=draw.COPPER)  # fmt: skip
-    yield to_scale(x - 14, base + 0.6, 28, 3, fill="#f4f4f4")
+    yield to_scale(x - half, base + 0.6, 2 * half, 3, fill="#f4f4f4")
     yield named(x, base + 2.7, "rigid carrier")
-    for side in (-14, 13):
-        yield to_scale(x + side, y, 1, base + 0.6 - y, fill="#f4f4f4")
+    for side in (-half, half - 4):
+        yield to_scale(x + side, y, 4, base + 0.6 - y, fill="#f4f4f4")
+    yield named(x + half + 0.5, y + 2.0, "spacer", 11, anchor="start")
     yield named(x, base - 0.8, f"gap {height:g} mm, air", color=draw.FAINT)
     yield from dimension(x - 2 * LINE.width_mm, x + 2 * LINE.width_mm, y + 7.6, "")
     yield named(x, y + 9.2, f"trace {LINE.width_mm:g} mm", color=draw.FAINT)
@@ -232,7 +243,18 @@ def board(x, y):
         yield to_scale(x + 18.5, row + sign * 1.6 - 0.5, 1, 1, fill="#ffffff")
         yield to_scale(x + 32.5, row - 1.5, 3, 3, fill="#ffffff")
         end = 1 if sign < 0 else 2
-        yield named(x + 18.9, row - sign * 2.2 + 0.5, f"U{end + 1}")
+        yield named(x + 21.6, row - sign * 1.7 + 0.5, f"U{end + 1}")
+        # Control of the switch, and its capacitor.
+        yield to_scale(x + 18.3, min(row, middle), TRACE_MM, 7, **copper)
+        yield to_scale(x + 15.6, row - sign * 1.9 - 0.35, 1.2, 0.7, fill="#ffffff")
+        yield to_scale(x + 16.8, row - sign * 1.9 - TRACE_MM / 2, 1.3, TRACE_MM, **copper)
+        yield named(x + 14.5, row - sign * 1.9 + 0.5, "C3", 11)
+        # One side of the crystal, with its capacitor.
+        side = middle + sign * 1.1
+        yield to_scale(x + 21.9, side - TRACE_MM / 2, 5.1, TRACE_MM, **copper)
+        yield to_scale(x + 27 - TRACE_MM / 2, min(side, side + sign * 1.9), TRACE_MM, 1.9, **copper)
+        yield to_scale(x + 26.4, side + sign * 1.9 - 0.35, 1.2, 0.7, fill="#ffffff")
+        yield named(x + 28.9, side + sign * 1.9 + 0.5, f"C{end}", 11)
         yield named(x + 21.2, row + sign * 2.0 + 0.5, f"R{end}", 11)
         yield named(x + 34, row + sign * 3 + 0.5, f"to J{end + 1}", 11)
     yield to_scale(x + 8.4, middle - 0.8, 3.2, 1.6, fill="#ffffff")
@@ -241,11 +263,15 @@ def board(x, y):
     yield named(x + 2, middle + 3.2, "J1", 11)
     yield to_scale(x + 17, middle - 2, 4.9, 3.9, fill="#ffffff")
     yield named(x + 19.4, middle + 0.5, "U1")
+    yield to_scale(x + 14.4, middle + 2.2, 1.2, 0.7, fill="#ffffff")
+    yield to_scale(x + 15.6, middle + 2.55 - TRACE_MM / 2, 3, TRACE_MM, **copper)
+    yield to_scale(x + 18.4, middle + 1.5, TRACE_MM, 1.2, **copper)
+    yield named(x + 13.2, middle + 3.05, "C3", 11)
     yield to_scale(x + 24.5, middle - 1.6, 5, 3.2, fill="#ffffff")
     yield named(x + 27, middle + 0.5, "Y1")
     note = f"traces {strip:.1f} mm wide: 50 ohm on {BOARD_HEIGHT_MM:g} mm of FR-4; the two arms"
     yield named(x, y + height + 2, note, color=draw.FAINT, anchor="start")
-    note = "and the two cables to J2, J3 are equally long; the other side is ground, with BT1"
+    note = "and the two cables to J2, J3 are equally long. Other side: ground, BT1, supply by vias"
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
@@ -268,7 +294,7 @@ def pictures():
     """The drawings by their paths."""
     return {
         IMAGES / "tag_schematic.svg": picture(960, 620, schematic()),
-        IMAGES / "tag_layout.svg": picture(880, 500, layout()),
+        IMAGES / "tag_layout.svg": picture(880, 480, layout()),
     }
 
 

@@ -8,7 +8,7 @@ build/run python3 docs/make_waveforms.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.io.palette import SERIES, series_style
+from gnuradio.wiforce.io.palette import SERIES
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from matplotlib.figure import Figure
@@ -28,6 +28,12 @@ SHIPPED = (
     ("zadoff-chu", 63),
     ("zadoff-chu", 1023),
 )
+# At their points, those that lie together once.
+LABELS = {(name, length): f"{name} {length}" for name, length in SHIPPED}
+LABELS |= {("chirp", 64): "chirp 64, 128, 1024", ("fmcw", 128): "fmcw 128, 1024"}
+for each in (("chirp", 128), ("chirp", 1024), ("fmcw", 1024)):
+    del LABELS[each]
+TICKS_DEG = (0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13)
 CLOCKS_HZ = (100.0, 400.0, 1000.0)
 
 
@@ -75,15 +81,18 @@ def main():
     _draw_frame_rate(frame_rate, density)
     _draw_papr(papr, density)
     bandwidth.set_ylabel("noise of a reading's phases (deg)")
+    bandwidth.set_yticks(TICKS_DEG)
+    bandwidth.set_yticks([], minor=True)
     canvas.savefig(PICTURE, dpi=100)
 
 
 def _finish(axis):
     """Numbers without exponents, and a legend below."""
-    for side in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
-        side("{x:g}")
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.grid(alpha=0.3)
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8)
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8)
 
 
 def _draw_bandwidth(axis, density):
@@ -130,18 +139,23 @@ def _draw_frame_rate(axis, density):
 def _draw_papr(axis, density):
     print("waveform,symbol,subcarriers,bandwidth,PAPR,noise at the same peak power")
     reference = None
-    for number, (name, length) in enumerate(SHIPPED):
+    for name, length in SHIPPED:
         waveform = waveform_of(name, length)
         peak_db = waveform.peak_to_average_db
         std = std_deg(waveform, 100.0, density, 10 ** (-peak_db / 10))
         reference = reference or std
-        axis.semilogy(peak_db, std, ls="", label=f"{name} {length}", **series_style(number))
+        axis.semilogy(peak_db, std, "o", color=SERIES[0])
+        if (name, length) in LABELS:
+            place = {"xytext": (-8, 0), "ha": "right"} if peak_db > 5 else {"xytext": (8, 0)}
+            text = LABELS[name, length]
+            axis.annotate(text, (peak_db, std), textcoords="offset points", va="center", **place)
         low, high = waveform.outermost_hz
         print(
             f"{name},{length},{len(waveform.subcarriers)},{(high - low) / 1e6:.1f} MHz,"
             f"{peak_db:.1f} dB,{20 * np.log10(std / reference):+.1f} dB"
         )
     axis.set_xlabel("PAPR (dB)")
+    axis.set_xlim(1, 6.5)
     axis.set_title("same peak power, 100 Hz clock, no guard")
     _finish(axis)
 

@@ -49,7 +49,9 @@ def test_difference_tells_pictures_apart():
         assert difference(first, second) > LIMIT, (first.name, second.name)
 
 
-@pytest.mark.parametrize("name", ["clock_spectra", "surface_picture", "waveforms"])
+@pytest.mark.parametrize(
+    "name", ["clock_spectra", "surface_picture", "tradeoff_picture", "waveforms"]
+)
 def test_picture_of_a_script_is_that_of_the_documentation(name, tmp_path, monkeypatch, capsys):
     module = maker(f"make_{name}")
     kept = module.PICTURE
