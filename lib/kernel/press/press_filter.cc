@@ -142,7 +142,8 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
-        remain_untouched(from, quiet * (1 - turns) * (1 - hands));
+        // A hand comes near a pressed sensor as often, so that it decides nothing.
+        remain_untouched(from, quiet * (1 - turns));
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, at_border * turns);

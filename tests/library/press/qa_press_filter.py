@@ -198,6 +198,15 @@ def test_group_that_cannot_be_read_changes_nothing():
     np.testing.assert_array_equal(press_filter.take(lost), before)
 
 
+@pytest.mark.parametrize("period_s", [0.0072, 0.144])
+def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
+    """A sensor that nobody touches for half a minute was read as touched, without a flag."""
+    groups = int(30 / period_s)
+    found = explained(rows_of(phases_of(0, groups, 0, 0), period_s=period_s))
+    untouched = found.probability(found.state == UNTOUCHED, groups)
+    assert untouched[int(1 / period_s) :].min() > 0.99
+
+
 def test_unknown_parameter_is_refused():
     with pytest.raises(ValueError, match="unknown parameter noise"):
         filter_of(MODEL, 900e6, 0.0, noise=1.0)
