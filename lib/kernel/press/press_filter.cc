@@ -26,7 +26,8 @@ void press_filter::pass(const press_observation& group)
 
 void press_filter::take(const press_observation& group)
 {
-    d_elapsed_s = d_kept.empty() ? 0 : group.time_s - d_group.time_s;
+    d_first = d_kept.empty();
+    d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
     d_group = group;
     d_group.receiver_phase += std::exchange(d_passed_phase, 0);
     d_group.receiver_amplitude += std::exchange(d_passed_amplitude, 0);
@@ -46,7 +47,7 @@ void press_filter::take(const press_observation& group)
              log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
     d_next.clear();
     d_best = -1e300;
-    if (d_kept.empty())
+    if (d_first)
         start(group);
     const double steps = step_probability();
     for (auto& from : d_kept) {
@@ -438,7 +439,7 @@ std::vector<press_filter::weighted_outcome> press_filter::newest() const
 
 std::vector<press_filter::weighted_outcome> press_filter::before_newest() const
 {
-    return collect(&explanation::last);
+    return d_first ? std::vector<weighted_outcome>{} : collect(&explanation::last);
 }
 
 void press_filter::claim_untouched(double probability)

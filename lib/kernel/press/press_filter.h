@@ -87,7 +87,7 @@ public:
     void change_reference(const pair_of_ends& phase, const pair_of_ends& amplitude);
 
     //! Of the newest group, as far as is known yet, and of the one before it, now that
-    //! its successor is known; largest weight first.
+    //! its successor is known; largest weight first; of no group before the first.
     std::vector<weighted_outcome> newest() const;
     std::vector<weighted_outcome> before_newest() const;
 
@@ -227,6 +227,7 @@ private:
            d_peak = 0; // largest log weight so far; largest density of a group
 
     press_observation d_group;
+    bool d_first = true; // nothing was seen before it
     // What the receiver has done in groups that did not show the tag.
     double d_passed_phase = 0, d_passed_amplitude = 0, d_passed_variance = 0;
     bool d_passed_retuned = false;

@@ -124,7 +124,8 @@ class Readout:
         """
         readings: list[Reading] = []
         if self._waiting is not None:
-            found = [sensor.state.newest for sensor in self.sensors.values()]
+            index = int(self._waiting.index[0])
+            found = [sensor.state.newest_of(index) for sensor in self.sensors.values()]
             readings = self._read(self._waiting, found, self._flags)
             self._waiting, self._flags = None, self._flags[:0]
         readings += self._fill(groups)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -24,8 +23,10 @@ DOUBT = 0.01
 # Why it is not known which phases are those of the untouched sensor.
 RETUNED = "the device was opened or tuned again"
 UNCLEAR = "it may have been touched while its reference was measured or forced"
-# Groups that another receiver, with other weights, may read again: ratios of 10 s at N_g 125.
-_REMEMBERED = 2048
+# Time after which no other receiver reads a group again: surveys and references are shorter.
+_REMEMBERED_S = 20.0
+
+_NOTHING = Explanations.of(np.zeros((0, COLUMNS)))
 
 
 class SensorState:
@@ -57,7 +58,9 @@ class SensorState:
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
         self._last = -1  # newest group that was taken
-        self._ratios: deque[tuple[int, Array]] = deque(maxlen=_REMEMBERED)
+        self._ratios: dict[int, Array] = {}  # of the newest groups, by index
+        # Ratios by the former and by the present reference, of groups that are read again.
+        self._again: list[tuple[Array, Array]] | None = None
         self._claim: float | None = None
 
     def take(
@@ -85,32 +88,37 @@ class SensorState:
         retuned : ndarray of bool, shape (G,)
             Whether the oscillators have had new phases since the reference.
         """
-        rows = self._observations(groups, sensor, period_s, receiver)
         again = int(np.searchsorted(groups.index, self._last, side="right"))
         if again:
-            self._align(groups[:again], sensor)
-        renewed = groups.new_reference.copy()
-        renewed[:again] = False
-        if again < len(groups) and self._last < 0:
-            renewed[again] = False
-        parts, retuned = [], np.full(len(groups), self.retuned)
-        bounds = [again, *(np.flatnonzero(renewed[again + 1 :]) + again + 1), len(groups)]
-        for begin, end in pairwise(bounds):
-            if begin < len(groups) and renewed[begin]:
-                self._renew(groups.reference_step[begin, 2 * sensor : 2 * sensor + 2])
-            if end > begin:
-                parts.append(Explanations.of(self._filter.take(rows[begin:end]), begin))
-                retuned[begin:end] = self.retuned
-                if (new := groups.retuned[begin:end]).any():
-                    retuned[begin + int(np.argmax(new)) : end] = self.retuned = True
-        if again < len(groups):
-            self._last = int(groups.index[-1])
-            readable = np.isfinite(rows[again:, 1])
-            self.received = bool(readable[-1])
-            self.seen |= bool(readable.any())
-        if not parts:
-            return Explanations.of(np.zeros((0, COLUMNS))), retuned
+            self._read_again(groups[:again], sensor)
+        parts, retuned = [_NOTHING], np.full(len(groups), self.retuned)
+        if again == len(groups):
+            return _NOTHING, retuned
+        steps = self._steps(groups, sensor, again)
+        rows = self._observations(groups, sensor, period_s, receiver)
+        for begin, end in pairwise([*sorted({again, *steps}), len(groups)]):
+            for step in steps.get(begin, ()):
+                if np.isfinite(step).all():
+                    self._renew(step)
+                else:
+                    parts.append(Explanations.of(self._filter.newest(), begin))
+                    self._forget()
+            parts.append(Explanations.of(self._filter.take(rows[begin:end]), begin))
+            retuned[begin:end] = self.retuned
+            if (new := groups.retuned[begin:end]).any():
+                retuned[begin + int(np.argmax(new)) : end] = self.retuned = True
+            self._remember(groups[begin:end], sensor, rows[begin:end])
+        oldest = groups.index[-1] - _REMEMBERED_S / period_s
+        self._ratios = {i: pair for i, pair in self._ratios.items() if i > oldest}
+        self._last = int(groups.index[-1])
+        readable = np.isfinite(rows[again:, 1])
+        self.received = bool(readable[-1])
+        self.seen |= bool(readable.any())
         return Explanations.concatenate(parts), retuned
+
+    def newest_of(self, index: int) -> Explanations:
+        """What may have happened in the newest group, if it is this one."""
+        return self.newest if index == self._last else _NOTHING
 
     @property
     def newest(self) -> Explanations:
@@ -120,10 +128,14 @@ class SensorState:
     @property
     def touched(self) -> bool:
         """Whether the sensor is touched now, or was in a part of the newest group."""
-        return self.received and self._untouched() <= 0.5
+        return self.touch_probability >= 0.5
+
+    @property
+    def touch_probability(self) -> float:
+        """That it is; 0 where the newest group could not be read."""
+        return 1 - self._untouched() if self.received else 0.0
 
     def _untouched(self) -> float:
-        """Probability that the sensor is untouched now."""
         newest = self.newest
         return float(newest.weight[newest.state == UNTOUCHED].sum())
 
@@ -162,42 +174,62 @@ class SensorState:
         rows[:, 12] = CLAIMED * claimed
         readable &= np.isfinite(rows[:, 1:8]).all(axis=1)
         rows[~readable, 1] = math.nan
-        for index, pair in zip(groups.index[readable].tolist(), ratios[readable], strict=True):
-            if index > self._last:
-                self._ratios.append((index, pair.copy()))
         return rows
 
-    def _align(self, groups: Groups, sensor: int) -> None:
-        """Count R as these groups do, which were taken before with another reference."""
-        ends = slice(2 * sensor, 2 * sensor + 2)
-        readable = has_phases(groups, sensor)
-        again = dict(
-            zip(groups.index[readable].tolist(), groups.ratios[readable, ends], strict=True)
-        )
-        pairs = [(former, again[index]) for index, former in self._ratios if index in again]
-        if not pairs:
-            self._renew(np.full(2, np.nan))
-            return
-        former, now = (np.array(each) for each in zip(*pairs, strict=True))
-        self._renew((former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0))
+    def _remember(self, groups: Groups, sensor: int, rows: Array) -> None:
+        """Keep the ratios of groups, which another receiver may read again."""
+        readable = np.isfinite(rows[:, 1])
+        ratios = groups.ratios[readable, 2 * sensor : 2 * sensor + 2].copy()
+        self._ratios |= dict(zip(groups.index[readable].tolist(), ratios, strict=True))
+
+    def _read_again(self, groups: Groups, sensor: int) -> None:
+        """Take groups that were taken before, and that only show how R is counted now."""
+        readable, first = has_phases(groups, sensor), 0
+        if groups.new_reference.any() or self._again is None:
+            first = len(groups) - 1 - int(np.argmax(groups.new_reference[::-1]))
+            first *= int(groups.new_reference.any())
+            self._again = []
+        pairs = groups.ratios[:, 2 * sensor : 2 * sensor + 2]
+        for row in range(first, len(groups)):
+            former = self._ratios.get(int(groups.index[row]))
+            if readable[row] and former is not None:
+                self._again.append((former, pairs[row].copy()))
+
+    def _steps(self, groups: Groups, sensor: int, first: int) -> dict[int, list[Array]]:
+        """By which references change at rows from ``first`` on; NaN where that is not known."""
+        steps: dict[int, list[Array]] = {}
+        if self._again is not None:
+            steps[first] = [np.full(2, np.nan)]
+            if self._again:
+                former, now = (np.array(each) for each in zip(*self._again, strict=True))
+                steps[first] = [(former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0)]
+            self._again = None
+        renewed = groups.new_reference.copy()
+        renewed[:first] = False
+        renewed[first] &= self._last >= 0
+        for row in np.flatnonzero(renewed).tolist():
+            step = groups.reference_step[row, 2 * sensor : 2 * sensor + 2]
+            steps.setdefault(row, []).append(step)
+        return steps
 
     def _renew(self, step: Array) -> None:
-        """Begin with a new reference that is ``step`` times the former one; NaN where unknown."""
+        """Begin with a new reference that is ``step`` times the former one."""
+        if not np.all(step == 1):
+            self._filter.change_reference(-np.angle(step), -np.log(np.abs(step)))
+            self._ratios = {index: pair / step for index, pair in self._ratios.items()}
+        if (claim := self._claimed()) is not None:
+            self._filter.claim_untouched(claim)
+
+    def _forget(self) -> None:
+        """Begin with a reference that has nothing to do with the former one."""
+        self._filter, self._ratios = self._make(), {}
+        self._claimed()
+
+    def _claimed(self) -> float | None:
+        """The claim that begins now, if there is one; what it makes void is forgotten."""
         claim, self._claim = self._claim, None
-        if np.isfinite(step).all():
-            self._recount(step)
-            if claim is not None:
-                self._filter.claim_untouched(claim)
-        else:
-            self._filter, self._last = self._make(), -1
-            self._ratios.clear()
         if claim is not None:
             self.retuned = False
             if self.evidence is not None:
                 self.evidence.reset()
-
-    def _recount(self, step: Array) -> None:
-        if np.all(step == 1):
-            return
-        self._filter.change_reference(-np.angle(step), -np.log(np.abs(step)))
-        self._ratios = deque(((i, pair / step) for i, pair in self._ratios), maxlen=_REMEMBERED)
+        return claim

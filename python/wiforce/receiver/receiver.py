@@ -110,7 +110,7 @@ class Receiver:
         self.average = SubcarrierAverage()
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
-        self._separated = False
+        self._separated, self._newest = False, -1
         self._blas = ThreadpoolController().select(user_api="blas")
         # So in the command, where a limit, and asking for one, would cost time in every group.
         libraries = self._blas.lib_controllers
@@ -217,8 +217,9 @@ class Receiver:
         # Arrays of another plan often broadcast, and would give readings that mean nothing.
         if not len(groups):
             return
-        if np.any(groups.index[1:] <= groups.index[:-1]):
-            raise InputError("groups.index", "must rise from group to group", groups.index)
+        if np.any(np.diff(groups.index, prepend=self._newest) <= 0):
+            rule = f"must rise from group to group, here from {self._newest} on"
+            raise InputError("groups.index", rule, groups.index)
         shape = len(groups), *self._shape
         if np.shape(groups.tones) != shape:
             rule = f"must have shape {shape}: groups, tones and subcarriers of the plan"
@@ -227,6 +228,7 @@ class Receiver:
         if weights is not None and np.shape(weights) != snapshots:
             rule = f"must have shape {snapshots}: groups and snapshots of the plan"
             raise InputError("groups.snapshot_weights", rule, np.shape(weights))
+        self._newest = int(groups.index[-1])
 
     def _compare(self, groups: Groups) -> list[Reading]:
         if self.plan.compression is not None:

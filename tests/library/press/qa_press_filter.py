@@ -207,6 +207,11 @@ def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     assert untouched[int(1 / period_s) :].min() > 0.99
 
 
+def test_first_group_has_none_before_it():
+    press_filter = filter_of(MODEL, 900e6, 0.0)
+    assert not len(press_filter.take(rows_of(np.zeros((1, 2)))))
+
+
 def test_unknown_parameter_is_refused():
     with pytest.raises(ValueError, match="unknown parameter noise"):
         filter_of(MODEL, 900e6, 0.0, noise=1.0)

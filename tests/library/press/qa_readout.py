@@ -186,10 +186,14 @@ def test_readout_after_a_tare_counts_groups_as_untouched():
     moved = np.exp(1j * np.radians([25.0, 25.0]))
     groups = [group_of(g, moved if g >= 10 else 1.0, reference=g < 5) for g in range(20)]
     readings_of(readout, groups)
-    first = group_of(20, 1.0, reference=True, new_reference=True)
+    readout.sensors["s0"].state.claim_untouched(forced=False)
+    step = {"new_reference": True, "reference_step": moved}
+    first = group_of(20, 1.0, reference=True, **step)
     reading = readings_of(readout, [first])[0]
     assert reading.touch == 0 and "moved" not in reading.flags
-    assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0])
+    assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx(
+        [0, 0], abs=1e-3
+    )
 
 
 def test_readout_motion_of_the_tag_is_flagged_moved():
@@ -258,6 +262,17 @@ def test_readout_press_within_the_reference_is_read_all_the_same():
     step = {"new_reference": True, "reference_step": ratios[[8]]}
     fresh = [group_of(30 + g, 1.0, reference=g < 8, **(step if g == 0 else {})) for g in range(12)]
     assert not any(set(r.flags) - {"reference"} for r in readings_of(readout, fresh))
+
+
+def test_readout_group_before_an_unknown_reference_is_what_it_was():
+    """What follows cannot say more about it; it was read as if nothing had been known."""
+    groups = press(20, 39, 40)
+    step = {"new_reference": True, "reference_step": np.full(2, np.nan)}
+    groups[30] = group_of(30, groups[30].ratios, **step)
+    readings = readings_of(make_readout(), groups)
+    assert readings[29].touch == 1
+    assert readings[29].force_n == pytest.approx(4.0, abs=0.1)
+    assert "ambiguous" in readings[35].flags
 
 
 def test_readout_late_reference_is_flagged_inconsistent():
