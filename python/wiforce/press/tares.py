@@ -11,13 +11,10 @@ import numpy as np
 
 from ..estimation.phases.reference import ConjugateDifference
 from .sensor_readout import SensorReadout
-from .sensor_state import RETUNED
+from .sensor_state import DOUBT, RETUNED
 
 # A reference needs at least this part of its groups from every sensor that is received in it.
 _LEAST_SHARE = 0.5
-# Touched groups in a row that end a tare: noise alone takes up to 1 % of weak groups for a touch.
-# The last group of a tare ends it by itself, since a press may begin with it.
-_TOUCHED_GROUPS = 2
 
 
 @dataclass(frozen=True)
@@ -57,13 +54,12 @@ class _Measured:
 
     def __init__(self, retuned: bool) -> None:
         self.retuned = retuned  # when it began
-        self.groups = self.in_a_row = 0
+        self.groups = 0
         self.problem = ""
 
     def add(self, event: str) -> None:
         """Take a group that was received; ``event`` is empty when it was untouched."""
         self.groups += 1
-        self.in_a_row = self.in_a_row + 1 if event else 0
         self.problem = self.problem or event
 
 
@@ -208,10 +204,10 @@ class TareRequests(TareReports):
             if state.retuned and not measured.retuned:
                 self.cancel(f"{RETUNED}; send another tare")
                 return
-            touched = state.touched and not state.retuned
-            measured.add(f"{name} was touched at {self.time_s:.2f} s" if touched else "")
-            ends = measured.in_a_row >= (1 if last else _TOUCHED_GROUPS)
-            if ends and not self.state.forced:
+            touch = 0.0 if state.retuned else state.touch_probability
+            measured.add(f"{name} was touched at {self.time_s:.2f} s" if touch > 0.5 else "")
+            # What is likely only may be noise, which the next group shows; the last one has none.
+            if touch > (0.5 if last else 1 - DOUBT) and not self.state.forced:
                 self.cancel(f"{measured.problem}; the former reference is kept")
                 return
         self.before(index + 1)
