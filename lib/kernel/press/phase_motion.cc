@@ -19,9 +19,10 @@ double log_normal(double x, double variance)
 
 void phase_motion::hold(const pair_of_ends& phase, const phase_covariance& covariance)
 {
-    *this = phase_motion();
-    d_state[0] = phase[0], d_state[1] = phase[1];
-    widen(covariance);
+    phase_motion held;
+    held.d_state[0] = phase[0], held.d_state[1] = phase[1];
+    held.widen(covariance);
+    *this = held;
 }
 
 void phase_motion::widen(const phase_covariance& by)

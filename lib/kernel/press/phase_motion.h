@@ -32,6 +32,8 @@ public:
 
     //! Begins at a phase, without velocity.
     void hold(const pair_of_ends& phase, const phase_covariance& covariance);
+    //! Stays where it is now.
+    void rest() { hold(phase(), covariance()); }
     void turn(const pair_of_ends& by) { d_state[0] += by[0], d_state[1] += by[1]; }
     //! Both phases turn, by this on average.
     void turn(double by) { turn({ by, by }); }

@@ -30,7 +30,8 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     if (from.is != untouched)
         next.age_s = 0;
     next.turning = next.steady = next.near = false;
-    next.jolted = next.turned_now = true;
+    next.turned_now = true;
+    next.motion.rest();
     begin_turn(next);
     const auto was = next.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
@@ -93,7 +94,9 @@ double press_filter::follow_turn(explanation& to,
     const auto is = to.motion.phase();
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2, before = to.strength.mean;
     if (!to.near)
-        to.strength.mean_variance += squared(d_set.turn_np / (d_set.turn_deg * deg) * by);
+        to.strength.mean_variance +=
+            squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
+            std::max(1.0, least_turn_s / d_elapsed_s);
     to.common.turn(by);
     likelihood += update_strength(to);
     // What is seen in the second group of a press may have begun in the first.
@@ -327,8 +330,10 @@ void press_filter::jump(const explanation& from, double probability)
     auto& next = *followed;
     next.age_s = 0;
     next.steady = false;
-    next.jumped = true;
     drift(next);
+    next.motion.rest();
+    if (next.turning)
+        next.motion.move(next.velocity, squared(next.velocity) / 4);
     const auto direction = press_direction(from);
     const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
                  across = direction_variance(from) * along;

@@ -28,6 +28,8 @@ void press_filter::take(const press_observation& group)
 {
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
+    if (!d_first)
+        d_period_s = std::min(d_period_s, d_elapsed_s);
     d_group = group;
     d_group.receiver_phase += std::exchange(d_passed_phase, 0);
     d_group.receiver_amplitude += std::exchange(d_passed_amplitude, 0);
@@ -120,7 +122,7 @@ struct changes {
 
     changes(double age_s, double elapsed_s, double doubt, const press_parameters& set)
     {
-        all = doubt * std::min(surest_change, elapsed_s / (age_s + set.settling_s));
+        all = doubt * elapsed_s / (age_s + set.settling_s);
         unexplained = set.unexplained * all;
         press = all - unexplained;
         release = set.release * all;
@@ -136,6 +138,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), goes_on = going_on(),
+                 between = between_groups(),
                  hands = -std::expm1(-d_set.hands * d_elapsed_s);
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
     if (from.turning) {
@@ -143,31 +146,25 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
-        // A hand comes near a pressed sensor as often, so that it decides nothing.
         remain_untouched(from, quiet * (1 - turns));
         begin_turning(from, quiet * turns, quiet * hands);
     }
-    turn_suddenly(from, at_border * turns);
-    touch_unexplained(from, at_border * may.unexplained / 2);
-    slip(from, at_border * may.unexplained / 2);
+    turn_suddenly(from, between * turns);
+    touch_unexplained(from, between * may.unexplained / 2);
+    slip(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from))
-        press(tag, at_border * may.press * share);
-    mix(from, (1 - at_border) * sudden);
+        press(tag, between * may.press * share);
+    mix(from, (1 - between) * sudden);
 }
 
 void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from), goes_on = going_on();
+    const double turns = turn_probability(from), goes_on = going_on(),
+                 between = between_groups();
     const double sudden = may.all - may.steadily + turns;
-    // What happened suddenly in the group before may take a part of this one.
-    const double lasts = from.jolted || from.jumped ? lasting() : 0;
-    const double quiet = std::max(1 - sudden - lasts, 1e-3);
-    if (from.jolted)
-        turn_suddenly(from, lasts);
-    if (from.jumped)
-        jump(from, lasts);
-    const double begins = std::min(may.steadily / quiet, surest_change);
+    const double quiet = std::max(1 - sudden, 1e-3);
+    const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turning && from.steady) {
         // Both go on, or one of them ends.
         const double ends = quiet * (1 - goes_on) / 2;
@@ -220,15 +217,15 @@ void press_filter::branch_touched(const explanation& from)
         }
         begin_turning(from, quiet * turns, 0);
     }
-    turn_suddenly(from, at_border * turns);
-    touch_unexplained(from, at_border * may.unexplained / 2);
-    slip(from, at_border * may.unexplained / 2);
+    turn_suddenly(from, between * turns);
+    touch_unexplained(from, between * may.unexplained / 2);
+    slip(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from)) {
-        release(tag, at_border * may.release * share);
-        press(tag, at_border * may.exchange * share);
-        jump(tag, at_border * may.jump * share);
+        release(tag, between * may.release * share);
+        press(tag, between * may.exchange * share);
+        jump(tag, between * may.jump * share);
     }
-    mix(from, (1 - at_border) * sudden, may.release / sudden);
+    mix(from, (1 - between) * sudden, may.release / sudden);
 }
 
 void press_filter::branch_mixed(const explanation& from)
@@ -285,10 +282,18 @@ double press_filter::turn_probability(const explanation& of) const
     return -std::expm1(-turn_rate(of) / 2 * d_elapsed_s);
 }
 
-// Of a sudden change, that it is not over.
+// Of a sudden change that began at any time in a group, that the group ends before it.
 double press_filter::lasting() const
 {
-    return std::clamp(std::exp(-d_elapsed_s / d_set.change_s), 0.1, 0.9);
+    return part_of_decay(d_elapsed_s / d_set.change_s);
+}
+
+// Of a sudden change, that it is not seen inside a group: it happened at its begin, or
+// while nothing was received.
+double press_filter::between_groups() const
+{
+    const double inside = d_period_s / (d_period_s + unseen_s);
+    return 1 - inside * d_period_s / d_elapsed_s;
 }
 
 double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
@@ -375,8 +380,8 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
 {
     if (a.is != b.is || a.known != b.known || a.turning != b.turning ||
         (a.turning && (a.near != b.near || a.turn_speed != b.turn_speed)) ||
-        (a.steady && a.speed != b.speed) || a.last.is != b.last.is ||
-        a.last.known != b.last.known)
+        (a.steady && (a.speed != b.speed || a.slides != b.slides)) ||
+        a.last.is != b.last.is || a.last.known != b.last.known)
         return false;
     if (a.is == mixed && (a.before != b.before || a.groups != b.groups))
         return false;

@@ -124,8 +124,6 @@ private:
         both_amplitudes strength; // where the off states differ, less than they cause
         double with_common = 0;   // its difference's covariance with the common phase
         bool steady = false, slides = false;
-        bool jolted = false,
-             jumped = false; // suddenly, in this group: it may not be over
         std::size_t speed = 0;
         pair_of_ends direction{};
         // A mixture: what was before, what was seen, and the groups it has lasted.
@@ -172,6 +170,7 @@ private:
     std::vector<std::pair<explanation, double>> courses(const explanation& from) const;
     double turn_probability(const explanation& of) const;
     double lasting() const;
+    double between_groups() const;
     double going_on() const;
     void part_turn(explanation& to,
                    const pair_of_ends& was,
@@ -231,8 +230,9 @@ private:
     // What the receiver has done in groups that did not show the tag.
     double d_passed_phase = 0, d_passed_amplitude = 0, d_passed_variance = 0;
     bool d_passed_retuned = false;
-    double d_elapsed_s = 0; // since the group before
-    double d_stepped = 0;   // probability that the receiver has stepped since
+    double d_elapsed_s = 0;  // since the group before
+    double d_period_s = 1e9; // of groups: the least time between two
+    double d_stepped = 0;    // probability that the receiver has stepped since
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends

@@ -27,7 +27,7 @@ std::optional<press_filter::explanation> press_filter::follow(const explanation&
         return std::nullopt;
     auto next = from;
     next.log_weight = log_weight;
-    next.jolted = next.jumped = next.lasts = false;
+    next.lasts = false;
     return next;
 }
 

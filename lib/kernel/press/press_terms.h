@@ -23,10 +23,8 @@ constexpr std::array<double, 4> speeds{ 5 * deg, 50 * deg, 500 * deg, 3000 * deg
 constexpr std::size_t turning_speeds = 3, near_speeds = 2; // of tags, and of hands nearby
 // Turns keep their speed for about so long.
 constexpr double least_turn_s = 0.05;
-// A change has no other time to happen in than the group: part of the time, at most.
-constexpr double surest_change = 0.8;
-// Part of sudden changes that happen between two groups.
-constexpr double at_border = 0.1;
+// A sudden change that takes no more than this of a group is not seen to be inside it.
+constexpr double unseen_s = 0.004;
 // Contacts change the phases by more.
 constexpr double least_contact_deg = 10;
 // By how much a press at one location changes the phases, at once.
@@ -46,6 +44,9 @@ inline double log_sum(double a, double b)
 {
     return a > b ? a + std::log1p(std::exp(b - a)) : b + std::log1p(std::exp(a - b));
 }
+
+// Mean of exp(-t) for t up to x.
+inline double part_of_decay(double x) { return x > 1e-9 ? -std::expm1(-x) / x : 1; }
 
 inline double squared(double x) { return x * x; }
 
