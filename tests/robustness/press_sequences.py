@@ -12,8 +12,6 @@ _POINT_S = 2e-3  # a group is the mean over points so far apart, or over six
 _LOCATION_MM = (16.0, 64.0)
 _FORCE_N = (1.3, 8.0)
 _SOME_ENDS = np.array([[1, 0], [0, 1], [1, 1]])
-# Of an end, by which the short is nearer: both ways through the line at 900 MHz.
-_DEG_PER_MM = 2 * 360 * 900e6 / 299792458.0 / 1000
 
 #: What happens in each family beside presses.
 FAMILIES = {
@@ -38,7 +36,8 @@ def _one_of(rng, *ranges):
     return rng.uniform(*ranges[rng.choice(4, p=[0.3, 0.35, 0.3, 0.05])])
 
 
-def _log_uniform(rng, low, high):
+def log_uniform(rng, low, high):
+    """A value of a range, in equal parts per octave."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -64,7 +63,7 @@ def _presses(rng, end):
     knots, spans = [(0.0, 0.0, 40.0)], []
     time = REFERENCE_S + rng.uniform(0.3, 1.5)
     while time < end:
-        force, location, begin = _log_uniform(rng, *_FORCE_N), _location(rng), time
+        force, location, begin = log_uniform(rng, *_FORCE_N), _location(rng), time
         rise, fall = (
             _one_of(rng, (0.001, 0.005), (0.005, 0.06), (0.06, 0.4), (1, 3)) for _ in range(2)
         )
@@ -75,7 +74,7 @@ def _presses(rng, end):
         if rng.random() < 0.3:  # slides, changes its force, or is replaced by another press
             time += _one_of(rng, (0.001, 0.003), (0.003, 0.03), (0.03, 1), (1, 2))
             kind = rng.random()
-            force = _log_uniform(rng, *_FORCE_N) if kind < 0.7 else force
+            force = log_uniform(rng, *_FORCE_N) if kind < 0.7 else force
             location = _location(rng) if kind > 0.4 else location
             knots.append((time, force, location))
             time += hold
@@ -87,6 +86,11 @@ def _presses(rng, end):
     return np.array(knots), spans
 
 
+def shifted_deg(nearer_mm):
+    """Phase of an end of which the short is nearer: both ways through the line at 900 MHz."""
+    return 2 * 360 * 900e6 / 299792458.0 / 1000 * nearer_mm
+
+
 @dataclass
 class _Tag:
     """One sensor over the points of time (G, P), and whether its tag is on in each group."""
@@ -95,6 +99,12 @@ class _Tag:
     location: np.ndarray
     ratios: np.ndarray  # R of both ends, (G, P, 2)
     on: np.ndarray
+
+
+def tag_of(force, location, ratios, on, shape):
+    """A tag from arrays over all points of time."""
+    of_groups = force.reshape(shape), location.reshape(shape), ratios.reshape(*shape, 2)
+    return _Tag(*of_groups, on.reshape(shape).all(axis=1))
 
 
 class Sequence:
@@ -128,12 +138,8 @@ class Sequence:
     def __init__(self, seed, snapshots, family):
         self.family, effects = family, FAMILIES[family]
         rng = self._rng = np.random.default_rng([seed, snapshots, list(FAMILIES).index(family)])
-        self.snapshots, self.period_s = snapshots, snapshots * SNAPSHOT_S
-        self.groups = int(DURATION_S / self.period_s)
-        points = max(6, int(np.ceil(self.period_s / _POINT_S)))
-        self._shape = self.groups, points
-        self._end = self.groups * self.period_s
-        self._t = (np.arange(self.groups * points) + 0.5) * self.period_s / points
+        self.snapshots = snapshots
+        self.set_time(DURATION_S)
         log_gain = np.zeros(len(self._t), complex)
         if "gain" in effects:
             for at in _moments(rng, 0.2, self._end):
@@ -142,21 +148,30 @@ class Sequence:
                 log_gain += (self._t > at) * (db / 20 * np.log(10) + 1j * turn)
         if "carrier" in effects:
             for at in _moments(rng, 0.2, self._end):
-                turn = np.radians(rng.choice([-1, 1]) * _log_uniform(rng, 0.5, 180))
+                turn = np.radians(rng.choice([-1, 1]) * log_uniform(rng, 0.5, 180))
                 log_gain += (self._t > at) * 1j * turn
         self.receiver = log_gain.reshape(self._shape)
-        self.drift_deg = _log_uniform(rng, 0.03, 1.0) if "drift" in effects else 0.0
+        self.drift_deg = log_uniform(rng, 0.03, 1.0) if "drift" in effects else 0.0
         self.tags = [self._tag(effects) for _ in range(2 if seed % 5 == 4 else 1)]
         self.received = np.ones(self.groups, bool)
         if "gaps" in effects:
             for at in _moments(rng, 0.3, self._end):
-                last = at + _log_uniform(rng, 0.004, 2)
+                last = at + log_uniform(rng, 0.004, 2)
                 self.received[int(at / self.period_s) : int(last / self.period_s) + 1] = False
         self.tares = []
         if "tares" in effects:
             tares = _moments(rng, 0.15, self._end)
             self.tares = [(int(at / self.period_s), bool(rng.random() < 0.4)) for at in tares]
-        self.noise_deg = _log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
+        self.noise_deg = log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
+
+    def set_time(self, duration_s):
+        """Divide the time into groups, and these into points."""
+        self.period_s = self.snapshots * SNAPSHOT_S
+        self.groups = int(duration_s / self.period_s)
+        points = max(6, int(np.ceil(self.period_s / _POINT_S)))
+        self._shape = self.groups, points
+        self._end = self.groups * self.period_s
+        self._t = (np.arange(self.groups * points) + 0.5) * self.period_s / points
 
     def _tag(self, effects):
         rng, t = self._rng, self._t
@@ -187,13 +202,8 @@ class Sequence:
         on = np.ones(len(t), bool)
         if "silence" in effects:
             for at in _moments(rng, 0.15, self._end):
-                on &= ~((t > at) & (t < at + _log_uniform(rng, 0.05, 3.5)))
-        return _Tag(
-            force.reshape(self._shape),
-            location.reshape(self._shape),
-            ratios.reshape(*self._shape, 2),
-            on.reshape(self._shape).all(axis=1),
-        )
+                on &= ~((t > at) & (t < at + log_uniform(rng, 0.05, 3.5)))
+        return tag_of(force, location, ratios, on, self._shape)
 
     def _spoil(self, psi, force, spans):
         """Let half of the presses be contacts that are too wide, or two fingers.
@@ -205,7 +215,7 @@ class Sequence:
             kind = rng.choice(3, p=[0.5, 0.25, 0.25])
             here = (self._t >= begin) & (self._t <= end)
             if kind == 1:
-                psi[here] += _DEG_PER_MM * rng.uniform(20, 40) / 2
+                psi[here] += shifted_deg(rng.uniform(20, 40)) / 2
             if kind == 2:  # each end sees the finger that is next to it
                 first = rng.uniform(20, 35)
                 second = rng.uniform(first + 20, 60)
