@@ -5,6 +5,9 @@
 The same as chain_from_usrp.grc, without a window:
 
     chain_from_usrp.py addr=192.168.10.2 scene.yaml
+
+Two numbers that follow are the gains of transmitter and receiver in dB; without them, each has a
+third of its range.
 """
 
 import sys
@@ -18,13 +21,13 @@ BUFFERED_GROUPS = 56
 
 
 class ChainFromUsrp(gr.top_block):
-    def __init__(self, device, scene, on_reading):
+    def __init__(self, device, scene, on_reading, tx_gain=None, rx_gain=None):
         gr.top_block.__init__(self, "chain_from_usrp", catch_exceptions=False)
         scene = wiforce.load_scene(scene)
         plan = wiforce.plan(scene)  # the settings of all steps
 
         # Both directions of the device; its samples from the first whole frame on.
-        self.usrp = wiforce.usrp(scene, device)
+        self.usrp = wiforce.usrp(scene, device, tx_gain, rx_gain)
 
         # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel. Samples that were lost are noticed by the tag rx_time.
@@ -39,16 +42,16 @@ class ChainFromUsrp(gr.top_block):
         self.chain.connect(self, self.fold)
 
 
-def main(device, scene):
-    flowgraph = ChainFromUsrp(device, scene, on_reading=print)
+def main(device, scene, tx_gain=None, rx_gain=None):
+    flowgraph = ChainFromUsrp(device, scene, print, tx_gain, rx_gain)
     run(flowgraph)
     flowgraph.chain.check()
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
+    if len(sys.argv) not in (3, 5):
         sys.exit(
-            "usage: chain_from_usrp.py DEVICE SCENE, "
-            "for example: chain_from_usrp.py addr=192.168.10.2 demo"
+            "usage: chain_from_usrp.py DEVICE SCENE [TX_GAIN RX_GAIN], "
+            "for example: chain_from_usrp.py type=b200 demo 50 40"
         )
-    main(*sys.argv[1:])
+    main(*sys.argv[1:3], *map(float, sys.argv[3:]))

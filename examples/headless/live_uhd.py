@@ -5,6 +5,9 @@
 The same as live_uhd.grc, without a window:
 
     live_uhd.py addr=192.168.10.2 scene.yaml
+
+Two numbers that follow are the gains of transmitter and receiver in dB; without them, each has a
+third of its range.
 """
 
 import sys
@@ -22,14 +25,17 @@ def run(flowgraph):
         flowgraph.wait()
 
 
-def main(device, scene):
+def main(device, scene, tx_gain=None, rx_gain=None):
     flowgraph = gr.top_block("live_uhd", catch_exceptions=False)
-    usrp = wiforce.usrp(scene, device)  # with tx_gain and rx_gain in dB, or a third of their range
+    usrp = wiforce.usrp(scene, device, tx_gain, rx_gain)
     flowgraph.connect(usrp, wiforce.reader(scene, input_type="sc16", on_reading=print))
     run(flowgraph)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: live_uhd.py DEVICE SCENE, for example: live_uhd.py addr=192.168.10.2 demo")
-    main(*sys.argv[1:])
+    if len(sys.argv) not in (3, 5):
+        sys.exit(
+            "usage: live_uhd.py DEVICE SCENE [TX_GAIN RX_GAIN], "
+            "for example: live_uhd.py type=b200 demo 50 40"
+        )
+    main(*sys.argv[1:3], *map(float, sys.argv[3:]))

@@ -30,6 +30,7 @@ from ..shell.options import (
     tracked_presses,
     web_options,
 )
+from ..shell.progress import rows_on_terminal
 from ..shell.provenance import provenance
 from .outputs import (
     MCAP_FILE_BYTES,
@@ -198,7 +199,10 @@ def live(
                 endpoints.append((_open_page(outputs, web, web_token), None))
             outputs.add(TableFile(writer))
             session = _make_session(scene, request, outputs, tracked, record)
-            _run(session, request, outputs, endpoints, duration, reconnect)
+            _run(
+                session, request, outputs, endpoints, duration, reconnect,
+                not rows_on_terminal(output),
+            )  # fmt: skip
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.readings else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -311,10 +315,11 @@ def _make_session(scene, request, outputs, tracked, record):
     return LiveSession(scene, request, outputs.take, tracked, record)
 
 
-def _run(session, request, outputs, endpoints, duration, reconnect):
+def _run(session, request, outputs, endpoints, duration, reconnect, line):
     """Run the session until a signal, a request or `duration` ends it.
 
-    `endpoints` are those of requests, each with its keys or None.
+    `endpoints` are those of requests, each with its keys or None; `line`: whether there may be a
+    status line.
 
     Raises DeviceLost when the device is gone and must not be reopened; all readings have been
     written.
@@ -329,7 +334,7 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.request("signal"))
-    monitor = SessionMonitor(session)
+    monitor = SessionMonitor(session, line=line)
     shorten_pauses()
 
     def opened(link):

@@ -27,13 +27,15 @@ _WANTED_BUFFER = 50_000_000  # what UHD asks for
 class SessionMonitor:
     """Monitors a session and reports to standard error.
 
-    ``now``: returns wall time in seconds. ``health``: of the run, for status line and status.
+    ``now``: returns wall time in seconds; ``line``: whether there may be a status line.
+    ``health``: of the run, for status line and status.
     """
 
     def __init__(
         self,
         session: LiveSession,
         now: Callable[[], float] = time.monotonic,
+        line: bool = True,
     ):
         self._session, self._now = session, now
         self._started_s = self._line_s = self._warn_s = now()
@@ -42,7 +44,7 @@ class SessionMonitor:
         self._latest_gaps = 0  # when it was looked at last
         self._moved = self._ignored = 0
         self._no_frames_reported = self._recording_reported = False
-        self._terminal = log.line_in_use = sys.stderr.isatty() and not log.journal
+        self._terminal = log.line_in_use = line and sys.stderr.isatty() and not log.journal
         self._last = {}
         self._room = RoomNews(lambda text: log.info(f"room: {text}"))
         self.health = None

@@ -9,7 +9,7 @@ from gnuradio.wiforce.scene import scene_of
 from ..shell.interrupts import Interrupted
 from ..shell.log import log
 from ..shell.options import refuse
-from ..shell.progress import progress
+from ..shell.progress import progress, rows_on_terminal
 from .file_outputs import FileOutputs
 from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
 
@@ -40,7 +40,7 @@ def read_one(
     kept = []
     rows = 0 if follow else reader.groups * len(scene.reading_names)
     try:
-        with writer, progress("reading", rows) as step:
+        with writer, progress("reading", rows, not rows_on_terminal(output)) as step:
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)

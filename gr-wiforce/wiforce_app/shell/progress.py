@@ -7,13 +7,18 @@ from contextlib import contextmanager
 import click
 
 
+def rows_on_terminal(output):
+    """Whether the rows of an output appear on a terminal, where they would cut a line in two."""
+    return output is None and sys.stdout.isatty()
+
+
 @contextmanager
-def progress(label, length):
+def progress(label, length, shown=True):
     """Give a function to call with the number of steps done since the last call.
 
     It draws a bar of ``length`` steps on standard error if that is a terminal.
     """
-    if not sys.stderr.isatty():
+    if not (shown and sys.stderr.isatty()):
         yield lambda steps: None
         return
     with click.progressbar(length=length, label=label, file=sys.stderr) as bar:

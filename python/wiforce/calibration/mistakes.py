@@ -275,8 +275,9 @@ def phase_suspicions(
 ) -> list[str]:
     """Likely mistakes in the units, ports and signs of phases that a model does not explain.
 
-    Returns list of str: a sentence each, if most readings are inconsistent with the model. A
-    mistake is named if nearly all would be consistent without it.
+    Returns list of str: a sentence each, if most readings are inconsistent with the model, or if
+    they are small and would be consistent in radians. A mistake is named if nearly all would be
+    consistent without it.
 
     ``phases_deg`` (n, 2); ``location_mm`` (n,): known locations, NaN where unknown;
     ``frequency_hz``: carrier; the model's only one by default.
@@ -291,10 +292,13 @@ def phase_suspicions(
     def share(changed: np.ndarray) -> float:
         return _unexplained(model, changed, std_deg, known, frequency_hz)
 
-    if found or share(phases) <= _MOST:
+    if found:
         return found
+    # Phases in degrees are hardly ever all so small; a press may explain those of a row or two.
     if np.max(np.abs(phases)) <= TURN_RAD and share(np.degrees(phases)) <= _FEW:
         return ["the phases would fit the sensor in radians: are they not in degrees?"]
+    if share(phases) <= _MOST:
+        return []
     for changed, text in (
         (phases[:, ::-1], "with the ports swapped the phases would fit the sensor"),
         (-phases, "with the opposite sign the phases would fit the sensor (arg S11, arg S22)"),

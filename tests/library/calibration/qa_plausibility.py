@@ -215,6 +215,11 @@ def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
     ):
         (found,) = phase_suspicions(line, changed, 1.0, known)
         assert message in found
+    # A press explains a single row of small angles, taken for degrees, as well.
+    one = np.radians(line.phases_deg([4.0], [40.0]))
+    assert abs(one).max() < 2
+    (found,) = phase_suspicions(line, one, 1.0)
+    assert "in radians" in found
     _, said = inverted(tmp_path, (-phases).tolist())
     assert "warning: " in said and "with the opposite sign the phases would fit" in said
 
