@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class SensorState:
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
         self._last = -1  # newest group that was taken
-        self._ratios: dict[int, Array] = {}  # of the newest groups, by index
+        self._ratios: dict[int, Array] = {}  # of the newest groups, by rising index
         # Ratios by the former and by the present reference, of groups that are read again.
         self._again: list[tuple[Array, Array]] | None = None
         self._claim: float | None = None
@@ -109,7 +109,8 @@ class SensorState:
                 retuned[begin + int(np.argmax(new)) : end] = self.retuned = True
             self._remember(groups[begin:end], sensor, rows[begin:end])
         oldest = groups.index[-1] - _REMEMBERED_S / period_s
-        self._ratios = {i: pair for i, pair in self._ratios.items() if i > oldest}
+        for index in list(takewhile(lambda index: index <= oldest, self._ratios)):
+            del self._ratios[index]
         self._last = int(groups.index[-1])
         readable = np.isfinite(rows[again:, 1])
         self.received = bool(readable[-1])
