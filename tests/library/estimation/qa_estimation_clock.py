@@ -10,6 +10,7 @@ from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evalu
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth
+from gnuradio.wiforce.wiforce_kernels import follow_clocks
 from long_cases import cases
 from plain import TA, T, make_air, random_tag
 from wiforce_app.bench.snapshots.air import TagOnAir
@@ -163,10 +164,13 @@ def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, 
 
 def update(tracker, time, tones, noise, off=0.0):
     """Update a tracker by a group that is evaluated ``off`` rad from the predicted phase."""
-    phase = tracker.predict(time)[0] - off
-    likelihood = tracker.likelihood.at(np.array([phase]), tones[None], 1 / noise)[0]
-    ahead = tracker.ahead_of(phase, time)
-    return tracker.update(time, likelihood.tolist(), noise.mean(), ahead=ahead)
+    phase = np.array([tracker.predict(time) - off])
+    likelihood = tracker.likelihood.at(phase, tones[None], 1 / noise)
+    limits = [np.inf], np.inf, np.inf
+    _, _, received = follow_clocks(
+        [tracker], [time], phase[None], likelihood[None], None, noise.mean(), *limits
+    )
+    return bool(received[0, 0])
 
 
 def tracked_errors(table, likelihood, tag, gamma_db, groups, seed, gap=()):
@@ -207,7 +211,7 @@ def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
     times, fit = found_clock(likelihood, table, air)
     tracker = ClockTracker(fit, times, RATE, SUBCARRIERS, air.noise.mean())
     time = 11.5 * 625 * T
-    expected, _ = tracker.predict(time)
+    expected = tracker.predict(time)
     tones = table.weights @ air.group(11, on=False)
     assert not update(tracker, time, tones, air.noise)
     assert wrapped(tracker.phase - expected) == pytest.approx(0.0, abs=1e-6)

@@ -2,10 +2,12 @@
 #include "kernels.h"
 
 #include <kernel/separation/clock_likelihood.h>
+#include <kernel/separation/clock_tracker.h>
 #include <kernel/separation/coherent_residual.h>
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_expansion.h>
+#include <kernel/separation/profile_check.h>
 
 #include <pybind11/stl.h>
 
@@ -115,6 +117,58 @@ py::array_t<double> likelihood_at(const clock_likelihood& of,
     return found;
 }
 
+using clocks = std::vector<clock_tracker*>;
+
+py::tuple predict_clocks(const clocks& trackers, const array<double>& center_s)
+{
+    const py::ssize_t groups = center_s.size(), tags = trackers.size();
+    py::array_t<double> phase(shape{ groups, tags }), rate(shape{ groups, tags });
+    for (py::ssize_t group = 0; group < groups; group++)
+        for (py::ssize_t tag = 0; tag < tags; tag++) {
+            const auto& clock = *trackers[tag];
+            *phase.mutable_data(group, tag) = clock.predict(center_s.data()[group]);
+            *rate.mutable_data(group, tag) = clock.rate;
+        }
+    return py::make_tuple(phase, rate);
+}
+
+py::tuple follow_by(const clocks& trackers,
+                    const std::vector<double>& center_s,
+                    const array<double>& assumed,
+                    const array<double>& likelihood,
+                    const std::optional<array<double>>& errors,
+                    double noise_level,
+                    const std::vector<double>& reach_rad,
+                    double absent_s,
+                    double unseen_s)
+{
+    const py::ssize_t groups = center_s.size(), tags = trackers.size();
+    require_shape(
+        assumed, { groups, tags }, "follow_clocks: assumed must have shape (G, S)");
+    require_shape(likelihood,
+                  { groups, tags, 3 },
+                  "follow_clocks: likelihood must have shape (G, S, 3)");
+    if (errors)
+        require_shape(*errors,
+                      { groups, tags, 2 },
+                      "follow_clocks: errors must have shape (G, S, 2)");
+    if (py::ssize_t(reach_rad.size()) != tags)
+        throw std::invalid_argument("follow_clocks: reach_rad must have shape (S,)");
+    const auto measured = errors ? structures<clock_tracker::measurement>(*errors)
+                                 : std::vector<clock_tracker::measurement>{};
+    const auto found = follow_clocks(trackers,
+                                     { center_s,
+                                       assumed.data(),
+                                       likelihood.data(),
+                                       errors ? measured.data() : nullptr,
+                                       noise_level },
+                                     { reach_rad, absent_s, unseen_s });
+    const shape taken{ py::ssize_t(found.groups), tags };
+    py::array_t<bool> received(taken);
+    std::copy(found.received.begin(), found.received.end(), received.mutable_data());
+    return py::make_tuple(copy(found.phase, taken), copy(found.rate, taken), received);
+}
+
 py::tuple coherent_factors(coherent_residual& of,
                            const end_fit& fit,
                            const std::vector<std::size_t>& rows,
@@ -152,6 +206,53 @@ py::tuple follow(noise_estimate& noise,
                           copy(found.inverse, { count, subcarriers }),
                           copy(found.variance, { count, subcarriers }),
                           static_cast<int>(found.outcome));
+}
+
+void set_reference(profile_check& check,
+                   const complex_array& reference,
+                   const complex_array& image,
+                   const complex_array& other)
+{
+    const py::ssize_t ends = check.ends(), subcarriers = check.subcarriers();
+    const char* const rule = "profile_check: reference and image must have shape (E, K)";
+    require_shape(reference, { ends, subcarriers }, rule);
+    require_shape(image, { ends, subcarriers }, rule);
+    if (other.ndim() != 3 || other.shape(0) != ends || other.shape(2) != subcarriers ||
+        !other.shape(1))
+        throw std::invalid_argument("profile_check: other must have shape (E, D, K)");
+    check.set_reference(flat(reference), flat(image), flat(other));
+}
+
+py::tuple check_profiles(profile_check& check,
+                         const complex_array& ends,
+                         const array<double>& weights,
+                         const array<double>& gain,
+                         const array<double>& noise,
+                         const std::optional<array<double>>& raised)
+{
+    const py::ssize_t groups = weights.ndim() ? weights.shape(0) : 0,
+                      count = check.ends(), subcarriers = check.subcarriers();
+    const shape by_subcarrier{ groups, subcarriers };
+    require_shape(ends,
+                  { groups, count, subcarriers },
+                  "profile_check: ends must have shape (G, E, K)");
+    require_shape(gain, { groups, count }, "profile_check: gain must have shape (G, E)");
+    const char* const rule = "profile_check: weights and noise must have shape (G, K)";
+    require_shape(weights, by_subcarrier, rule);
+    require_shape(noise, by_subcarrier, rule);
+    if (raised)
+        require_shape(*raised, by_subcarrier, rule);
+    auto cleaned = flat(ends);
+    py::array_t<double> factors(shape{ groups, count });
+    for (py::ssize_t group = 0; group < groups; group++) {
+        const auto found = check.process(cleaned.data() + group * count * subcarriers,
+                                         { weights.data(group, 0),
+                                           noise.data(group, 0),
+                                           raised ? raised->data(group, 0) : nullptr,
+                                           gain.data(group, 0) });
+        std::copy(found.begin(), found.end(), factors.mutable_data(group, 0));
+    }
+    return py::make_tuple(copy(cleaned, { groups, count, subcarriers }), factors);
 }
 
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
@@ -271,6 +372,107 @@ void bind_separation(py::module& m)
              "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3): J, "
              "J' "
              "and J''.");
+    py::class_<clock_tracker>(
+        m,
+        "clock_tracker",
+        "Tracks a tag's free-running clock from group to group: a Kalman filter of phase "
+        "and\nrate, on the gradient of the likelihood J at the predicted phase.\n\n"
+        "time_s, phase, rate: the clock, in rad and rad/s above nominal_rate, with "
+        "these\n"
+        "variances. slope_variance: of J' by unit noise. energy, curvature: J and J'' of "
+        "a "
+        "mean\ngroup times the noise level, of so many groups. seen_s: centre of its "
+        "last "
+        "group.")
+        .def(py::init([](double time_s,
+                         double phase,
+                         double rate,
+                         std::pair<double, double> variances,
+                         double nominal_rate,
+                         double subcarriers,
+                         double slope_variance,
+                         std::pair<double, double> energy_and_curvature,
+                         std::size_t groups,
+                         double seen_s) {
+                 return clock_tracker({ time_s,
+                                        phase,
+                                        rate,
+                                        variances.first,
+                                        variances.second,
+                                        nominal_rate,
+                                        subcarriers,
+                                        slope_variance,
+                                        energy_and_curvature.first,
+                                        energy_and_curvature.second,
+                                        groups,
+                                        seen_s });
+             }),
+             "time_s"_a,
+             "phase"_a,
+             "rate"_a,
+             "variances"_a,
+             "nominal_rate"_a,
+             "subcarriers"_a,
+             "slope_variance"_a,
+             "energy_and_curvature"_a,
+             "groups"_a,
+             "seen_s"_a)
+        .def(py::init<const clock_tracker&>(), "other"_a)
+        .def_readonly("time_s", &clock_tracker::time_s, "Time of phase and rate.")
+        .def_readonly("seen_s",
+                      &clock_tracker::seen_s,
+                      "Centre of the last group that held the tag.")
+        .def_readwrite("phase", &clock_tracker::phase, "In rad.")
+        .def_readwrite("rate", &clock_tracker::rate, "Above nominal, in rad/s.")
+        .def_readwrite("variances",
+                       &clock_tracker::variances,
+                       "Of the phase, the covariance, and of the rate.")
+        .def("predict",
+             &clock_tracker::predict,
+             "at_s"_a,
+             "The phase expected at a time, in rad.")
+        .def("ahead_of",
+             &clock_tracker::ahead_of,
+             "phase"_a,
+             "at_s"_a,
+             "By how much the phase expected at a time exceeds another one, in rad.")
+        .def(
+            "expired",
+            [](const clock_tracker& of, double at_s, double absent_s, double unseen_s) {
+                return clock_limits{ {}, absent_s, unseen_s }.expired(of, at_s);
+            },
+            "at_s"_a,
+            "absent_s"_a,
+            "unseen_s"_a,
+            "Whether the tag was absent, or not received, for longer than this.");
+    m.def("predict_clocks",
+          &predict_clocks,
+          "trackers"_a,
+          "center_s"_a,
+          "Phases and rates (G, S) expected at times (G,).");
+    m.def(
+        "follow_clocks",
+        &follow_by,
+        "trackers"_a,
+        "center_s"_a,
+        "assumed"_a,
+        "likelihood"_a,
+        "errors"_a,
+        "noise_level"_a,
+        "reach_rad"_a,
+        "absent_s"_a,
+        "unseen_s"_a,
+        "Correct S trackers by one group after the other, at least one, as long as "
+        "clocks "
+        "are\nnear enough to the phases assumed, and have not expired.\n\n"
+        "center_s: (G,). assumed: (G, S), phases in rad. likelihood: (G, S, 3), J, J' "
+        "and "
+        "J''\nat these. errors: (G, S, 2), of these phases by the complete model, and "
+        "their\n"
+        "variances; or None. noise_level: that the likelihoods are scaled by. reach_rad: "
+        "(S,).\nGives phases, rates, and whether a group holds the tag, of as many "
+        "groups "
+        "as were\ntaken (n, S).");
     py::class_<coherent_residual>(
         m,
         "coherent_residual",
@@ -297,6 +499,30 @@ void bind_separation(py::module& m)
              "sigma_k^2.\n"
              "Gives the factors (G, E), at least 1, and whether something lasting is "
              "received on the\nlines of each end that is no noise (G, E).");
+    py::class_<profile_check>(m,
+                              "profile_check",
+                              "Removes the image from the channels of E ends on K "
+                              "subcarriers, and compares the "
+                              "rest\nwith the reference.")
+        .def(py::init<std::size_t, std::size_t>(), "ends"_a, "subcarriers"_a)
+        .def("reset", &profile_check::reset, "Forget the groups so far.")
+        .def("set_reference",
+             &set_reference,
+             "reference"_a,
+             "image"_a,
+             "other"_a,
+             "reference, image: (E, K), of the untouched sensor. other: (E, D, K), the "
+             "conjugate of\nother delay profiles.")
+        .def("process",
+             &check_profiles,
+             "ends"_a,
+             "weights"_a,
+             "gain"_a,
+             "noise"_a,
+             "raised"_a,
+             "ends: (G, E, K). weights, noise: (G, K). gain: (G, E). raised: (G, K), or "
+             "None.\nGives the ends without their image, and the factors (G, E) by which "
+             "the variance of R\nexceeds that of noise.");
     py::class_<noise_estimate>(
         m,
         "noise_estimate",

@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...wiforce_kernels import phase_expansion, raised_subcarriers
+from ...wiforce_kernels import follow_clocks, phase_expansion, raised_subcarriers
 from ..ends.least_squares import ToneModel
 from ..ends.noise import NoiseEstimate, NoiseHistory, Verdict
 from ..group_tones import GroupTones
 from ..groups import Array
 from .clock_search import ClockSearch
-from .clock_tracker import ClockPath, ClockTracker, predict_clocks
+from .clock_tracker import ClockPath, ClockTracker, expected_clocks
 from .joint_clock import phase_errors
 from .tracked_tag import TrackedTag
 
@@ -93,6 +93,8 @@ class ClockTracking:
     def __init__(self, model: ToneModel, noise: NoiseEstimate, search: ClockSearch) -> None:
         self._model, self._noise, self._search = model, noise, search
         self._point: _OperatingPoint | None = None
+        least_s = _LEAST_GROUPS * model.group_period_s
+        self._limits_s = max(_LOST_S, least_s), max(_BRIDGED_S, least_s)
         self._point_groups = max(_POINT_GROUPS, int(_POINT_S / model.group_period_s))
         # Groups that are expanded at once: about as many as a point has served lately.
         self._reach = _POINT_GROUPS
@@ -103,7 +105,7 @@ class ClockTracking:
         fit = self._model.solve(groups, clocks)[2]
         residual = fit.noise()
         raised = raised_subcarriers(residual * noise.inverse, fit.freedom)
-        last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
+        seen_s = np.array([tracker.seen_s for tracker in self._model.trackers])
         history = NoiseHistory(
             np.mean(residual * noise.inverse / raised, axis=1),
             raised,
@@ -111,7 +113,7 @@ class ClockTracking:
             np.tile(noise.variance, (len(groups), 1)),
             Verdict.LEARNED,
         )
-        return TrackedClocks(clocks, last_seen_s >= groups.center_s[:, None] - 1e-9, history)
+        return TrackedClocks(clocks, seen_s >= groups.center_s[:, None] - 1e-9, history)
 
     def restart(self) -> None:
         """Start from clocks that were acquired again."""
@@ -132,7 +134,7 @@ class ClockTracking:
         for tag in lost:
             self._search.retry(tag, first)
         self.restart()
-        seen = [tag.last_seen_s >= first.center_s[0] for tag in model.locked]
+        seen = [tracker.seen_s >= first.center_s[0] for tracker in model.trackers]
         return replace(clocks, path=model.predict(first), received=np.array([seen], bool))
 
     def _follow(self, groups: GroupTones) -> TrackedClocks:
@@ -140,7 +142,7 @@ class ClockTracking:
         locked, point = model.locked, self._point_for(groups, trackers)
         served = int(groups.group.searchsorted(point.stop))
         groups = groups[: min(served, self._reach)]
-        assumed = predict_clocks(point.trackers, groups.center_s)
+        assumed = expected_clocks(point.trackers, groups.center_s)
         groups = model.without_spread_lines(groups, assumed)
         expansion, likelihood, freedom = self._expand(groups, assumed, point.inverse_noise)
         measured = _Measurement(
@@ -149,9 +151,9 @@ class ClockTracking:
             point.noise_level,
             self._errors(expansion, point.inverse_noise),
         )
-        before: list[tuple[ClockTracker, float]] = []
+        before: list[ClockTracker] = []
         if len(groups) > 1:  # a part of them may be tracked again
-            before = [(copy(tag.tracker), tag.last_seen_s) for tag in locked if tag.tracker]
+            before = list(map(copy, trackers))
         path, received = self._filter(groups.center_s, measured, point)
         count = len(received)
         if count < len(groups):
@@ -169,8 +171,8 @@ class ClockTracking:
             # What follows is tracked by the noise that this group has shown.
             self.restart()
             if len(noise) < count:
-                for tag, (tracker, last_seen_s) in zip(locked, before, strict=True):
-                    tag.tracker, tag.last_seen_s = tracker, last_seen_s
+                for tag, tracker in zip(locked, before, strict=True):
+                    tag.tracker = tracker
                 path, received = self._filter(groups.center_s[: len(noise)], measured, point)
         return TrackedClocks(path, received, noise)
 
@@ -182,24 +184,17 @@ class ClockTracking:
         Gives the path of as many of the groups at ``center_s`` (G,) as were taken, and which tags
         (G, S) each contains; ``measured`` was at the operating ``point``.
         """
-        locked, trackers = self._model.locked, self._model.trackers
-        noise_level = measured.noise_level
-        assumed, likelihoods = measured.assumed.tolist(), measured.likelihood.tolist()
-        errors = None if measured.errors is None else measured.errors.tolist()
-        phase, rate = np.empty((2, len(center_s), len(locked)))
-        received = np.zeros(phase.shape, bool)
-        for row, time_s in enumerate(center_s.tolist()):
-            ahead = _ahead(trackers, assumed[row], time_s)
-            if row and (
-                not point.serves(ahead) or any(self._expired(tag, time_s) for tag in locked)
-            ):
-                return ClockPath(phase[:row], rate[:row]), received[:row]
-            for i, tracker in enumerate(trackers):
-                values, error = likelihoods[row][i], errors[row][i] if errors else None
-                if tracker.update(time_s, values, noise_level, error, ahead[i]):
-                    locked[i].last_seen_s = time_s
-                    received[row, i] = True
-                phase[row, i], rate[row, i] = tracker.phase, tracker.rate
+        count = len(center_s)
+        phase, rate, received = follow_clocks(
+            self._model.trackers,
+            center_s,
+            measured.assumed[:count],
+            measured.likelihood[:count],
+            None if measured.errors is None else measured.errors[:count],
+            measured.noise_level,
+            point.reach_rad,
+            *self._limits_s,
+        )
         return ClockPath(phase, rate), received
 
     def _point_for(self, groups: GroupTones, trackers: list[ClockTracker]) -> _OperatingPoint:
@@ -207,7 +202,7 @@ class ClockTracking:
         group, time_s = int(groups.group[0]), float(groups.center_s[0])
         point = self._point
         if point is not None and group < point.stop:
-            phases = [tracker.predict(time_s)[0] for tracker in point.trackers]
+            phases = [tracker.predict(time_s) for tracker in point.trackers]
             if point.serves(_ahead(trackers, phases, time_s)):
                 return point
         before, noise = [copy(each) for each in trackers], self._noise
@@ -237,11 +232,7 @@ class ClockTracking:
 
     def _expired(self, tag: TrackedTag, time_s: float) -> bool:
         """Whether a tag's clock is not predicted any further."""
-        if tag.tracker is None:
-            return False
-        least_s = _LEAST_GROUPS * self._model.group_period_s
-        absent_s, unseen_s = tag.tracker.time_s - tag.last_seen_s, time_s - tag.last_seen_s
-        return absent_s > max(_LOST_S, least_s) or unseen_s > max(_BRIDGED_S, least_s)
+        return tag.tracker is not None and tag.tracker.expired(time_s, *self._limits_s)
 
     def _errors(self, expansion: phase_expansion, inverse_noise: Array) -> Array | None:
         """Errors of the phases assumed and their variances by the complete model, if used."""

@@ -56,8 +56,8 @@ class TrackedTag:
 
     ``index`` is that of the tag in the table, ``rows`` are its two ends among those of all tags.
     ``tracker`` is None while the clock is not known; ``likelihood`` has the duty cycles found, once
-    ``pulses_known``, and no delay of clock 2. ``last_seen_s`` is the centre of the last group with
-    the tag, ``waiting`` the latest groups, over which a lost tag is acquired again.
+    ``pulses_known``, and no delay of clock 2. ``waiting`` are the latest groups, over which a lost
+    tag is acquired again.
     """
 
     def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
@@ -68,7 +68,6 @@ class TrackedTag:
         self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
         self.overlapping = self.pulses_known = False
         self.tracker: ClockTracker | None = None
-        self.last_seen_s = -np.inf
         self.waiting: list[GroupTones] = []
 
     def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
@@ -77,7 +76,6 @@ class TrackedTag:
         """
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
         self.overlapping = fit.overlapping
-        self.last_seen_s = times_s[-1]
 
     def drop(self) -> None:
         """Discard the clock: the tag has to be acquired again."""

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ...signal.weights import ToneTable
-from ..clocks.clock_tracker import ClockPath, ClockTracker, predict_clocks
+from ..clocks.clock_tracker import ClockPath, ClockTracker, expected_clocks
 from ..clocks.tracked_tag import TrackedTag
 from ..group_tones import GroupTones, GroupWeights
 from ..groups import Array, Groups
@@ -65,7 +65,7 @@ class ToneModel:
 
     def predict(self, groups: GroupTones) -> ClockPath:
         """Clocks of the locked tags expected in some groups."""
-        return predict_clocks(self.trackers, groups.center_s)
+        return expected_clocks(self.trackers, groups.center_s)
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
         """Whiten the tones of a batch; also which groups (G,) have tones, all of them finite."""
