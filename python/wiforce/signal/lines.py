@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..wiforce_kernels import slepian_sequences
+
 # Two lines closer than this part of the group's resolution are one tone. They overlap by
 # sinc(0.3) = 0.86, so that weights which separated them would raise their noise by 5.8 dB.
 _SAME_TONE = 0.3
@@ -128,23 +130,7 @@ def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float
     half_bandwidth = clutter_hz * group_length * snapshot_period_s
     order = clutter_order(group_length, snapshot_period_s, clutter_hz)
     # In very short groups NW would round to nothing.
-    return _slepian_sequences(group_length, max(half_bandwidth, 0.1), order)
-
-
-def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.ndarray:
-    """The first discrete prolate spheroidal sequences, shape (length, order), signs undefined.
-
-    They are the eigenvectors of a tridiagonal matrix (Slepian 1978, section 2.2, equation 14).
-    ``scipy.signal.windows.dpss`` gives the same, but SciPy's signal package takes 0.2 s to import.
-    """
-    from scipy.linalg import eigh_tridiagonal  # 0.1 s, which a still room does not need
-
-    n = np.arange(length)
-    diagonal = ((length - 1 - 2 * n) / 2) ** 2 * np.cos(2 * np.pi * half_bandwidth / length)
-    beside = n[1:] * (length - n[1:]) / 2
-    wanted = (length - order, length - 1)
-    _, sequences = eigh_tridiagonal(diagonal, beside, select="i", select_range=wanted)
-    return sequences[:, ::-1]
+    return slepian_sequences(group_length, max(half_bandwidth, 0.1), order).T
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
+#include <kernel/doppler/slepian_sequences.h>
 #include <kernel/doppler/switching_mixer.h>
 #include <kernel/doppler/tone_accumulator.h>
 #include <kernel/fold/simd_kernels.h>
@@ -124,6 +125,20 @@ py::array_t<std::complex<double>> mix_switching(const switching_mixer& mixer,
 
 void bind_tones(py::module& m)
 {
+    m.def(
+        "slepian_sequences",
+        [](std::size_t length, double half_bandwidth, std::size_t order) {
+            if (!length || order > length)
+                throw std::invalid_argument(
+                    "slepian_sequences: order must be at most the length");
+            const auto found = slepian_sequences(length, half_bandwidth, order);
+            return py::array_t<double>({ py::ssize_t(order), py::ssize_t(length) },
+                                       found.data());
+        },
+        "length"_a,
+        "half_bandwidth"_a,
+        "order"_a,
+        "The first discrete prolate spheroidal sequences, (order, length), orthonormal.");
     py::class_<switching_mixer>(
         m,
         "switching_mixer",
