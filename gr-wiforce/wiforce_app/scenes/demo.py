@@ -2,6 +2,7 @@
 """``gr-wiforce demo``: calibrate a line, simulate presses, read them, compare with the truth."""
 
 from importlib.util import find_spec
+from itertools import groupby
 from pathlib import Path
 
 import click
@@ -29,6 +30,8 @@ _CALIBRATION_NOISE_DEG = 0.2
 # Median errors that the demo must reach to succeed.
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
+
+_SHOWN_EACH = 3  # of the readings of a press, one of so many is printed
 
 # Files in the folder; the scene's first line marks those of an earlier demo.
 _FILES = (
@@ -85,7 +88,7 @@ def demo(folder):
         f"force {result.median_force_n:.3f} N (limit {_FORCE_LIMIT_N}), "
         f"location {result.median_location_mm:.3f} mm (limit {_LOCATION_LIMIT_MM})"
     )
-    click.echo(f"picture: {folder / 'readings.png'}")
+    click.echo(f"picture of all readings: {folder / 'readings.png'}")
     kept = result.median_force_n <= _FORCE_LIMIT_N
     return 0 if kept and result.median_location_mm <= _LOCATION_LIMIT_MM else 1
 
@@ -155,18 +158,28 @@ def _run_library(capture, scene, on_reading):
 
 
 def _show(readings, truth):
+    """Print each stretch of untouched readings in a line, and every third reading of a press."""
     rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
-    click.echo("\n  time (s)  touch   force (N)  truth     location (mm)  truth    flags")
-    for reading in readings[::2]:
-        row = rows[(round(reading.time_s, 4), reading.sensor)]
-        touch = "-" if reading.touch is None else reading.touch
-        line = f"  {reading.time_s:8.3f}  {touch:>5}"
-        if reading.force_n is None:
-            line += " " * 44
+    click.echo("\n     time (s)      force (N)  truth     location (mm)  truth    flags")
+    for (touch, flags), alike in groupby(
+        readings, lambda each: (each.touch, () if each.touch else each.flags)
+    ):
+        found = list(alike)
+        if touch:
+            for reading in found[1::_SHOWN_EACH]:
+                click.echo(_pressed(reading, rows[(round(reading.time_s, 4), reading.sensor)]))
         else:
-            known = (row["force_n"], row["location_mm"] if row["touch"] else float("nan"))
-            line += f"   {reading.force_n:5.2f} +-{reading.force_std_n:4.2f} {known[0]:6.2f}"
-            line += (
-                f"   {reading.location_mm:6.2f} +-{reading.location_std_mm:4.2f} {known[1]:6.2f}"
-            )
-        click.echo(f"{line}  {' '.join(reading.flags)}")
+            said = "not touched" if touch == 0 else "no reading"
+            span = f"{found[0].time_s:.3f} to {found[-1].time_s:.3f}"
+            click.echo(f"  {span:>14}   {said:<44}{' '.join(flags)}")
+
+
+def _pressed(reading, row):
+    if reading.force_n is None:
+        return f"  {reading.time_s:14.3f}   {'no value':<44}{' '.join(reading.flags)}"
+    known = row["force_n"], row["location_mm"] if row["touch"] else float("nan")
+    return (
+        f"  {reading.time_s:14.3f}   {reading.force_n:5.2f} +-{reading.force_std_n:4.2f}"
+        f" {known[0]:6.2f}   {reading.location_mm:6.2f} +-{reading.location_std_mm:4.2f}"
+        f" {known[1]:6.2f}  {' '.join(reading.flags)}"
+    ).rstrip()
