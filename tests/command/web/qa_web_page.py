@@ -21,7 +21,7 @@ TEXTS = """(() => {
     const text = (selector) => document.querySelector(selector)?.textContent;
     const arm = ["force", "location", "flags", "details"].map(
         (name) => [name, text(`[data-sensor=arm] .${name}`)]);
-    return {...Object.fromEntries(arm), leg: text("[data-sensor=leg] .force"),
+    return {...Object.fromEntries(arm),
             doubtful: document.querySelector(".doubtful[data-sensor=arm]") !== null};
 })()"""
 SERIES = """return Object.fromEntries(["lines", "bands", "points"].map(
@@ -65,10 +65,13 @@ def opened(window, source, reader):
         window.driver.get("about:blank")
 
 
-def shown(window, sensor, text):
-    """Wait until a sensor's force is shown as a text; numbers change five times per second."""
-    find = f"document.querySelector('[data-sensor={sensor}] .force')?.textContent"
-    return window.wait(f"return {find} === '{text}' && {TEXTS}")
+def shown(window, **forces):
+    """Wait until sensors' forces are shown as texts; numbers change five times per second."""
+    found = [
+        f"document.querySelector('[data-sensor={sensor}] .force')?.textContent === '{text}'"
+        for sensor, text in forces.items()
+    ]
+    return window.wait(f"return {' && '.join(found)} && {TEXTS}")
 
 
 def drawn(window):
@@ -84,7 +87,7 @@ def test_page_shows_what_was_published(window, reader):
         press += [touched(1.0 + 0.1 * step, 3.0 + 0.1 * step) for step in range(1, 6)]
         doubtful = touched(1.6, 70.0, 44.0, flags=("weak", "inconsistent"))
         reader.publish(*past, *press, doubtful, touched(1.7, 3.456, 41.23))
-        texts = shown(window, "arm", "3.46 ± 0.10 N")
+        texts = shown(window, arm="3.46 ± 0.10 N")
         assert texts["location"] == "41.2 ± 0.4 mm"
         assert texts["flags"] == "" and window.text("#scene") == "scene hand"
         assert texts["details"].startswith("SNR 12.3 dBclock +40.1 ppminterference 25 %")
@@ -100,8 +103,8 @@ def test_page_shows_what_was_published(window, reader):
         assert len(location["bands"]["xs"][0]) == 10
         # A doubtful reading says so, and an untouched sensor carries no force.
         reader.publish(touched(1.8, flags=("weak",)), untouched(1.8, "leg"))
-        texts = shown(window, "arm", "3.00 ± 0.10 N")
-        assert texts["flags"] == "weak" and texts["doubtful"] and texts["leg"] == "0 N"
+        texts = shown(window, arm="3.00 ± 0.10 N", leg="0 N")
+        assert texts["flags"] == "weak" and texts["doubtful"]
         # Another run begins with an empty history.
         reader.publish(untouched(0.5), run="another")
         window.wait("return page.newest === 0.5")
@@ -188,7 +191,7 @@ def test_page_of_a_file_shows_its_past_and_follows_it(window, tmp_path):
                 window.wait("return page.newest.toFixed(1) === '1.9'")
                 assert window.run("return page.tracks.get('arm').readings.length") == 19
                 writer.write(touched(2.0, 3.21))
-                shown(window, "arm", "3.21 ± 0.10 N")
+                shown(window, arm="3.21 ± 0.10 N")
             assert window.text("#run") == "readings.csv"
             assert window.run("return document.getElementById('tare').disabled")
             window.driver.get("about:blank")
@@ -229,7 +232,7 @@ def test_page_of_a_finished_file_is_looked_through(window, tmp_path):
             "const scrub = document.getElementById('scrub'); scrub.value = 50.25;"
             "scrub.dispatchEvent(new Event('input'))"
         )
-        shown(window, "arm", "4.00 ± 0.10 N")
+        shown(window, arm="4.00 ± 0.10 N")
         assert window.text("#cursor") == "at 50.25 s" and window.text("#pause") == "Go on"
         # The values under the pointer, with their flags.
         window.wait("return page.plots.shown.end === 50.25")
@@ -261,7 +264,7 @@ def test_page_that_is_paused_stays_where_it_is_and_loses_nothing(window, reader)
         drawn(window)
         assert window.run("return page.times.range.end") == pytest.approx(5.0)
         assert window.run("return page.times.cursor") == pytest.approx(1.9)
-        shown(window, "arm", "3.00 ± 0.10 N")
+        shown(window, arm="3.00 ± 0.10 N")
         window.run("document.getElementById('pause').click()")
         window.wait("return page.plots.models('force-lines').data.xs[0]?.length === 39")
 
