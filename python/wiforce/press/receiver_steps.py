@@ -78,10 +78,11 @@ class ReceiverSteps:
         ):
             if not math.isfinite(turn + gain + own):
                 continue
-            square = (turn**2 + gain**2) / 2
+            # What the group itself explains says nothing of the groups that follow.
+            square = max((turn**2 + gain**2) / 2 - own, 0.0)
             if math.isnan(self._variance):
                 self._variance = max(own, _LEAST)
             changes[row] = turn, gain, max(self._variance, own, _LEAST)
-            limit = _MOST * max(self._variance, own, _LEAST)
+            limit = _MOST * max(self._variance, _LEAST)
             self._variance += self._share * (min(square, limit) - self._variance)
         return changes
