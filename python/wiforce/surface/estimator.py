@@ -83,9 +83,9 @@ _ONSET_STD_N = 0.1
 # Points across at which the posterior is first drawn, per spacing; then over the part in which it
 # is within exp(-_DEPTH) of its largest value.
 _ROUGH_PER_SPACING, _FINE, _DEPTH = 12, 41, 12.0
-# Hermite points along force and along x; their spread over that of a normal posterior, so that
-# skewed ones are covered.
-_HERMITE, _WIDER = 5, 1.3
+# Hermite points along x; their spread over that of a normal posterior, so that skewed ones are
+# covered. Points of Gauss and Legendre's rule along force, as far as the strips allow.
+_HERMITE, _WIDER, _LEGENDRE = 5, 1.3, 9
 _LOWEST_N = 1e-3
 # Least squares starts from a press anywhere: a normal variable with the variance of one that is
 # uniform, length^2 / 12, over all forces and this length along x, several strips of 80 mm. Its
@@ -145,8 +145,10 @@ class SurfacePosterior:
     about ``share(y - y_i) F`` with ``share_std F``, the location that it shows about x with
     ``location_std_mm``. A touched strip gives the likelihood of its phases, averaged over both; an
     untouched one the probability that its force is below the onset. The posterior is summed over y,
-    and integrated over force and x by Gauss and Hermite's rule about the least-squares solution at
-    each y, so that its mean and covariance need not be those of a normal distribution.
+    and integrated over force and x about the least-squares solution of the touched strips at each
+    y, so that its mean and covariance need not be those of a normal distribution. Forces that would
+    touch an untouched strip are left out: of few points about the solution hardly one would be left
+    beside such strips, and the force would seem certain.
     """
 
     def __init__(self, skin: Skin) -> None:
@@ -161,10 +163,9 @@ class SurfacePosterior:
         between = float(skin.spreading.share(skin.spacing_mm / 2))
         self._top_n = max(tops) / max(between, 0.05)
         nodes, weights = np.polynomial.hermite_e.hermegauss(_HERMITE)
-        grid = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
         # Weights for integrals of the function itself, not of it times the normal density.
-        self._nodes = grid
-        self._log_weights = np.log(np.outer(weights, weights).ravel()) + 0.5 * (grid**2).sum(axis=1)
+        self._along = _WIDER * nodes, np.log(weights) + 0.5 * nodes**2
+        self._of_force = np.polynomial.legendre.leggauss(_LEGENDRE)
 
     def __call__(self, evidence: SurfaceEvidence) -> SurfacePress:
         """The posterior's mean and covariance; at least one strip of each reading is touched."""
@@ -193,13 +194,18 @@ class SurfacePosterior:
         high = self._y[np.minimum(last + 1, len(self._y) - 1)]
         y = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _FINE)
         mean, covariance, _ = self._conditional(summary, evidence, y)
-        root = _WIDER * np.linalg.cholesky(covariance)
-        points = mean[:, :, None] + np.einsum("nyab,qb->nyqa", root, self._nodes)
-        force, x = points[..., 0], points[..., 1]
+        root = np.linalg.cholesky(covariance)
+        least, most = self._forces(evidence, mean[..., 0], root[..., 0, 0], y)
+        half, (nodes, weights) = (most - least) / 2, self._of_force
+        forces = ((least + most) / 2)[..., None] + half[..., None] * nodes
+        away = root[..., 1, :1] / root[..., :1, 0] * (forces - mean[..., :1])
+        x = (mean[..., 1:] + away)[..., None] + root[..., 1, 1, None, None] * self._along[0]
+        force = np.repeat(forces, _HERMITE, axis=-1)
+        x = x.reshape(force.shape)
         across = np.broadcast_to(y[:, :, None], force.shape)
         log = self._log_likelihood(evidence, force, x, across)
-        scale = np.log(root[..., 0, 0] * root[..., 1, 1])[..., None]
-        log = (log + self._log_weights + scale).reshape(len(evidence), -1)
+        log += (np.log(weights)[:, None] + self._along[1]).ravel()
+        log = (log + np.log(half * root[..., 1, 1])[..., None]).reshape(len(evidence), -1)
         best = log.max(axis=1, keepdims=True)
         weight = np.exp(log - best)
         weight /= weight.sum(axis=1, keepdims=True)
@@ -213,6 +219,18 @@ class SurfacePosterior:
         misfit, freedom, _ = self._misfit(summary, evidence, mean, y)
         return SurfacePress(found, spread, misfit, freedom)
 
+    def _forces(
+        self, evidence: SurfaceEvidence, force: Array, std: Array, y: Array
+    ) -> tuple[Array, Array]:
+        """Least and largest force (n, Y) that touched and untouched strips allow at each y."""
+        share = self._skin.shares(y) - _REACH * self._skin.spreading.share_std
+        below = self._skin.untouched_below_n + _REACH * _ONSET_STD_N
+        allowed = np.full(share.shape, np.inf)
+        np.divide(below, share, out=allowed, where=evidence.untouched[:, None] & (share > 0))
+        most = np.minimum(force + _REACH * std, allowed.min(axis=-1))
+        least = np.maximum(np.minimum(force - _REACH * std, most - std), _LOWEST_N)
+        return least, np.maximum(most, least + _LOWEST_N)
+
     def _strip_std(self, force: Array) -> Array:
         """Standard deviation of the force on any strip."""
         return self._skin.spreading.share_std * force
@@ -222,6 +240,7 @@ class SurfacePosterior:
     ) -> tuple[Array, Array, Array]:
         """Least squares of (force, x) at each y: mean, covariance and logarithm of the evidence.
 
+        Of touched strips; untouched ones count as far as the least likely force contradicts them.
         Shapes (n, Y, 2), (n, Y, 2, 2) and (n, Y).
         """
         shares = self._skin.shares(y)  # (n, Y, S)
@@ -249,7 +268,9 @@ class SurfacePosterior:
             np.stack([np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2)
             / determinant[..., None, None]
         )
-        misfit = self._squares(summary, evidence, inverse, shares, force, along)[0]
+        squares = self._squares(summary, inverse, shares, force, along)
+        least = np.maximum(force - _REACH * np.sqrt(covariance[..., 0, 0]), _LOWEST_N)
+        misfit = squares + (self._above(evidence, shares, least) ** 2).sum(axis=-1)
         size = touched * np.log(np.maximum(a * c - b**2, 1e-300))
         log = -0.5 * misfit + 0.5 * size.sum(axis=-1) - 0.5 * np.log(determinant)
         return mean, covariance, log
@@ -257,21 +278,23 @@ class SurfacePosterior:
     def _squares(
         self,
         summary: _Summary,
-        evidence: SurfaceEvidence,
         inverse: tuple[Array, Array, Array],
         shares: Array,
         force: Array,
         x: Array,
-    ) -> tuple[Array, Array]:
-        """Squared residuals of all strips (n, Y), and the number of strips that contradict."""
+    ) -> Array:
+        """Squared residuals of all touched strips (n, Y)."""
         a, b, c = inverse
         df = summary.force_n[:, None] - shares * force[..., None]
         dx = summary.x_mm[:, None] - x[..., None]
-        squares = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
+        squares: Array = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
+        return squares
+
+    def _above(self, evidence: SurfaceEvidence, shares: Array, force: Array) -> Array:
+        """Standard deviations by which untouched strips bear more than the onset, (n, Y, S)."""
         std = np.hypot(self._strip_std(force)[..., None], _ONSET_STD_N)
         above = (shares * force[..., None] - self._skin.untouched_below_n) / std
-        above = np.maximum(above, 0) * evidence.untouched[:, None]
-        return squares + (above**2).sum(axis=-1), (above > 0).sum(axis=-1)
+        return np.maximum(above, 0) * evidence.untouched[:, None]
 
     def _log_likelihood(self, evidence: SurfaceEvidence, force: Array, x: Array, y: Array) -> Array:
         """Of the strips' phases and touches at points (n, Y, q)."""
@@ -310,10 +333,12 @@ class SurfacePosterior:
         inverse = summary.inverse(
             self._strip_std(force), self._skin.spreading.location_std_mm, touched
         )
-        squares, above = self._squares(summary, evidence, inverse, self._skin.shares(y), force, x)
+        shares = self._skin.shares(y)
+        above = self._above(evidence, shares, force)
+        squares = self._squares(summary, inverse, shares, force, x) + (above**2).sum(axis=-1)
         best = squares.argmin(axis=1)[:, None]
         misfit = np.take_along_axis(squares, best, axis=1)[:, 0]
-        contradicting = np.take_along_axis(above, best, axis=1)[:, 0]
+        contradicting = np.take_along_axis((above > 0).sum(axis=-1), best, axis=1)[:, 0]
         freedom = 2 * evidence.touched.sum(axis=1) - 3 + contradicting
         return misfit, np.maximum(freedom, 1), best
 
