@@ -270,6 +270,16 @@ def test_receiver_batch_of_another_shape_is_refused(change, message):
         Receiver(plan, derotated=False).process(groups)
 
 
+def test_receiver_batch_that_steps_back_is_refused():
+    """Its groups would be taken for those that another receiver has read, and be lost."""
+    plan = make_plan()
+    groups, receiver = recorded_groups(plan, 0, 6), Receiver(plan, derotated=False)
+    receiver.process(groups[:4])
+    with pytest.raises(InputError, match=r"groups.index: must rise .* from 3 on"):
+        receiver.process(groups[3:])
+    receiver.process(groups[4:])
+
+
 def test_receiver_on_groups_sees_every_group_that_is_read():
     plan, seen = make_plan(), []
     receiver = Receiver(plan, derotated=False, on_groups=seen.append)
