@@ -112,7 +112,7 @@ class SensorView {
     this.root.classList.toggle("stale", stale);
     this.root.classList.toggle("untouched", !stale && reading.touch === 0);
     this.root.classList.toggle("doubtful", !stale && reading.doubtful);
-    let force = "no readings", location = "";
+    let force = reading === null ? "no readings" : "no new readings", location = "";
     if (touched) {
       force = withSpread(reading.force, reading.forceStd, 2, "N");
       location = placeOf(reading);
