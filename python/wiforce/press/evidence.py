@@ -35,8 +35,8 @@ _MOVE_MM, _MOVE_STDS, _FORCE_CHANGE_N = 0.1, 5.0, 0.5
 _LEAST_PRESSES, _MOST = 2, 0.75
 # The ends are swapped if locations then move by less than this share of what they move now.
 _STILL = 0.25
-# Touched readings without a cause, and their share, from which the file is the suspect.
-_LEAST_UNEXPLAINED, _UNEXPLAINED = 8, 0.5
+# Touched time without a cause, in s, and its share, from which the file is the suspect.
+_LEAST_UNEXPLAINED_S, _UNEXPLAINED = 0.25, 0.5
 # Off states differ by more than this and so many standard deviations, and readings are flagged
 # from the larger one on. Losses of a real line and contact change magnitudes by a few per cent.
 _OFF, _CONTRADICTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
@@ -154,6 +154,7 @@ class PressEvidence:
         self._model, self._frequency_hz = model, frequency_hz
         self._off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
+        self._period_s = group_period_s
         self._margin = math.ceil(_MARGIN_S / group_period_s)
         self._open = _OpenPress()
         self._record = _Record()
@@ -216,7 +217,8 @@ class PressEvidence:
 
     def _suspicions(self) -> list[Suspicion]:
         suspicions, record, name = [], self._record, self._model.name
-        if record.unexplained >= max(_LEAST_UNEXPLAINED, _UNEXPLAINED * record.readings):
+        least = _LEAST_UNEXPLAINED_S / self._period_s
+        if record.unexplained >= max(least, _UNEXPLAINED * record.readings):
             text = (
                 f"{record.unexplained} of {record.readings} touched readings have phases that no "
                 f"calibrated press causes: is {name!r} the model of this sensor?"
