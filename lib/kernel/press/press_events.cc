@@ -100,7 +100,8 @@ double press_filter::follow_turn(explanation& to,
     to.common.turn(by);
     likelihood += update_strength(to);
     // What is seen in the second group of a press may have begun in the first.
-    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s)
+    const bool seen_before = from.turning && shows_turns(from);
+    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s && !seen_before)
         to.common.widen(squared(by / 2));
     to.line.mean += to.strength.mean - before;
     if (!to.near)

@@ -60,7 +60,8 @@ void press_filter::take(const press_observation& group)
         const double fades = squared(d_set.fading_np) * d_elapsed_s;
         for (auto* amplitudes : { &from.line, &from.strength }) {
             amplitudes->mean_variance += fades;
-            amplitudes->difference_variance += fades;
+            // What fades is the way to the tag, which both ends share.
+            amplitudes->difference_variance += d_off.differ() ? 0 : fades;
         }
         from.age_s += d_elapsed_s;
         from.turned_now = false;

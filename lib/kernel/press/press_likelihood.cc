@@ -297,16 +297,18 @@ void press_filter::touch_with_strength(const explanation& from,
                                        explanation& next,
                                        double spread)
 {
-    const double floor = 2 * squared(d_set.amplitude_np);
-    for (const double loss : { spread, 0.0 }) {
+    // A contact is one resistance that both ends see; what else it is, the model does not
+    // contain.
+    const double uneven = next.is == pressed ? d_set.unexplained : 0.5;
+    for (const bool differs : { false, true }) {
         auto contact = next;
-        contact.log_weight -= std::log(2.0);
+        contact.log_weight += std::log(differs ? uneven : 1 - uneven);
         contact.with_common = 0;
         contact.strength = { from.line.mean,
                              from.line.difference,
                              from.line.mean_variance + from.near_square / 2 +
-                                 squared(loss) / 2,
-                             from.line.difference_variance + 2 * squared(loss) + floor +
+                                 squared(spread) / 2,
+                             from.line.difference_variance + (differs ? 2 * squared(spread) : 0) +
                                  d_off.variance({ 0, 0 }, change(next, d_group.phase)) };
         const double likelihood = update_strength(contact);
         give(contact, likelihood + contact_phases(contact));
