@@ -260,7 +260,8 @@ double press_filter::update_strength(explanation& to) const
     auto& own = to.strength;
     if (!shows_turns(to))
         return update_amplitude(own);
-    const double noise = 4 * d_amplitude_noise, known = to.common.estimate().variance;
+    // What separation leaves is as large along the amplitudes as along the phases.
+    const double noise = d_difference_noise, known = to.common.estimate().variance;
     const auto seen = change(to, d_group.phase);
     pair_of_ends expected;
     double turn = 0, slope = 0, variance = 1, off = 0, by_turn = 0;
@@ -297,18 +298,19 @@ void press_filter::touch_with_strength(const explanation& from,
                                        explanation& next,
                                        double spread)
 {
-    // A contact is one resistance that both ends see; what else it is, the model does not
-    // contain.
-    const double uneven = next.is == pressed ? d_set.unexplained : 0.5;
-    for (const bool differs : { false, true }) {
+    // A press is one resistance that both ends see; unexplained contacts may be more.
+    for (const bool alike : { true, false }) {
+        if (!alike && next.is == pressed)
+            break;
         auto contact = next;
-        contact.log_weight += std::log(differs ? uneven : 1 - uneven);
+        contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
         contact.with_common = 0;
         contact.strength = { from.line.mean,
                              from.line.difference,
                              from.line.mean_variance + from.near_square / 2 +
                                  squared(spread) / 2,
-                             from.line.difference_variance + (differs ? 2 * squared(spread) : 0) +
+                             from.line.difference_variance +
+                                 (alike ? 0 : 2 * squared(spread)) +
                                  d_off.variance({ 0, 0 }, change(next, d_group.phase)) };
         const double likelihood = update_strength(contact);
         give(contact, likelihood + contact_phases(contact));
