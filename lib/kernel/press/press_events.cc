@@ -302,9 +302,12 @@ void press_filter::part_turn(explanation& to,
     const double by_turn = squared(speeds[to.turn_speed] * d_elapsed_s),
                  by_force = squared(speeds[to.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
-    const double a = by_force * direction[0] * direction[0] + by_turn + noise,
-                 b = by_force * direction[1] * direction[1] + by_turn + noise,
-                 ab = by_force * direction[0] * direction[1] + by_turn;
+    // What slides moves both in any direction, which only amplitudes tell from a turn.
+    const double across = to.slides && shows_turns(to) ? by_force : 0;
+    const double x = direction[0], y = direction[1];
+    const double a = by_force * x * x + across * y * y + by_turn + noise,
+                 b = by_force * y * y + across * x * x + by_turn + noise,
+                 ab = (by_force - across) * x * y + by_turn;
     const double determinant = a * b - ab * ab;
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;

@@ -368,11 +368,12 @@ double press_filter::turn_rate(const explanation& of) const
     return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.untouched_s);
 }
 
-// Whether both have the untouched line at the same place, as far as they know it.
+// Whether both have the untouched line at the same place, as far as they know it, and
+// where the off states show that, turning or not.
 bool press_filter::one_line(const explanation& a, const explanation& b) const
 {
     const auto one = a.common.estimate(), other = b.common.estimate();
-    return a.known == b.known &&
+    return a.known == b.known && (!d_off.differ() || a.turning == b.turning) &&
            squared(wrapped(one.mean - other.mean)) <
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }

@@ -305,13 +305,13 @@ void press_filter::touch_with_strength(const explanation& from,
         auto contact = next;
         contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
         contact.with_common = 0;
-        contact.strength = { from.line.mean,
-                             from.line.difference,
-                             from.line.mean_variance + from.near_square / 2 +
-                                 squared(spread) / 2,
-                             from.line.difference_variance +
-                                 (alike ? 0 : 2 * squared(spread)) +
-                                 d_off.variance({ 0, 0 }, change(next, d_group.phase)) };
+        contact.strength = {
+            from.line.mean,
+            from.line.difference,
+            from.line.mean_variance + from.near_square / 2 + squared(spread) / 2,
+            from.line.difference_variance + (alike ? 0 : 2 * squared(spread)) +
+                d_off.variance({ 0, 0 }, change(next, d_group.phase))
+        };
         const double likelihood = update_strength(contact);
         give(contact, likelihood + contact_phases(contact));
     }
