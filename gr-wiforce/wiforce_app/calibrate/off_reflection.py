@@ -6,10 +6,10 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.phases.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene import scene_of
 
 from ..read.recordings import read_capture
-from ..shell.options import sample_type
+from ..shell.options import capture_scene, sample_type
 from ..shell.progress import progress
 
 # Flags of groups in which the reflection is not constant.
@@ -18,23 +18,17 @@ _UNSTEADY = {"gap", "transition", "moved"}
 
 @click.command("off-reflection")
 @click.argument("capture", type=click.Path())
-@click.option(
-    "--scene",
-    "scene_path",
-    required=True,
-    type=click.Path(),
-    help="Scene file, or name of a shipped scene.",
-)
+@capture_scene
 @sample_type
 def off_reflection(capture, scene_path, datatype):
     """Estimate off_reflection of every sensor from a CAPTURE with presses.
 
     The tag must not move. Each sensor must be pressed with several forces or at several
-    locations, which need not be known but must change the phases of both ends. Prints the lines
-    for the scene with their standard deviation, or an error if the presses do not determine them.
+    locations, which need not be known but must change the phases of both ends. Prints what to
+    paste into the scene's sensors, or an error if the presses do not determine it.
     """
-    scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
+    scene, _ = scene_of(recording, scene_path)
     found, readings = {}, []
 
     def on_groups(groups):
@@ -54,8 +48,8 @@ def off_reflection(capture, scene_path, datatype):
         ]
         values = [_of_end(found, groups, 2 * i + end, sensor, end, scene) for end in (0, 1)]
         text = ", ".join(f"[{value.real:.4f}, {value.imag:.4f}]" for value, _ in values)
-        spread = ", ".join(f"{std:.2g}" for _, std in values)
-        click.echo(f"{sensor.name}: off_reflection: [{text}]  # +- {spread}")
+        std = max(std for _, std in values)
+        click.echo(f"# {sensor.name}\noff_reflection: [{text}]\noff_reflection_std: {std:.2g}")
 
 
 def _of_end(found, groups, row, sensor, end, scene):

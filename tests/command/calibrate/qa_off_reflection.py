@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command that finds the switches' off state from a capture with presses."""
 
-import re
-
 import pytest
 import yaml
 from command_runs import run_command
+from gnuradio.wiforce.scene import load_scene
 
 OFF = [[0.2, -0.1], [-0.05, 0.15]]
 PRESSES = [
@@ -43,7 +42,18 @@ def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, presse
         assert "sensor 'arm', end 1" in done.stderr and "needs presses" in done.stderr
         return
     assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("# arm\n")
     # What is printed is what a scene takes.
-    name, entry = re.match(r"(\w+): (.*)  #", done.stdout).groups()
-    found = yaml.safe_load(entry)["off_reflection"]
-    assert name == "arm" and found == [pytest.approx(pair, abs=0.01) for pair in OFF]
+    found = yaml.safe_load(done.stdout)
+    assert found["off_reflection"] == [pytest.approx(pair, abs=0.01) for pair in OFF]
+    scene = yaml.safe_load((tmp_path / "known.yaml").read_text())
+    scene["sensors"][0] |= found
+    assert 0 < load_scene(scene).sensors[0].off_reflection_std < 0.01
+
+
+def test_the_scene_of_the_capture_is_taken_where_none_is_named(tmp_path):
+    presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
+    write_scene(tmp_path / "true.yaml", OFF, presses)
+    assert run_command("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
+    done = run_command("off-reflection", tmp_path / "air")
+    assert done.returncode == 0 and "off_reflection_std" in done.stdout, done.stderr
