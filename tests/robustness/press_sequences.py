@@ -11,6 +11,9 @@ SNAPSHOT_S = 57.6e-6
 _POINT_S = 2e-3  # a group is the mean over points so far apart, or over six
 _LOCATION_MM = (16.0, 64.0)
 _FORCE_N = (1.3, 8.0)
+# Off states of the switches over their reflection, where they differ, and by how much those that
+# the reader knows may be wrong.
+OFF_STATES, OFF_ERROR = (0.3, -0.3), 0.05
 _SOME_ENDS = np.array([[1, 0], [0, 1], [1, 1]])
 
 #: What happens in each family beside presses.
@@ -28,6 +31,8 @@ FAMILIES = {
     "turning mixture": ("turns", "tares", "drift"),
     "contacts": ("contacts",),
     "cables": ("cables",),
+    "off states": ("turned touches", "off states"),
+    "off states in error": ("turned touches", "off states", "in error"),
 }
 
 
@@ -182,6 +187,12 @@ class Sequence:
             self._spoil(psi, force, spans)
         psi[force < self.truth.onset_force_n] = self.truth.untouched_deg()
         log_ratio = 1j * np.radians(psi - self.truth.untouched_deg())
+        if "off states" in effects:
+            off = np.array(OFF_STATES, complex)
+            if "in error" in effects:
+                off *= 1 + OFF_ERROR * np.exp(2j * np.pi * rng.random(2))
+            ends = np.exp(1j * np.radians([*psi, self.truth.untouched_deg()])) - off
+            log_ratio = np.log(ends[:-1] / ends[-1])
         if self.drift_deg:
             step = np.radians(self.drift_deg) * np.sqrt(self.period_s / self._shape[1])
             log_ratio += 1j * np.cumsum(step * rng.standard_normal((len(t), 2)), axis=0)
@@ -190,6 +201,13 @@ class Sequence:
                 lasts = rng.uniform(0.002, 0.02) if rng.random() < 0.5 else rng.uniform(0.2, 2)
                 turn = 0.05 * rng.standard_normal() + 1j * np.radians(rng.uniform(-40, 40))
                 log_ratio += (_smooth_step(t, at, lasts) * turn)[:, None]
+        if "turned touches" in effects:
+            for at in _moments(rng, 0.5, self._end):
+                if np.interp(at, t, force) > 0:
+                    lasts = rng.uniform(0.002, 0.02) if rng.random() < 0.5 else rng.uniform(0.2, 2)
+                    turn = np.radians(rng.choice([-1, 1]) * rng.uniform(1, 40))
+                    turn = 0.05 * rng.standard_normal() + 1j * turn
+                    log_ratio += (_smooth_step(t, at, lasts) * turn)[:, None]
         if "cables" in effects:  # of one end or of both; in a press it would be a slide
             for at in _moments(rng, 0.2, self._end):
                 if np.interp(at, t, force) > 0:

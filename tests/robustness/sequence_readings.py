@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader
-from press_sequences import REFERENCE_S, SNAPSHOT_S, Sequence
+from press_sequences import FAMILIES, OFF_ERROR, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Sequence
 
 CLOCKS_HZ, TURNS_PER_S = (1000.0, 1400.0), 0.3
 # A reading is wrong if it is off by more than each of these, as in tests/soak/judge.py; and far off
@@ -21,17 +21,25 @@ _BATCHES = 1, 3, 16, 28, 100
 
 
 @lru_cache
-def plan_of(sensors, snapshots, turning):
+def plan_of(sensors, snapshots, turning, effects=()):
     named = [
         {"name": f"s{i}", "model": "line-900mhz-calibrated", "clock_hz": CLOCKS_HZ[i]}
         | ({"turns_per_s": TURNS_PER_S} if turning else {})
+        | (
+            {"off_reflection": [[off, 0.0] for off in OFF_STATES]}
+            if "off states" in effects
+            else {}
+        )
+        | ({"off_reflection_std": OFF_ERROR * max(OFF_STATES)} if "in error" in effects else {})
         for i in range(sensors)
     ]
     return wiforce.plan({"phase_group": {"snapshots": snapshots}, "sensors": named})
 
 
 def _plan(sequence):
-    return plan_of(len(sequence.tags), sequence.snapshots, "turn" in sequence.family)
+    effects = FAMILIES[sequence.family]
+    turning = any("turn" in effect for effect in effects)
+    return plan_of(len(sequence.tags), sequence.snapshots, turning, effects)
 
 
 class _AsSeparated:
