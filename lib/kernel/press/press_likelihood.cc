@@ -305,6 +305,9 @@ void press_filter::touch_with_strength(const explanation& from,
         auto contact = next;
         contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
         contact.with_common = 0;
+        // What a hand nearby turns is a turn as well, which the amplitudes show.
+        contact.common.widen(from.near_square / 2);
+        contact.near_square = 0;
         contact.strength = {
             from.line.mean,
             from.line.difference,
