@@ -37,8 +37,8 @@ def plan_of(sensors, snapshots, turning, effects=()):
 
 
 def _plan(sequence):
-    effects = FAMILIES[sequence.family]
-    turning = any("turn" in effect for effect in effects)
+    effects = FAMILIES.get(sequence.family, ())
+    turning = "turn" in sequence.family or "turned touches" in effects
     return plan_of(len(sequence.tags), sequence.snapshots, turning, effects)
 
 
