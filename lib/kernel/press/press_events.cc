@@ -202,7 +202,9 @@ void press_filter::slip(const explanation& from, double probability)
     next.common.widen(variance / 2);
     next.difference.widen(2 * variance);
     next.line.mean_variance += squared(d_set.turn_np);
-    next.line.difference_variance += 4 * squared(d_set.turn_np);
+    // Where the off states are to tell turns, another line of one end is unexplained.
+    if (!d_off.differ())
+        next.line.difference_variance += 4 * squared(d_set.turn_np);
     give(next, update_baseline(next));
 }
 
