@@ -39,7 +39,7 @@ def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshot
     if family == "plain":
         assert found.share("pressed, read", "pressed") > 0.75
         assert found.share("untouched, read", "untouched") > 0.95
-    elif family not in ("hand", "contacts", *TURNING):
+    elif family not in ("hand", "contacts", "off states in error", *TURNING):
         assert found.share("pressed, read", "pressed") > 0.45
 
 
