@@ -141,9 +141,9 @@ def _jacobian(reflection: Array, slope: Array, off: Array, noise: Array) -> Arra
 
 def _std(jacobian: Array) -> float:
     """Standard deviation of the first parameter; infinite where it is not determined."""
-    normal = jacobian.T @ jacobian
-    scale = np.sqrt(np.diag(normal))
-    normal = normal / np.outer(scale, scale)
+    squares: Array = jacobian.T @ jacobian
+    scale: Array = np.sqrt(np.diag(squares))
+    normal: Array = squares / np.outer(scale, scale)
     if np.linalg.cond(normal) > _SINGULAR:
         return np.inf
     return float(np.sqrt(np.linalg.inv(normal)[0, 0]) / scale[0])
