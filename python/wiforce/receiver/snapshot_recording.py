@@ -12,8 +12,8 @@ from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, TAG_STEP, AntennaStates
-from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, TagParts, undivided
+from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
+from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, undivided
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
 from ..estimation.packets.tag_parts import SolvedTags
 from ..io.capture.channel_snapshots import ChannelSnapshots
@@ -80,7 +80,8 @@ class SnapshotReader:
         untouched = time_s < scene.reference_s
         hertz = recording.subcarrier_hz
 
-        def solve(channels: PacketChannels, parts: TagParts | None) -> _Round:
+        def solve(channels: PacketChannels, former: _Round | None) -> _Round:
+            parts = former.solved.parts if former else None
             packets = channels.divide(parts)
             fitted = self._fitted(plan, time_s, packets)
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
@@ -88,28 +89,34 @@ class SnapshotReader:
             solved = solved_tags(
                 fitted, bent, packets, time_s, self.groups, channels.response, channels.hidden
             )
-            return _Round(channels, fitted, packets, mean, solved)
+            change = solved.change_since(parts)
+            states, hidden = channels.states, channels.hidden
+            kept_db = channels.kept_db
+            return _Round(fitted, packets, mean, solved, change, states, hidden, kept_db)
 
-        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps.
-        starts: list[_Round] = []
-        for step in (TAG_STEP, LEAST_STEP):
-            channels = PacketChannels(
-                recording.channel, time_s, untouched, hertz, plan.group_period_s, step
-            )
-            if not starts or channels.states.count > starts[0].channels.states.count:
-                starts.append(solve(channels, None))
-        now = max(starts, key=lambda start: start.solved.snr)
-        for _ in range(_MOST_ROUNDS):
-            parts = now.solved.parts
-            now = solve(now.channels, parts)
-            change, uncertain = now.solved.change_since(parts), now.solved.uncertain
-            if all(c <= _SETTLED * u for c, u in zip(change, uncertain, strict=True)):
-                break
-        self._states = now.channels.states
-        hidden, self._kept_db = now.channels.hidden, now.channels.kept_db
+        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
+        # the tags best is followed, once they are known.
+        channels = PacketChannels(recording.channel, time_s, untouched, hertz, plan.group_period_s)
+        first = solve(channels, None)
+        now = solve(channels, first)
+        finer = PacketChannels(
+            recording.channel, time_s, untouched, hertz, plan.group_period_s, LEAST_STEP
+        )
+        if finer.states.count > first.states.count:
+            other = solve(finer, None)
+            if other.solved.snr > first.solved.snr:
+                other = solve(finer, other)
+                if other.solved.snr > now.solved.snr:
+                    channels, now = finer, other
+        rounds = [now]
+        while len(rounds) < _MOST_ROUNDS and not now.settled and now.solved.snr:
+            now = solve(channels, now)
+            rounds.append(now)
+        now = max(rounds, key=lambda each: (each.settled, each.solved.snr))
+        self._states, self._kept_db = now.states, now.kept_db
         table = _table_of(now.plan)
-        self.source = PacketGroups(table, time_s, now.packets, now.untouched, hidden=hidden)
-        ratios = np.hypot(uncertain, change)
+        self.source = PacketGroups(table, time_s, now.packets, now.untouched, hidden=now.hidden)
+        ratios = np.hypot(now.solved.uncertain, now.change)
         self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
 
     @property
@@ -191,11 +198,20 @@ def _table_of(plan: Plan) -> TimedTable:
 class _Round:
     """Packets as they were divided in a round, and the tags in them."""
 
-    channels: PacketChannels
     plan: Plan
     packets: DividedPackets
     untouched: Array
     solved: SolvedTags
+    change: tuple[float, ...]  # of the tags' part since the round before
+    states: AntennaStates
+    hidden: float
+    kept_db: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether another round would change nothing."""
+        pairs = zip(self.change, self.solved.uncertain, strict=True)
+        return all(c <= _SETTLED * u for c, u in pairs)
 
 
 def _check(recording: ChannelSnapshots, plan: Plan) -> None:

@@ -2,6 +2,7 @@
 """What real cards add to channel snapshots: flips, strong tags, other senders, poor time stamps."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,7 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
     phase_std_deg,
     snapshot_snr_db,
 )
+from gnuradio.wiforce.estimation.packets.tag_parts import _Solution
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
@@ -118,6 +120,50 @@ def test_own_part_of_a_strong_tag_is_solved_without_flips(tmp_path):
     _, steady, clear, stds = readings_of(capture_of(22, snr_db=35.0), tmp_path)
     assert len(clear) > 0.75 * len(steady) and stds.max() < 4
     assert np.median(clear["force_std_n"]) < 0.15
+
+
+def test_own_part_is_solved_where_the_tag_is_strongest_on_a_few_subcarriers():
+    """Solved in turns with the reflections it went to and fro in three of eight such tags."""
+    errors, count, groups = [], 16, 12
+    reflection = np.ones((groups, 2), complex)
+    reflection[6:] = np.exp(1j * np.radians([133.0, 46.5]))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        direct = 0.35 * np.exp(2j * np.pi * rng.random()) * np.linspace(1.7, 0.1, count)
+        combined = 0.25 * np.linspace(2, 0.1, count) ** 2 + 0j
+        part = reflection[:, :, None] * direct
+        noise = 1e-3 * rng.standard_normal((2, groups, 2, count))
+        rises = np.log(np.abs(1 + part)) + noise[1] + 3e-3 * rng.standard_normal((groups, 2, 1))
+        measured = SimpleNamespace(
+            index=np.arange(groups),
+            ends=reflection[:, :, None] * combined / (1 + part) + noise[0] / 3,
+            noise=np.full((groups, count), 1e-7),
+            gain=np.ones((groups, 2)),
+        )
+        variance, common = np.full(rises.shape, 1e-6), np.full((groups, 2), 9e-6)
+        found = _Solution(
+            measured, slice(0, 2), rises, variance, common, lambda tag: 1 + tag, 6, 1.0
+        )
+        errors.append(np.abs(found.direct - direct).mean())
+        assert errors[-1] < 4 * found.uncertain
+    assert np.median(errors) < 0.003
+
+
+def test_subcarriers_that_do_not_follow_the_others_are_left_out(tmp_path):
+    """An AX200 reports no channel on its pilots, which halved the information of all packets."""
+    capture_of(22, duration_s=2.0, snr_db=9.0).save(tmp_path / "a.npz")
+    assert open_snapshots(tmp_path / "a.npz").channel.shape[1] == 16
+    capture = capture_of(22, duration_s=2.0)
+    rng, n = np.random.default_rng(1), len(capture.time_s)
+    turns = np.exp(2j * np.pi * rng.random((n, 1)))
+    level = np.abs(capture.channel).mean()
+    capture.channel[:, 5] = level * turns
+    capture.channel[:, :2] *= np.exp(1j * 1.2 * rng.standard_normal((n, 1, 1)))
+    capture.channel[:, 0] *= np.exp(1j * rng.standard_normal((n, 1)))
+    capture.save(tmp_path / "b.npz")
+    found = open_snapshots(tmp_path / "b.npz")
+    assert np.array_equal(found.subcarrier_hz, np.delete(capture.subcarrier_hz, [0, 1, 5]))
+    assert any("left out 3 x subcarrier" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("line_db", [50, 60])

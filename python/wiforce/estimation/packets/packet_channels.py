@@ -18,6 +18,8 @@ from .antenna_states import (
     find_states,
 )
 
+# Largest part of what a packet holds along the static paths that a tag is.
+LARGEST = 0.8
 # Amplitude of an antenna against what it was below which it is taken to have failed.
 _FAILED = 0.05
 
@@ -388,10 +390,13 @@ class PacketChannels:
         across: Array | float = 0.0
         if tags is not None:
             along, across = tags.reflection @ tags.direct, tags.reflection @ tags.combined
+            along *= np.minimum(1, LARGEST / np.maximum(np.abs(along), 1e-30))
             channel = self._received * self._gain
             free = self._combination.without(channel, along, across) / self._gain
             period = (self._time_s / self._period_s).astype(int)
             states = find_states(free, LEAST_STEP, tags.known, tags.closed, period, self.states)
+            if not (self._untouched & (states.label >= 0)).any():
+                states = self.states  # without a packet of the reference, states are none
             former = self._combination
             self._combination = self._calibrated(free, states, tags.known, former)
         channel = self._received * self._gain

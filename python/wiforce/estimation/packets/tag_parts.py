@@ -19,14 +19,16 @@ from ...signal.timed_weights import TimedTable, clutter_at
 from ..clocks.tracked_tag import TagClock
 from ..groups import Array, Groups
 from .antenna_states import LEAST_STEP
-from .packet_channels import DividedPackets, TagParts
+from .packet_channels import LARGEST, DividedPackets, TagParts
 
-# Rounds in which U and the reflections are estimated from one another. Of a tag whose first line is
-# 22 dB below the direct path, ten leave 1e-4 of U, and forty no less.
-_ROUNDS = 10
-# Probability with which two standard deviations of U are exceeded before anything is measured, and
-# the largest part of a packet that a tag is.
-_EXCEEDED, _LARGEST = 0.05, 0.8
+# Rounds in which U is solved for at most, the change of U that ends them, a tenth of a degree of a
+# tag as strong as the static paths, and halvings of a step that does not fit better.
+_ROUNDS, _SOLVED, _HALVINGS = 40, 1e-3, 8
+# Rounds in which the reflections are found that a U leads to: each leaves a third of an error for a
+# tag 20 dB below the direct path. Change by which derivatives are measured.
+_SETTLING, _SMALL = 4, 1e-4
+# Probability with which two standard deviations of U are exceeded before anything is measured.
+_EXCEEDED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,9 @@ def solve_tags(
     known = np.zeros(0, int)
     if len(groups):
         received = groups.locked.all(axis=1) & np.isfinite(groups.gain).all(axis=1)
+        received &= np.isfinite(groups.noise).all(axis=1) & np.isfinite(groups.ends).all(
+            axis=(1, 2)
+        )
         known = np.flatnonzero(received)
     groups = groups[known]
     found = [_Group(row, packets, time_s, table, clocks, window_s) for row in groups]
@@ -177,19 +182,29 @@ class _Solution:
         self._wide = self._ends.shape[2] // rises.shape[2]
         self.reflection = np.ones(rises.shape[:2], complex)
         self.direct = np.zeros(rises.shape[2], complex)
+        # By how much the response on each subcarrier follows U on every other one.
+        each = np.eye(rises.shape[2]) * _SMALL
+        self._follows: Array = (response(each) - 1) / _SMALL
         for _ in range(_ROUNDS):
             self._straighten()
-            self._raise()
+            self._compare()
+            step = self._step()
+            if not self._go(step) or np.abs(step).max() < _SOLVED:
+                break
         self.uncertain = self._uncertain()
 
     def _straighten(self) -> None:
         """W and the reflections, from the ends as they are measured, with the U known so far."""
-        part = self._part()
-        bend = self._response(part.reshape(-1, part.shape[2])).reshape(part.shape)
-        straight = self._ends * np.repeat(bend, self._wide, axis=2)
-        self.combined = straight[self._untouched, 0].mean(axis=0)
-        energy = np.sum(self._weight * np.abs(self.combined) ** 2)
-        self.reflection = straight @ (self._weight * self.combined.conj()) / max(energy, 1e-300)
+        for _ in range(_SETTLING):
+            part = self._part()
+            bend = self._response(part.reshape(-1, part.shape[2])).reshape(part.shape)
+            straight = self._ends * np.repeat(bend, self._wide, axis=2)
+            self.combined = straight[self._untouched, 0].mean(axis=0)
+            energy = np.sum(self._weight * np.abs(self.combined) ** 2)
+            self.reflection = straight @ (self._weight * self.combined.conj()) / max(energy, 1e-300)
+
+    def _compare(self) -> None:
+        """Groups that a press does not change, and the power to expect of U."""
         size = np.mean(np.abs(self.direct) ** 2) + np.mean(np.abs(self.combined) ** 2)
         # A press that changes inside a group leaves no single reflection to compare with.
         steady = _changes(self._index, self.reflection) * np.sqrt(size) < LEAST_STEP / 2
@@ -205,56 +220,107 @@ class _Solution:
         """
         return np.asarray((self._wide * self._power + np.abs(value) ** 2) / (self._wide + 1))
 
-    def _raise(self) -> None:
-        """U, from the magnitudes along the static paths, with the reflections known so far."""
-        steady, part = self._steady, self._part()
-        missing = (self._rises - np.log(np.abs(1 + part)))[steady]
-        precise, reflection = self._precise[steady], self.reflection[steady][:, :, None]
-        # What is common to all subcarriers changes the reflections as well: with the ratio
-        # v = R (1 + U) / (1 + R U) measured, log |1 + R U| changes by Re(R dU / (1 + U)). Its
-        # noise is that of the receiver's gain.
-        share = precise / np.sum(precise, axis=2, keepdims=True)
-        each = np.sum(share * missing, axis=2)
-        slope = np.sum(share * reflection / (1 + self.direct), axis=2)
-        common = 1 / np.maximum(self._common[steady], 1e-300)
-        mean = np.mean(self.direct)[None]
-        along = _step(common[..., None], slope[..., None], each[..., None], mean, self._prior(mean))
-        rest = missing - (slope * along)[..., None].real
-        slope = reflection / (1 + part[steady])
-        own = _step(precise, slope, rest, self.direct, self._prior(self.direct))
-        self.direct = self.direct + along + own - np.mean(own)
+    def _go(self, step: Array) -> bool:
+        """Take a step of U, or as much of it as fits better; False where nothing does."""
+        start, cost, mean = self.direct, self._cost(self.direct), np.mean(self.direct)
+        for halving in range(_HALVINGS):
+            self.direct = start + step / 2**halving
+            self._straighten()
+            if self._cost(self.direct - np.mean(self.direct) + mean) <= cost:
+                return True
+        self.direct = start
+        self._straighten()
+        return False
+
+    def _missing(self) -> tuple[Array, Array]:
+        """What U does not explain of the steady groups' magnitudes along the static paths: on each
+        subcarrier (G, 2, K), and in common (G, 2).
+        """
+        missing = (self._rises - np.log(np.abs(1 + self._part())))[self._steady]
+        precise = self._precise[self._steady]
+        return missing, np.sum(precise * missing, axis=2) / np.sum(precise, axis=2)
+
+    def _cost(self, own: Array) -> float:
+        """Negative logarithm of the posterior of U, by the prior of its mean and of ``own``."""
+        missing, each = self._missing()
+        cost = np.sum(self._precise[self._steady] * (missing - each[..., None]) ** 2)
+        cost += np.sum(each**2 / np.maximum(self._common[self._steady], 1e-300))
+        fades = np.sum(np.log(self._prior(own))) + np.log(self._prior(np.mean(self.direct)))
+        return float(cost / 2 + (self._wide + 1) * fades)
+
+    def _slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives of the magnitudes of the steady groups by U, by way of the reflections.
+
+        A change dU (K,) of U adds Re(own dU + by dR) to them, with dR = sum(turns dU); ``own`` and
+        ``by`` (G, 2, K), ``turns`` (G, 2, K).
+        """
+        reflection, part = self.reflection[self._steady][:, :, None], self._part()[self._steady]
+        share = (self._weight * np.abs(self.combined) ** 2).reshape(-1, self._wide).sum(axis=1)
+        share = share / max(float(share.sum()), 1e-300)
+        # Of the ratio v = R b(1) / b(R) that is measured, with the response b(R) = 1 + R M U.
+        along = self.direct @ self._follows
+        bent, usual = share / (1 + reflection * along), share / (1 + along)
+        turns = (reflection**2 * bent - reflection * usual) @ self._follows.T
+        turns /= bent.sum(axis=2, keepdims=True)
+        return reflection / (1 + part), self.direct / (1 + part), turns
+
+    def _step(self) -> Array:
+        """Gauss-Newton step of U (K,), from the magnitudes along the static paths."""
+        own, by, turns = (values.reshape(-1, self._rises.shape[2]) for values in self._slopes())
+        missing, each = (values.reshape(len(own), -1) for values in self._missing())
+        precise, common = self._precise[self._steady].reshape(own.shape), self._common
+        total, common = precise.sum(axis=1), common[self._steady].reshape(-1)
+        # The inverse covariance of a group is diag(p) + excess p p^T.
+        excess = 1 / (total**2 * np.maximum(common, 1e-300)) - 1 / total
+        # Rows of the real derivatives, by the real and imaginary part of U.
+        turns = np.stack(
+            [np.hstack([turns.real, -turns.imag]), np.hstack([turns.imag, turns.real])]
+        )
+        by = np.stack([by.real, -by.imag])
+        own_p = precise * by
+        beside = np.concatenate([own_p * own.real, -own_p * own.imag], axis=2)
+        mixed = np.einsum("xgk,ygk->xyg", own_p, by)
+        sums = np.concatenate([precise * own.real, -precise * own.imag], axis=1)
+        sums = sums + np.einsum("xg,xgk->gk", own_p.sum(axis=2), turns)
+        count = own.shape[1]
+        normal = np.zeros((2 * count, 2 * count))
+        diagonal = np.einsum("gk,xgk,ygk->xyk", precise, *[np.stack([own.real, -own.imag])] * 2)
+        for x in (0, 1):
+            for y in (0, 1):
+                block = np.arange(count)
+                normal[block + x * count, block + y * count] += diagonal[x, y]
+                normal += (turns[x] * mixed[x, y][:, None]).T @ turns[y]
+            cross = turns[x].T @ beside[x]
+            normal += cross + cross.T
+        normal += (sums * excess[:, None]).T @ sums
+        weighted = precise * (missing + excess[:, None] * total[:, None] * each)
+        right = np.concatenate([weighted * own.real, -weighted * own.imag], axis=1).sum(axis=0)
+        right += np.einsum("xgk,gk,xgm->m", by, weighted, turns)
+        # The prior is one of the mean, and one of every difference from it.
+        center = np.eye(count) - 1 / count
+        fades = center @ np.diag(2 / self._prior(self.direct)) @ center
+        fades += 2 / self._prior(np.mean(self.direct)) / count**2
+        normal[:count, :count] += fades
+        normal[count:, count:] += fades
+        pull = np.concatenate([fades @ self.direct.real, fades @ self.direct.imag])
+        step = np.linalg.solve(normal, right - pull)
+        return np.asarray(step[:count] + 1j * step[count:])
 
     def _uncertain(self) -> float:
         """See :class:`SolvedTags`: by the noise of the gain, and by what remains of the fit."""
-        steady, part = self._steady, self._part()
-        reflection, common = self.reflection[steady], self._common[steady]
-        error = np.mean((self._rises - np.log(np.abs(1 + part)))[steady], axis=2)
-        slope = np.mean(reflection[:, :, None] / (1 + self.direct), axis=2)
+        own, by, turns = self._slopes()
+        slope = np.mean(own + by * turns.sum(axis=2, keepdims=True), axis=2)
+        common, error = self._common[self._steady], self._missing()[1]
         raised = max(1.0, float(np.mean(error**2 / np.maximum(common, 1e-300))))
-        normal = _normal(1 / np.maximum(raised * common, 1e-300)[..., None], slope[..., None])
+        precise = 1 / np.maximum(raised * common, 1e-300)
+        jacobian = np.stack([slope.real, -slope.imag], axis=-1)
+        normal = np.einsum("gi,gix,giy->xy", precise, jacobian, jacobian)
         # While nothing is measured, two standard deviations hold 95 % of the prior.
         prior = self._power * self._wide * (_EXCEEDED ** (-1 / self._wide) - 1) / 4
-        normal = normal[0] + np.eye(2) * 2 / prior
+        normal = normal + np.eye(2) * 2 / prior
         return float(np.sqrt(2 / np.linalg.eigvalsh(normal)[0]))
 
     def _part(self) -> Array:
         """r U of every group and end, limited to what a tag can be."""
         part = self.reflection[:, :, None] * self.direct
-        return np.asarray(part * np.minimum(1, _LARGEST / np.maximum(np.abs(part), 1e-300)))
-
-
-def _normal(precise: Array, slope: Array) -> Array:
-    """Normal matrices of complex unknowns whose real part, times a slope, is measured."""
-    jacobian = np.stack([slope.real, -slope.imag], axis=-1)
-    jacobian = np.broadcast_to(jacobian, (*precise.shape, 2))
-    return np.asarray(np.einsum("gik,gikx,giky->kxy", precise, jacobian, jacobian))
-
-
-def _step(precise: Array, slope: Array, missing: Array, value: Array, prior: Array) -> Array:
-    """Gauss-Newton step of complex unknowns (K,) around 0 with prior variances."""
-    jacobian = np.broadcast_to(np.stack([slope.real, -slope.imag], axis=-1), (*precise.shape, 2))
-    right = np.einsum("gik,gikx,gik->kx", precise, jacobian, missing)
-    right = right - (2 / prior)[:, None] * np.stack([value.real, value.imag], axis=-1)
-    normal = _normal(precise, slope) + np.eye(2) * (2 / prior)[:, None, None]
-    found = np.linalg.solve(normal, right[..., None])[..., 0]
-    return np.asarray(found[:, 0] + 1j * found[:, 1])
+        return np.asarray(part * np.minimum(1, LARGEST / np.maximum(np.abs(part), 1e-300)))
