@@ -180,7 +180,8 @@ def checked_snapshots(
         rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more on which every antenna "
         raise InputError(path, rule + "receives something", int(np.count_nonzero(alive)))
     values, hertz = values[:, alive], subcarrier_hz.astype(float)[alive]
-    own = _following(values, hertz)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        own = _following(values, hertz)
     strange = int(np.count_nonzero(~own))
     if strange:
         left_out = (*left_out, (_STRANGE, strange))
