@@ -272,11 +272,12 @@ class SensorReadout:
                 values[touched, 2 * column + 1] = std[touched]
         far = np.bincount(each.row, weight * outside, minlength=count)
         flags[touched & (far > DOUBT * total)] |= Flag.AMBIGUOUS.value
-        # Flags are those of the likeliest explanation, at the middle of its common phase.
+        # Flags are those of the likeliest explanation, at the middle of its common phase. Phases
+        # that changed inside the group are those of no press.
         heavy = np.full(len(found.row), -1)
         heavy[chosen] = np.arange(len(chosen))
         codes = inverted.codes[:: len(_NODES)][heavy[likeliest[touched]]]
-        flags[touched] |= _BITS[codes]
+        flags[touched] |= np.where(found.state[likeliest[touched]] == MIXED, 0, _BITS[codes])
 
     def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
         """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
