@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <kernel/separation/clock_likelihood.h>
-#include <kernel/separation/clock_tracker.h>
+#include <kernel/clocks/clock_likelihood.h>
+#include <kernel/clocks/clock_tracker.h>
 #include <kernel/separation/coherent_residual.h>
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/noise_estimate.h>

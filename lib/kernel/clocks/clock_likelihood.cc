@@ -3,7 +3,7 @@
 
 #include "../inversion/clones.h"
 #include "../require.h"
-#include "complex_rows.h"
+#include "../separation/complex_rows.h"
 
 namespace gr::wiforce::kernel {
 
