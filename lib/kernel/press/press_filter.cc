@@ -462,6 +462,7 @@ void press_filter::claim_untouched(double probability)
         explanation next = d_kept.front();
         const auto level = next.motion.phase();
         const auto sure = next.motion.covariance();
+        const auto strength = seen_strength(next);
         const bool held = (next.is == pressed || next.is == unexplained) && !next.steady;
         next.is = untouched;
         next.known = true;
@@ -473,7 +474,7 @@ void press_filter::claim_untouched(double probability)
             next.common.reset(level[1] + apart / 2,
                               (sure.first + sure.second + 2 * sure.both) / 4);
             next.difference.reset(apart, sure.first + sure.second - 2 * sure.both);
-            next.line = seen_strength(next);
+            next.line = strength;
             next.quiet_amplitude = next.line.mean;
         }
         next.now = describe(next);
@@ -485,6 +486,13 @@ void press_filter::claim_untouched(double probability)
                 kept.is = unexplained;
                 kept.turning = false;
                 begin_press(kept);
+                if (shows_turns(kept)) {
+                    const auto caused =
+                        d_off.amplitude(change(kept, kept.motion.phase()));
+                    kept.strength.mean -= (caused[0] + caused[1]) / 2;
+                    kept.strength.difference -= caused[0] - caused[1];
+                    kept.with_common = 0;
+                }
             } else if (kept.steady)
                 hold_level(kept);
             else

@@ -219,8 +219,8 @@ class GroupCounts:
     """Counts of phase groups by outcome; together all groups that the stream spans.
 
     ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received;
-    ``flags`` counts flagged groups by word; of them ``reference`` groups belong to the reference,
-    and in ``changing`` ones a press began, ended or changed. ``interfered`` groups lack snapshots
+    ``reference`` groups belong to the reference, in ``changing`` ones something began, ended or
+    changed; ``flags`` counts the other flagged groups by word. ``interfered`` groups lack snapshots
     because of interference.
     """
 

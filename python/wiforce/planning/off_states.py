@@ -81,7 +81,7 @@ class OffStates:
                 f"{self.force_std_n:.2g} N), if they are known to {self.known_to:.2g}"
             )
         else:
-            read = f"a turn of the tag is not told from force ({at})"
+            read = f"a turn of the tag cannot be distinguished from force ({at})"
         line = f"{first}: {read}; noise of the phases times {noise}"
         if self.better is None:
             return line
@@ -103,6 +103,8 @@ def off_states(plan: Plan) -> Iterator[OffStates]:
         untouched = np.exp(1j * np.radians(sensor.model.untouched_deg(carrier_hz)))
         reflection, slope = slopes[len(slopes) // 2]
         free_std_n, error_n = _free(reflection, slope, untouched, off, noise)
+        if free_std_n > sensor.model.force_span_n[1]:
+            free_std_n = np.inf  # nothing is read by it
         known = _jacobian(reflection, slope, off, noise)[:, :2]
         switched = reflection - off
         growth = np.abs(switched) / (switched * reflection.conj()).real

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Array
+from ..estimation.phases.off_state import off_states_differ
 from ..wiforce_kernels import press_filter
 
 if TYPE_CHECKING:
@@ -171,10 +172,10 @@ def filter_of(
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - off)
     step = float(np.log(forces[1] / forces[0]))
     image = np.angle(ratios), step, np.radians(_SPREAD_DEG), parameters
-    if off[0] != off[1]:
+    if off_states_differ(off, off_std):
         return press_filter(*image, untouched_rad.tolist(), off.tolist(), off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
-    spread = float(np.log(np.abs(ratios)).mean(axis=2).std())
+    spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))
     if spread > 0:
         parameters["contact_np"] = float(np.hypot(parameters.get("contact_np", 0.05), spread))
     return press_filter(*image)

@@ -14,6 +14,7 @@ from ..estimation.groups import Array, Groups
 from ..estimation.phases.off_state import (
     corrected_phase_deg,
     off_state_error_deg,
+    off_states_differ,
     phase_on_circle_deg,
 )
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
@@ -218,7 +219,7 @@ class SensorReadout:
         without that of the common phase, which the nodes stand for.
         """
         with np.errstate(invalid="ignore"):
-            if self._off[0] != self._off[1]:
+            if off_states_differ(self._off, self._off_std):
                 # What turns the tag changes |R| of both ends as well.
                 phases, slope = phase_on_circle_deg(level, self._untouched, self._off)
             else:

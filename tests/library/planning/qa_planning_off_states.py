@@ -33,7 +33,7 @@ def test_off_states_that_differ_read_a_press_while_the_tag_turns():
 def test_equal_off_states_do_not_and_a_better_pair_is_named():
     found = judged(0.3, 0.3)
     assert found.free_std_n == np.inf and found.report()["free_std_n"] is None
-    assert found.better_std_n < 0.1 and "is not told from force" in str(found)
+    assert found.better_std_n < 0.1 and "cannot be distinguished from force" in str(found)
     assert judged(*found.better).better is None
 
 

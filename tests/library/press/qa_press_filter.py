@@ -161,14 +161,58 @@ def test_turn_at_mid_line_is_seen_where_off_states_differ(turn_deg):
         assert line == pytest.approx(turned, abs=1.0), group
 
 
-def test_claim_beside_a_press_leaves_both_possible_until_the_release():
-    press_filter, rows = filter_of(MODEL, 900e6, 0.0), rows_of(phases_of(PRESS))
-    explained(rows[:90], press_filter)
-    press_filter.claim_untouched(0.5)
-    newest = Explanations.of(press_filter.newest())
-    assert newest.weight[newest.state == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.01)
-    found = explained(rows[90:], press_filter)
+def rows_by_off_states(off, phases_deg, lost_np=0.0):
+    """Rows for groups of these phases (n, 2) with off states, and a loss at end 1 while pressed."""
+    untouched, off = np.exp(1j * np.radians(MODEL.untouched_deg())), np.asarray(off)
+    ratio = (untouched * np.exp(1j * np.radians(phases_deg)) - off) / (untouched - off)
+    rows = rows_of(np.degrees(np.angle(ratio)))
+    rows[:, 3:5] = np.log(np.abs(ratio))
+    rows[60:120, 3] -= lost_np
+    return rows
+
+
+@pytest.mark.parametrize("off", [(0, 0), (0.3, 0.3), (0.3, -0.3), (0.3j, -0.2)])
+def test_claim_beside_a_press_leaves_both_possible_until_the_release(off):
+    rows, press_filter = rows_by_off_states(off, phases_of(PRESS)), filter_of(MODEL, 900e6, off)
+    for groups in (rows[:90], rows[90:91]):
+        explained(groups, press_filter)
+        if len(groups) == 90:
+            press_filter.claim_untouched(0.5)
+        newest = Explanations.of(press_filter.newest())
+        # How uncertain the amplitudes are differs a little between both ways.
+        assert newest.weight[newest.state == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.1)
+    found = explained(rows[91:], press_filter)
     assert state_of(found, 85) == (UNTOUCHED, pytest.approx(1, abs=0.01))
+
+
+@pytest.mark.parametrize("off", [(0, 0), (0.3, -0.3)])
+def test_claim_inside_a_change_leaves_both_possible(off):
+    """The alternative died at once, and a tare that was forced on a touch was believed."""
+    phases = phases_of(PRESS)
+    phases[60] = PRESS / 3
+    rows, press_filter = rows_by_off_states(off, phases), filter_of(MODEL, 900e6, off)
+    explained(rows[:61], press_filter)
+    press_filter.claim_untouched(0.5)
+    rows[61:] = rows[60] + (rows[61:] - rows[61]) * [1, *np.zeros(12)]
+    rows[61:, 0] = rows[60, 0] + PERIOD_S * np.arange(1, len(rows) - 60)
+    explained(rows[61:63], press_filter)
+    newest = Explanations.of(press_filter.newest())
+    assert 0.2 < newest.weight[newest.state == UNTOUCHED].sum() < 0.9
+
+
+@pytest.mark.parametrize("off", [(0.3, 0.3), (0.3, 0.29), (0.02, 0)])
+def test_uneven_loss_is_a_press_where_off_states_hardly_differ(off):
+    """Estimated off states are never equal, and every press was inconsistent because of it."""
+    rows = rows_by_off_states(off, phases_of(PRESS), lost_np=0.03)
+    found = explained(rows, filter_of(MODEL, 900e6, off))
+    assert state_of(found, 100) == (PRESSED, pytest.approx(1, abs=0.01))
+
+
+@pytest.mark.parametrize("off", [0.3, -0.3])
+def test_press_at_mid_line_is_not_read_as_untouched_where_both_switches_reflect(off):
+    rows = rows_by_off_states((off, off), phases_of(MIDDLE))
+    found = explained(rows, filter_of(MODEL, 900e6, off))
+    assert found.probability(found.state == UNTOUCHED, len(rows))[100] < 0.99
 
 
 def test_reference_may_be_exchanged_at_any_time():

@@ -20,6 +20,8 @@ from ..groups import Array
 _SMALLEST_ARC_DEG = 40.0
 # Step of an off state for derivatives.
 _STEP = 1e-4
+# Loss of contacts, Np, as contact_np in lib/kernel/press/press_parameters.h.
+_CONTACT_NP = 0.05
 # An off state that is wrong by this causes phase errors of up to 1.7 deg.
 _LARGEST_STD = 0.03
 
@@ -59,6 +61,16 @@ def phase_on_circle_deg(
     switched = reflections - off
     slope = np.abs(switched) ** 2 / (switched * np.conj(reflections)).real
     return _wrapped_deg(reflections), slope
+
+
+def off_states_differ(off_reflection: Array, std: float) -> bool:
+    """Whether amplitudes distinguish a turn of the tag from a press: off states (2,), their std.
+
+    A rotation of both ends changes the difference of ln |R| by about the difference of the off
+    states, which must exceed two standard deviations of what a contact loses at one end.
+    """
+    apart = abs(complex(off_reflection[0] - off_reflection[1]))
+    return apart > max(2 * _CONTACT_NP, 5 * std)
 
 
 def off_state_error_deg(

@@ -182,6 +182,9 @@ def checked_snapshots(
     values, hertz = values[:, alive], subcarrier_hz.astype(float)[alive]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         own = _following(values, hertz)
+    if np.count_nonzero(own) < LEAST_SUBCARRIERS:
+        rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more that hold a channel"
+        raise InputError(path, rule, int(np.count_nonzero(own)))
     strange = int(np.count_nonzero(~own))
     if strange:
         left_out = (*left_out, (_STRANGE, strange))
