@@ -276,8 +276,9 @@ def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(seed, cond
         assert (np.abs(clear["force_n"] - force) < 3 * clear["force_std_n"]).all()
         assert (np.abs(clear["location_mm"] - location) < 3 * clear["location_std_mm"]).all()
         rows.append(len(clear))
-    # What the receiver does is undone; the room's change makes readings uncertain.
-    assert min(rows) == 8 if "drift_deg" in condition else max(rows) == 8
+    # What the receiver does is undone, and one group may look like a change of the press; the
+    # room's change makes readings uncertain.
+    assert min(rows) >= 7 if "drift_deg" in condition else max(rows) == 8
 
 
 @pytest.mark.parametrize(

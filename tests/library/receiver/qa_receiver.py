@@ -88,7 +88,10 @@ def readings_of(plan, groups, size, tare_at=None, tracked=False):
 
 
 def assert_equal(readings, others):
-    """The same readings but for rounding."""
+    """The same readings but for rounding.
+
+    It may move an explanation of a press across the weight of 1e-4 below which none is inverted.
+    """
     assert [(r.sensor, r.touch, r.flags) for r in readings] == [
         (r.sensor, r.touch, r.flags) for r in others
     ]
@@ -96,7 +99,7 @@ def assert_equal(readings, others):
         found, expected = (
             np.array([getattr(r, name) for r in each], float) for each in (readings, others)
         )
-        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6, err_msg=name)
 
 
 def faulty_groups(plan):
