@@ -49,8 +49,11 @@ def test_page_draws_the_press_where_it_is_with_its_covariance():
 
             def drawn(reading):
                 reader.publish(reading)
-                after = f"return page.newest === {reading.time_s} && !!document.querySelector"
-                window.wait(f"{after}('[data-sensor=skin] .press')")
+                card = "document.querySelector('[data-sensor=skin]')"
+                # The arrow follows every reading, numbers five times per second.
+                parts = f"!!{card}.querySelector('.press') && !!{card}.querySelector('.location')"
+                shown = f"{card} && {parts} && {card}.querySelector('.location').textContent"
+                window.wait(f"return page.newest === {reading.time_s} && !!({shown})")
                 return window.run(DRAWN)
 
             clear = drawn(press(1.0))
