@@ -88,7 +88,9 @@ def _numbers(name, texts):
 class LineControl:
     """Lines on a file descriptor, answers on a stream.
 
-    The end of a pipe ends the device, because the process at its other end has gone.
+    The end of a pipe ends the device, because the process at its other end has gone. In the
+    background of a terminal nothing is read: what is typed is the shell's, and the terminal would
+    stop the process.
     """
 
     def __init__(self, console, device, descriptor, out):
@@ -97,6 +99,9 @@ class LineControl:
         device.watch(descriptor, self._read)
 
     def _read(self):
+        if _in_background(self._descriptor):
+            self._device.unwatch(self._descriptor)
+            return
         data = os.read(self._descriptor, 65536)
         if not data:
             self._device.unwatch(self._descriptor)
@@ -108,6 +113,13 @@ class LineControl:
             if line.strip():
                 print(self._console.answer(line.decode("utf-8", "replace")), file=self._out)
         self._out.flush()
+
+
+def _in_background(descriptor):
+    try:
+        return os.tcgetpgrp(descriptor) != os.getpgrp()
+    except OSError:  # no terminal of this session
+        return False
 
 
 class ZmqControl:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The software N210 as a guest on a machine: what it binds, ignores, and leaves behind."""
 
+import json
 import os
+import pty
 import signal
 import socket
 import struct
@@ -16,6 +18,8 @@ import numpy as np
 import pytest
 import zmq
 from gnuradio import blocks, gr, uhd
+from gnuradio.wiforce.io.network.zmq_sockets import request
+from live_runs import free_ports
 from software_n210.air.cable import Cable
 from software_n210.command import ZmqControl
 from software_n210.device import Device
@@ -164,6 +168,40 @@ def test_device_closed_standard_input_ends_it(software_usrp):
     device = software_usrp("--air", "cable")
     device.process.stdin.close()
     assert device.process.wait(timeout=300) == 0
+
+
+# The process that a shell is: it owns the terminal and starts a job in the background.
+SHELL = """
+import fcntl, os, subprocess, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+job = subprocess.Popen(sys.argv[1:], preexec_fn=os.setpgrp)
+_, status = os.waitpid(job.pid, os.WUNTRACED)
+print("stopped" if os.WIFSTOPPED(status) else "ended", flush=True)
+job.kill()
+"""
+
+
+def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
+    """`emulate demo &` in a shell was stopped by the next command that was typed."""
+    (port,) = free_ports(1)
+    device = ["-m", "software_n210", "--air", "cable", "--bind", "127.0.211.8"]
+    device += ["--control", str(port)]
+    shell, terminal = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-c", SHELL, sys.executable, *device],
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stdout.readline().startswith("listening")
+        for word in ("status", "status", "stop"):
+            os.write(shell, b"press arm 4 45\n")
+            assert json.loads(request(str(port), word, 60.0))["ok"]
+        assert process.stdout.readline() == "ended\n"
+    os.close(shell)
+    os.close(terminal)
 
 
 def test_device_fault_in_the_past_happens_at_once(software_usrp):
