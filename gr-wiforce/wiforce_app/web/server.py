@@ -3,6 +3,7 @@
 
 import asyncio
 import contextlib
+import functools
 import ipaddress
 import json
 import logging
@@ -132,8 +133,8 @@ class PageServer:
             "length_mm": length_mm,
         }
         self._ending = asyncio.Event()
-        self._asking: set[_Viewer] = set()
-        self._asked = False
+        # Viewers who wait for an answer, for each tare that is pending: plain (False) or forced.
+        self._asking: dict[bool, set[_Viewer]] = {}
 
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Serve until `end` is called.
@@ -176,20 +177,24 @@ class PageServer:
         ask = getattr(self.source, "tare", None)
         if ask is None:
             return
-        self._asking.add(viewer)
-        if not self._asked:
-            ask(self._take_answer, force)
-            self._asked = bool(self._asking)
+        # A pending forced tare answers plain requests too; the answer to a plain one may be a
+        # refusal, which must not be that to a forced one.
+        forced = force or True in self._asking
+        if forced in self._asking:
+            self._asking[forced].add(viewer)
+            return
+        self._asking[forced] = {viewer}
+        ask(functools.partial(self._take_answer, forced), forced)
 
     def forget(self, viewer: "_Viewer") -> None:
         """Keep nothing of a viewer who has gone."""
         self.viewers.discard(viewer)
-        self._asking.discard(viewer)
+        for asking in self._asking.values():
+            asking.discard(viewer)
 
-    def _take_answer(self, answer: dict[str, Any]) -> None:
+    def _take_answer(self, forced: bool, answer: dict[str, Any]) -> None:
         text = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
-        asking, self._asking, self._asked = self._asking, set(), False
-        for viewer in asking:
+        for viewer in self._asking.pop(forced):
             viewer.answer = text
 
     def _tick(self, final: bool = False) -> None:

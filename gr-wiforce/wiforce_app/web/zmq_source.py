@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
@@ -21,6 +22,15 @@ _MOST_MESSAGES = 2000
 _LONGEST_POLL_S = 0.05
 # ZMQ keeps up to 1000 messages that wait. A heartbeat has 150 bytes for each sensor.
 _LONGEST_MESSAGE = 64 << 10
+
+
+@dataclass
+class _Request:
+    """A request for a tare, and who takes its answer."""
+
+    socket: Any
+    sent_s: float
+    answers: list[Callable[[dict[str, Any]], None]] = field(default_factory=list)
 
 
 class ZmqSource:
@@ -46,9 +56,7 @@ class ZmqSource:
         self._context = zmq.Context()
         self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
         self._subscriber.subscribe("")
-        self._asked: Any = None
-        self._asked_s = 0.0
-        self._answers: list[Callable[[dict[str, Any]], None]] = []
+        self._asked: dict[bool, _Request] = {}  # pending tares, plain (False) or forced
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
@@ -69,11 +77,11 @@ class ZmqSource:
             if not self._subscriber.poll(0) or time.monotonic() > end_s:
                 break
             self._take(loaded(self._subscriber.recv()), page_state)
-        self._take_answer()
+        self._take_answers()
         page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare; a request during another one shares its answer.
+        """Request a tare; a request during another one of its kind shares its answer.
 
         ``answer``: takes what the reader answers: ``ok`` and, where it refuses, ``error``;
         ``force``: also while a sensor seems touched.
@@ -83,11 +91,11 @@ class ZmqSource:
         if self._control is None:
             answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
             return
-        if self._asked is None:
-            self._asked = self._connected(zmq.REQ, self._control, "--control")
-            self._asked.send_string("tare force" if force else "tare")
-            self._asked_s = self._now()
-        self._answers.append(answer)
+        if force not in self._asked:
+            asked = _Request(self._connected(zmq.REQ, self._control, "--control"), self._now())
+            asked.socket.send_string("tare force" if force else "tare")
+            self._asked[force] = asked
+        self._asked[force].answers.append(answer)
 
     def give_up(self, reason: str) -> None:
         """Expect no more messages."""
@@ -97,8 +105,8 @@ class ZmqSource:
     def close(self) -> None:
         """Give the sockets back."""
         self._subscriber.close(linger=0)
-        if self._asked is not None:
-            self._asked.close(linger=0)
+        for asked in self._asked.values():
+            asked.socket.close(linger=0)
         self._context.term()
 
     def _connected(self, kind: int, endpoint: str, option: str) -> Any:
@@ -128,20 +136,19 @@ class ZmqSource:
         page_state.follow(message.get("run"))
         self._shown = status_of(message)
 
-    def _take_answer(self) -> None:
-        if self._asked is None:
-            return
-        if self._asked.poll(0):
-            answer = loaded(self._asked.recv())
-            self._finish({"ok": answer.get("ok") is True, "error": text(answer.get("error"))})
-        elif self._now() - self._asked_s > _ANSWER_S:
-            self._finish({"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"})
-
-    def _finish(self, answer: dict[str, Any]) -> None:
-        self._asked.close(linger=0)
-        answers, self._asked, self._answers = self._answers, None, []
-        for take in answers:
-            take(answer)
+    def _take_answers(self) -> None:
+        for force, asked in list(self._asked.items()):
+            if asked.socket.poll(0):
+                taken = loaded(asked.socket.recv())
+                answer = {"ok": taken.get("ok") is True, "error": text(taken.get("error"))}
+            elif self._now() - asked.sent_s > _ANSWER_S:
+                answer = {"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"}
+            else:
+                continue
+            asked.socket.close(linger=0)
+            del self._asked[force]
+            for take in asked.answers:
+                take(answer)
 
     def _status(self) -> dict[str, Any]:
         status = {**self._shown, "source": self._name, "can_tare": self.can_tare}

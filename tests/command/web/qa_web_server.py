@@ -439,25 +439,76 @@ def test_viewers_that_ask_and_leave_are_forgotten():
 
     source = Silent()
     with serving(source) as (url, page):
+
+        def waiting():
+            return any(page._asking.values())
+
         for _ in range(5):
             with closing(RawViewer(url)) as viewer:
                 viewer.send("tare")
                 deadline = time.monotonic() + 60
-                while not page._asking:
+                while not waiting():
                     assert time.monotonic() < deadline, "not asked"
                     time.sleep(0.01)
-            while page._asking:
+            while waiting():
                 assert time.monotonic() < deadline, "the viewer is still kept"
                 time.sleep(0.01)
         assert source.asked == 1
         with closing(RawViewer(url)) as viewer:
             viewer.send("tare")
-            while not page._asking:
+            while not waiting():
                 time.sleep(0.01)
             source.answer({"ok": True})
             while "answer" not in (message := viewer.message()):
                 pass
         assert message["answer"]["ok"] is True
+
+
+def test_forced_tare_is_asked_beside_a_pending_plain_one():
+    """The forced one shared the other's answer, a refusal, and was never asked for."""
+
+    class Pending(NoSource):
+        def __init__(self):
+            self.asked = []
+
+        def tare(self, answer, force=False):
+            self.asked.append((force, answer))
+
+    def answer_of(viewer):
+        while "answer" not in (message := viewer.message()):
+            pass
+        return message["answer"]
+
+    source = Pending()
+    with serving(source) as (url, page), closing(RawViewer(url)) as viewer:
+        for word, asked in (("tare", 1), ("tare force", 2), ("tare", 2)):
+            viewer.send(word)
+            deadline = time.monotonic() + 60
+            while len(source.asked) < asked or not any(page._asking.values()):
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        assert [force for force, _ in source.asked] == [False, True]
+        source.asked[0][1]({"ok": False, "error": "tare refused: arm is touched"})
+        assert not answer_of(viewer)["ok"]
+        source.asked[1][1]({"ok": True})
+        assert answer_of(viewer)["ok"] and not page._asking
+
+
+def test_zmq_source_asks_for_a_forced_tare_beside_a_pending_plain_one():
+    answers = []
+    with publishing() as reader:
+        reader.refusal = "arm is touched"
+        with closing(ZmqSource(reader.readings, reader.control)) as source:
+            for force in (False, False, True):
+                source.tare(lambda answer, force=force: answers.append((force, answer)), force)
+            while len(answers) < 3:
+                source.poll(PageState(30.0))
+        assert (reader.tares, reader.forced) == (1, 1)
+    assert sorted((force, answer["ok"]) for force, answer in answers) == [
+        (False, False),
+        (False, False),
+        (True, True),
+    ]
 
 
 def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):

@@ -118,7 +118,7 @@ function takeAnswer(answer) {
   page.answered = JSON.stringify(page.status.tare ?? null);
 }
 
-// Who was refused may know better than the reader.
+// The reader refuses what it takes for a touch; the user can see whether anything is touched.
 function askToForce(refusal) {
   byId("refusal").textContent = refusal;
   byId("force").showModal();
