@@ -7,6 +7,7 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.network.zmq_sockets import request
+from gnuradio.wiforce.io.readings import outcome_words
 
 from ..shell.options import FiniteRange, client_keys
 
@@ -77,7 +78,7 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
 
 def _lines(answer, problems):
     if answer and answer.get("ok") is not False:
-        groups = ", ".join(f"{count} {kind}" for kind, count in answer["groups"].items())
+        groups = outcome_words(answer["groups"])
         yield f"run {answer['run']}: {answer['state']}, {answer['time_s']:.1f} s, groups: {groups}"
         tare = answer["tare"]
         if tare["state"] != "none":

@@ -6,7 +6,7 @@ import enum
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
@@ -215,6 +215,15 @@ def rounded(key: str, value: float) -> float | None:
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
 
+# Words for what the counts below are called in messages to programs.
+_OUTCOMES = {"clear": "usable", "flagged": "flagged", "dropped": "lost"}
+
+
+def outcome_words(counts: Mapping[str, int]) -> str:
+    """Numbers of groups by outcome, as :meth:`GroupCounts.asdict` has them, in words."""
+    return ", ".join(f"{count} {_OUTCOMES.get(key, key)}" for key, count in counts.items())
+
+
 class GroupCounts:
     """Counts of phase groups by outcome; together all groups that the stream spans.
 
@@ -267,8 +276,7 @@ class GroupCounts:
 
     def short(self) -> str:
         """Number of groups by outcome, in words."""
-        outcomes = ", ".join(f"{count} {outcome}" for outcome, count in self.asdict().items())
-        return f"{self.groups} groups: {outcomes}"
+        return f"{self.groups} groups: {outcome_words(self.asdict())}"
 
     def __str__(self) -> str:
         doubtful = self.flagged - self.reference - self.changing
