@@ -11,8 +11,8 @@ import numpy as np
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words
+from ..wiforce_kernels import receiver_steps
 from .explanations import Explanations
-from .receiver_steps import ReceiverSteps
 from .sensor_readout import SensorReadout, as_arrays
 from .surface_readout import SurfaceReadout
 
@@ -65,7 +65,7 @@ class Readout:
         self.sensors, self._surface = sensors, surface
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
-        self._steps = ReceiverSteps(group_period_s)
+        self._steps = receiver_steps(group_period_s)
         self._waiting: Groups | None = None
         self._flags: Array = np.zeros((0, len(sensors)), np.int64)  # of the group that waits
         self.on_groups = on_groups
@@ -88,7 +88,9 @@ class Readout:
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
-        receiver = self._steps.process(groups)
+        receiver = self._steps.process(
+            groups.static, groups.ratios, groups.reference_power, groups.locked
+        )
         taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
         flags = np.concatenate([self._flags, np.stack([f for _, f in taken], axis=1)])
         begins = self._waiting is None

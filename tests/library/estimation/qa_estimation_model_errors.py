@@ -16,7 +16,7 @@ from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.lines import centered_times_s, clutter_basis
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.wiforce_kernels import coherent_residual
+from gnuradio.wiforce.wiforce_kernels import coherent_residual, conjugate_difference
 
 WAVEFORM = sounding_waveform()
 PERIOD_S = 0.036
@@ -91,6 +91,16 @@ def received_with(image, channel):
     return channel + image * image_of(channel, WAVEFORM)
 
 
+def compared(check, ends, reference, noise):
+    """Changes of ends (G, 2, K) by noise of this variance, and factors of their variance."""
+    groups, gain = len(ends), np.ones((len(ends), 2))
+    variance = np.full((groups, ends.shape[2]), noise)
+    changes, factor, *_ = conjugate_difference(
+        ends, gain, variance, None, reference, np.zeros(2), check.by(reference)
+    )
+    return changes, factor
+
+
 @pytest.mark.parametrize("image_db, limit_deg", [(-40, 0.001), (-30, 0.003), (-20, 0.03)])
 def test_image_of_unbalanced_receiver_does_not_change_phases(image_db, limit_deg):
     """An image at -30 dB would turn readings by up to 0.8 deg without a word."""
@@ -101,11 +111,8 @@ def test_image_of_unbalanced_receiver_does_not_change_phases(image_db, limit_deg
     untouched = received_with(level, channel)
     turns = np.radians(np.array([[10.0, -70.0], [120.0, 95.0]]))
     pressed = received_with(level, np.exp(1j * turns)[:, :, None] * channel)
-    check = ProfileCheck(WAVEFORM, 2)
-    weights = np.full((2, 62), 1 / 62)
-    gain, noise = np.full((2, 2), 1.0), np.full((2, 62), 1e-12)
-    ends, factor = check.process(pressed, untouched, weights, gain, noise)
-    ratios = np.einsum("gek,ek->ge", ends, untouched.conj())
+    changes, factor = compared(ProfileCheck(WAVEFORM, 2), pressed, untouched, 1e-12)
+    ratios = changes.mean(axis=2)
     # To second order; what is left grows with the third power of the image.
     assert np.abs(np.degrees(np.angle(ratios) - turns)).max() < limit_deg
     assert factor.max() < 1.3  # the noise along the image's profile, and nothing else
@@ -116,11 +123,8 @@ def test_image_that_is_not_there_costs_no_accuracy():
     rng, groups = np.random.default_rng(6), 4000
     channel = np.ones((2, 62), complex)
     noise = 0.1 * normal(rng, groups, 2, 62)
-    weights = np.full((groups, 62), 1 / 62)
-    ends, factor = ProfileCheck(WAVEFORM, 2).process(
-        channel + noise, channel, weights, np.ones((groups, 2)), np.full((groups, 62), 0.01)
-    )
-    spread = np.std(np.mean(ends.imag, axis=2)) / np.std(np.mean(noise.imag, axis=2))
+    changes, factor = compared(ProfileCheck(WAVEFORM, 2), channel + noise, channel, 0.01)
+    spread = np.std(np.mean(changes.imag, axis=2)) / np.std(np.mean(noise.imag, axis=2))
     assert spread < 1.02
     assert np.mean(factor > 1.1) < 0.15 and np.median(factor) == 1
 
@@ -131,13 +135,11 @@ def test_channel_with_another_path_raises_the_variance():
     channel = np.ones((2, 62), complex)
     late = np.exp(-2j * np.pi * 0.1 * WAVEFORM.subcarriers / 5.12)  # by 100 ns
     noise = 0.01 * normal(rng, groups, 2, 62)
-    gain, variance = np.ones((groups, 2)), np.full((groups, 62), 1e-4)
     check = ProfileCheck(WAVEFORM, 2)
-    weights = np.full((groups, 62), 1 / 62)
-    _, factor = check.process(channel + 0.03 * late + noise, channel, weights, gain, variance)
+    _, factor = compared(check, channel + 0.03 * late + noise, channel, 1e-4)
     assert factor.min() > 30
     check.reset()
-    _, factor = check.process(channel + noise, channel, weights, gain, variance)
+    _, factor = compared(check, channel + noise, channel, 1e-4)
     assert np.median(factor) == 1
 
 

@@ -6,7 +6,7 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
-from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference, subcarrier_weights
+from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference
 from long_cases import cases
 from plain import WAVEFORM, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 
@@ -40,11 +40,6 @@ def averaged(groups, difference, tare_at=None):
 def angles_of(groups, end=0):
     """arg R in degrees of one end."""
     return np.degrees(np.angle(groups.ratios[:, end]))
-
-
-def test_subcarrier_weights_are_those_of_maximum_ratio_combining():
-    noise = np.array([1.0, 4.0, 0.5])
-    assert subcarrier_weights(noise) == pytest.approx(np.array([1, 0.25, 2]) / 3.25)
 
 
 def test_ratio_equals_the_weighted_conjugate_product_over_the_reference():

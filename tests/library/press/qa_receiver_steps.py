@@ -2,8 +2,7 @@
 """Steps of the receiver in the static path, beside presses that change it as well."""
 
 import numpy as np
-from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.press.receiver_steps import ReceiverSteps
+from gnuradio.wiforce.wiforce_kernels import receiver_steps
 
 GROUPS, TAG = 40, 0.01  # amplitude of the tag over the static path
 
@@ -16,13 +15,8 @@ def test_presses_do_not_hide_a_small_step_that_follows():
     static = static + 0.25 * TAG * pressed[:, None]
     static[28:] *= 1j  # while a press ends
     static[38:] *= np.exp(1j * np.radians(0.25))
-    groups = Groups(
-        np.arange(GROUPS),
-        static=static,
-        ratios=np.repeat(pressed[:, None], 2, axis=1),
-        locked=np.ones((GROUPS, 1), bool),
-        reference_power=np.full((GROUPS, 2), TAG**2 / 2),
-    )
-    turn, _, variance = ReceiverSteps(0.144).process(groups)[38]
+    ratios = np.repeat(pressed[:, None], 2, axis=1)
+    power, locked = np.full((GROUPS, 2), TAG**2 / 2), np.ones((GROUPS, 1), bool)
+    turn, _, variance = receiver_steps(0.144).process(static, ratios, power, locked)[38]
     assert abs(np.degrees(turn) - 0.25) < 1e-3
     assert abs(turn) > 5 * np.sqrt(variance)

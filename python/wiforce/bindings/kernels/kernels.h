@@ -13,6 +13,7 @@
 #include <vector>
 
 void bind_inversion(pybind11::module& m);
+void bind_phases(pybind11::module& m);
 void bind_press(pybind11::module& m);
 void bind_recordings(pybind11::module& m);
 void bind_screening(pybind11::module& m);
@@ -22,6 +23,22 @@ void bind_tones(pybind11::module& m);
 // Any array of numbers, row by row.
 template <class T>
 using array = pybind11::array_t<T, pybind11::array::c_style | pybind11::array::forcecast>;
+
+using complex_array = array<std::complex<double>>;
+using shape = std::vector<pybind11::ssize_t>;
+
+template <class T>
+void require_shape(const array<T>& values, const shape& wanted, const char* rule)
+{
+    if (shape(values.shape(), values.shape() + values.ndim()) != wanted)
+        throw std::invalid_argument(rule);
+}
+
+template <class T>
+pybind11::array_t<T> copy(const std::vector<T>& values, const shape& of)
+{
+    return pybind11::array_t<T>(of, values.data());
+}
 
 template <class T>
 std::vector<T> flat(const array<T>& values)

@@ -40,6 +40,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
 {
     py::register_local_exception_translator(translate_refusal);
     bind_inversion(m);
+    bind_phases(m);
     bind_press(m);
     bind_recordings(m);
     bind_screening(m);

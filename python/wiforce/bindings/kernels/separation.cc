@@ -7,7 +7,6 @@
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_expansion.h>
-#include <kernel/separation/profile_check.h>
 
 #include <pybind11/stl.h>
 
@@ -19,27 +18,11 @@ using namespace gr::wiforce::kernel;
 
 namespace {
 
-using complex_array = array<std::complex<double>>;
-using shape = std::vector<py::ssize_t>;
-
-template <class T>
-void require_shape(const array<T>& values, const shape& wanted, const char* rule)
-{
-    if (shape(values.shape(), values.shape() + values.ndim()) != wanted)
-        throw std::invalid_argument(rule);
-}
-
 // An array that belongs to another object.
 template <class T>
 py::array_t<T> view(std::vector<T>& values, const shape& of, const py::object& owner)
 {
     return py::array_t<T>(of, values.data(), owner);
-}
-
-template <class T>
-py::array_t<T> copy(const std::vector<T>& values, const shape& of)
-{
-    return py::array_t<T>(of, values.data());
 }
 
 // A member of an end_fit as an array over its groups.
@@ -206,53 +189,6 @@ py::tuple follow(noise_estimate& noise,
                           copy(found.inverse, { count, subcarriers }),
                           copy(found.variance, { count, subcarriers }),
                           static_cast<int>(found.outcome));
-}
-
-void set_reference(profile_check& check,
-                   const complex_array& reference,
-                   const complex_array& image,
-                   const complex_array& other)
-{
-    const py::ssize_t ends = check.ends(), subcarriers = check.subcarriers();
-    const char* const rule = "profile_check: reference and image must have shape (E, K)";
-    require_shape(reference, { ends, subcarriers }, rule);
-    require_shape(image, { ends, subcarriers }, rule);
-    if (other.ndim() != 3 || other.shape(0) != ends || other.shape(2) != subcarriers ||
-        !other.shape(1))
-        throw std::invalid_argument("profile_check: other must have shape (E, D, K)");
-    check.set_reference(flat(reference), flat(image), flat(other));
-}
-
-py::tuple check_profiles(profile_check& check,
-                         const complex_array& ends,
-                         const array<double>& weights,
-                         const array<double>& gain,
-                         const array<double>& noise,
-                         const std::optional<array<double>>& raised)
-{
-    const py::ssize_t groups = weights.ndim() ? weights.shape(0) : 0,
-                      count = check.ends(), subcarriers = check.subcarriers();
-    const shape by_subcarrier{ groups, subcarriers };
-    require_shape(ends,
-                  { groups, count, subcarriers },
-                  "profile_check: ends must have shape (G, E, K)");
-    require_shape(gain, { groups, count }, "profile_check: gain must have shape (G, E)");
-    const char* const rule = "profile_check: weights and noise must have shape (G, K)";
-    require_shape(weights, by_subcarrier, rule);
-    require_shape(noise, by_subcarrier, rule);
-    if (raised)
-        require_shape(*raised, by_subcarrier, rule);
-    auto cleaned = flat(ends);
-    py::array_t<double> factors(shape{ groups, count });
-    for (py::ssize_t group = 0; group < groups; group++) {
-        const auto found = check.process(cleaned.data() + group * count * subcarriers,
-                                         { weights.data(group, 0),
-                                           noise.data(group, 0),
-                                           raised ? raised->data(group, 0) : nullptr,
-                                           gain.data(group, 0) });
-        std::copy(found.begin(), found.end(), factors.mutable_data(group, 0));
-    }
-    return py::make_tuple(copy(cleaned, { groups, count, subcarriers }), factors);
 }
 
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
@@ -499,30 +435,6 @@ void bind_separation(py::module& m)
              "sigma_k^2.\n"
              "Gives the factors (G, E), at least 1, and whether something lasting is "
              "received on the\nlines of each end that is no noise (G, E).");
-    py::class_<profile_check>(m,
-                              "profile_check",
-                              "Removes the image from the channels of E ends on K "
-                              "subcarriers, and compares the "
-                              "rest\nwith the reference.")
-        .def(py::init<std::size_t, std::size_t>(), "ends"_a, "subcarriers"_a)
-        .def("reset", &profile_check::reset, "Forget the groups so far.")
-        .def("set_reference",
-             &set_reference,
-             "reference"_a,
-             "image"_a,
-             "other"_a,
-             "reference, image: (E, K), of the untouched sensor. other: (E, D, K), the "
-             "conjugate of\nother delay profiles.")
-        .def("process",
-             &check_profiles,
-             "ends"_a,
-             "weights"_a,
-             "gain"_a,
-             "noise"_a,
-             "raised"_a,
-             "ends: (G, E, K). weights, noise: (G, K). gain: (G, E). raised: (G, K), or "
-             "None.\nGives the ends without their image, and the factors (G, E) by which "
-             "the variance of R\nexceeds that of noise.");
     py::class_<noise_estimate>(
         m,
         "noise_estimate",

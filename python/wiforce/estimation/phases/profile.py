@@ -48,30 +48,14 @@ class ProfileCheck:
         """Forget the groups so far, for a new reference."""
         self._kernel.reset()
 
-    def process(
-        self,
-        ends: Array,
-        reference: Array,
-        weights: Array,
-        gain: Array,
-        noise: Array,
-        raised: Array | None = None,
-    ) -> tuple[Array, Array]:
-        """Remove the image from V (G, 2S, K), and compare what remains with the reference.
-
-        Returns V without its image, and the factor (G, 2S), at least 1, by which the variance of R
-        exceeds that of noise. ``reference`` (2S, K) is 0 for an end without one; the weights (G, K)
-        sum to 1; ``gain`` (G, 2S) is the variance of V - R V_ref over that of H, infinite where an
-        end was not received; ``noise`` (G, K) is the variance of H. Subcarriers that ``raised``
-        (``Groups.noise_rise``) count less when profiles are compared.
-        """
+    def by(self, reference: Array) -> profile_check:
+        """What compares with the ``reference`` (2S, K), which is 0 for an end without one."""
         known = self._reference
         if known is None or not (known is reference or np.array_equal(known, reference)):
             image, other = image_of(reference, self._waveform), self._other_profiles(reference)
             self._kernel.set_reference(reference, image, other.swapaxes(1, 2).conj())
             self._reference = reference
-        cleaned, factor = self._kernel.process(ends, weights, gain, noise, raised)
-        return cleaned, factor
+        return self._kernel
 
     def _other_profiles(self, reference: Array) -> Array:
         """Orthonormal delay profiles around each end's delay, orthogonal to its channel."""

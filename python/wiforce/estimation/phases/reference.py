@@ -7,7 +7,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.waveform import Waveform
-from ..group_tones import power_of
+from ...wiforce_kernels import conjugate_difference
 from ..groups import Array, Groups
 from .profile import ProfileCheck
 
@@ -102,20 +102,6 @@ class NewReference:
             # Before a silent tag is dropped its ends are still solved for, and are noise.
             received = received & np.repeat(group.locked[0], 2)
         self.sums.add(group, received)
-
-
-# An end is flagged when more than 20 % of its energy plus three times its noise do not have the
-# reference's profile over the subcarriers (docs/data/thresholds.csv).
-_RESHAPED_SHARE, _RESHAPED_NOISE = 0.2, 3.0
-# Smallest share of the reference's power that is left when its noise is subtracted: R stays finite
-# where the reference is mostly noise.
-_LEAST_POWER = 0.05
-
-
-def subcarrier_weights(noise: Array) -> Array:
-    """Maximum-ratio weights w_k = 1 / sigma_k^2, (..., K), scaled to sum to 1."""
-    weights = 1 / np.asarray(noise, float)
-    return weights / weights.sum(axis=-1, keepdims=True)
 
 
 class ConjugateDifference:
@@ -345,35 +331,16 @@ class ConjugateDifference:
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
     ) -> Groups:
         count = len(groups)
-        weights = subcarrier_weights(groups.noise)
-        # The weighted mean of the noise itself: K over the sum of 1 / sigma_k^2.
-        mean_noise = (weights * groups.noise).sum(axis=1)[:, None]
-        power = weights @ (np.abs(reference) ** 2).T
-        # Noise in the reference adds to its power and would bias |R| towards 0.
-        noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
-        power = np.where(
-            self._sums.precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0
+        check = None if self._profile is None else self._profile.by(reference)
+        changes, gain, power, reshaped = conjugate_difference(
+            groups.ends,
+            groups.gain,
+            groups.noise,
+            groups.noise_rise,
+            reference,
+            reference_gain,
+            check,
         )
-        if self._profile is not None:
-            ends, factor = self._profile.process(
-                groups.ends,
-                reference,
-                weights,
-                groups.gain + reference_gain,
-                groups.noise,
-                groups.noise_rise,
-            )
-            gain = groups.gain * factor
-        else:
-            ends, gain = groups.ends, groups.gain
-        with np.errstate(divide="ignore"):
-            scale = np.where(power > 0, 1 / power, 0)
-        changes = ends * (reference.conj() * scale[:, :, None])
-        # A press rotates all subcarriers equally. The residual V - R V_ref is noise, unless the tag
-        # was moved or the frame timing has shifted.
-        energy = (power_of(ends) @ weights[:, :, None])[:, :, 0]
-        explained = power_of((changes @ weights[:, :, None])[:, :, 0]) * power
-        own_noise = np.where(np.isfinite(gain), gain, 0) * mean_noise
         restarts, steps = groups.new_reference, groups.reference_step
         if restarts is None:
             restarts = np.zeros(count, bool)
@@ -386,7 +353,7 @@ class ConjugateDifference:
             reference_step=steps,
             in_reference=in_reference,
             late_reference=self._late[None].repeat(count, axis=0),
-            reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,
+            reshaped=reshaped,
             reference_power=power,
             reference_gain=reference_gain[None].repeat(count, axis=0),
         )

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernels.h"
+
+#include <kernel/phases/conjugate_difference.h>
+#include <kernel/phases/receiver_steps.h>
+
+#include <pybind11/stl.h>
+
+#include <optional>
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
+
+namespace {
+
+void set_reference(profile_check& check,
+                   const complex_array& reference,
+                   const complex_array& image,
+                   const complex_array& other)
+{
+    const py::ssize_t ends = check.ends(), subcarriers = check.subcarriers();
+    const char* const rule = "profile_check: reference and image must have shape (E, K)";
+    require_shape(reference, { ends, subcarriers }, rule);
+    require_shape(image, { ends, subcarriers }, rule);
+    if (other.ndim() != 3 || other.shape(0) != ends || other.shape(2) != subcarriers ||
+        !other.shape(1))
+        throw std::invalid_argument("profile_check: other must have shape (E, D, K)");
+    check.set_reference(flat(reference), flat(image), flat(other));
+}
+
+py::tuple difference_of(const complex_array& ends,
+                        const array<double>& gain,
+                        const array<double>& noise,
+                        const std::optional<array<double>>& noise_rise,
+                        const complex_array& reference,
+                        const array<double>& reference_gain,
+                        profile_check* check)
+{
+    if (ends.ndim() != 3)
+        throw std::invalid_argument("ends must have shape (G, E, K)");
+    const py::ssize_t groups = ends.shape(0), count = ends.shape(1),
+                      subcarriers = ends.shape(2);
+    const shape by_end{ groups, count }, by_subcarrier{ groups, subcarriers };
+    require_shape(gain, by_end, "gain must have shape (G, E)");
+    require_shape(noise, by_subcarrier, "noise must have shape (G, K)");
+    if (noise_rise)
+        require_shape(*noise_rise, by_subcarrier, "noise_rise must have shape (G, K)");
+    require_shape(reference, { count, subcarriers }, "reference must have shape (E, K)");
+    require_shape(reference_gain, { count }, "reference_gain must have shape (E,)");
+    if (check && (check->ends() != std::size_t(count) ||
+                  check->subcarriers() != std::size_t(subcarriers)))
+        throw std::invalid_argument("check must be of E ends and K subcarriers");
+    complex_array changes(shape{ groups, count, subcarriers });
+    std::copy_n(ends.data(), ends.size(), changes.mutable_data());
+    array<double> gains(by_end), power(by_end);
+    array<bool> reshaped(by_end);
+    for (py::ssize_t group = 0; group < groups; group++) {
+        const auto found =
+            conjugate_difference({ changes.mutable_data(group, 0, 0),
+                                   gain.data(group, 0),
+                                   noise.data(group, 0),
+                                   noise_rise ? noise_rise->data(group, 0) : nullptr },
+                                 { reference.data(), reference_gain.data() },
+                                 count,
+                                 subcarriers,
+                                 check);
+        std::copy(found.gain.begin(), found.gain.end(), gains.mutable_data(group, 0));
+        std::copy(found.power.begin(), found.power.end(), power.mutable_data(group, 0));
+        std::copy(found.reshaped.begin(),
+                  found.reshaped.end(),
+                  reshaped.mutable_data(group, 0));
+    }
+    return py::make_tuple(changes, gains, power, reshaped);
+}
+
+py::tuple average_of(const complex_array& changes,
+                     const array<double>& noise,
+                     const array<double>& gain,
+                     const array<double>& reference_gain,
+                     const array<double>& reference_power)
+{
+    if (changes.ndim() != 3)
+        throw std::invalid_argument("changes must have shape (G, E, K)");
+    const py::ssize_t groups = changes.shape(0), ends = changes.shape(1),
+                      subcarriers = changes.shape(2);
+    const shape by_end{ groups, ends };
+    require_shape(noise, { groups, subcarriers }, "noise must have shape (G, K)");
+    const char* const rule = "gains and reference_power must have shape (G, E)";
+    for (const auto* each : { &gain, &reference_gain, &reference_power })
+        require_shape(*each, by_end, rule);
+    complex_array ratios(by_end);
+    array<double> std_deg(by_end);
+    for (py::ssize_t group = 0; group < groups; group++)
+        for (py::ssize_t end = 0; end < ends; end++) {
+            const auto found = subcarrier_average(changes.data(group, end, 0),
+                                                  noise.data(group, 0),
+                                                  subcarriers,
+                                                  gain.at(group, end),
+                                                  reference_gain.at(group, end),
+                                                  reference_power.at(group, end));
+            *ratios.mutable_data(group, end) = found.value;
+            *std_deg.mutable_data(group, end) = found.phase_std_deg;
+        }
+    return py::make_tuple(ratios, std_deg);
+}
+
+array<double> steps_of(receiver_steps& steps,
+                       const std::optional<complex_array>& static_path,
+                       const complex_array& ratios,
+                       const array<double>& reference_power,
+                       const array<bool>& locked)
+{
+    if (ratios.ndim() != 2)
+        throw std::invalid_argument("ratios must have shape (G, E)");
+    const py::ssize_t groups = ratios.shape(0), ends = ratios.shape(1);
+    array<double> changes(shape{ groups, 3 });
+    const auto set = [&](py::ssize_t group, const receiver_steps::change& found) {
+        double* const row = changes.mutable_data(group, 0);
+        row[0] = found.turn;
+        row[1] = found.gain;
+        row[2] = found.variance;
+    };
+    if (!static_path) {
+        for (py::ssize_t group = 0; group < groups; group++)
+            set(group, receiver_steps::none());
+        return changes;
+    }
+    if (static_path->ndim() != 2 || static_path->shape(0) != groups)
+        throw std::invalid_argument("static must have shape (G, K)");
+    require_shape(
+        reference_power, { groups, ends }, "reference_power must have shape (G, E)");
+    require_shape(locked, { groups, ends / 2 }, "locked must have shape (G, E / 2)");
+    for (py::ssize_t group = 0; group < groups; group++)
+        set(group,
+            steps.next({ static_path->data(group, 0),
+                         ratios.data(group, 0),
+                         reference_power.data(group, 0),
+                         locked.data(group, 0),
+                         std::size_t(static_path->shape(1)),
+                         std::size_t(ends) }));
+    return changes;
+}
+
+} // namespace
+
+void bind_phases(py::module& m)
+{
+    py::class_<profile_check>(m,
+                              "profile_check",
+                              "Removes the image from the channels of E ends on K "
+                              "subcarriers, and compares the "
+                              "rest\nwith the reference.")
+        .def(py::init<std::size_t, std::size_t>(), "ends"_a, "subcarriers"_a)
+        .def("reset", &profile_check::reset, "Forget the groups so far.")
+        .def("set_reference",
+             &set_reference,
+             "reference"_a,
+             "image"_a,
+             "other"_a,
+             "reference, image: (E, K), of the untouched sensor. other: (E, D, K), the "
+             "conjugate of\nother delay profiles.");
+    m.def(
+        "conjugate_difference",
+        &difference_of,
+        "ends"_a,
+        "gain"_a,
+        "noise"_a,
+        "noise_rise"_a,
+        "reference"_a,
+        "reference_gain"_a,
+        "check"_a,
+        "Changes V conj(V_ref) over the reference's power (G, E, K), the gain of V with "
+        "what\ndeviates from its profile, the reference's power, and whether an end is "
+        "reshaped (G, E).\n\nends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: "
+        "(G, K), or None. reference: (E, K).\nreference_gain: (E,). check: "
+        "profile_check with this reference, or None.");
+    m.def("subcarrier_average",
+          &average_of,
+          "changes"_a,
+          "noise"_a,
+          "gain"_a,
+          "reference_gain"_a,
+          "reference_power"_a,
+          "Ratios R and the standard deviations of their phases in degrees, (G, E).\n\n"
+          "changes: (G, E, K). noise: (G, K). The others: (G, E).");
+    py::class_<receiver_steps>(
+        m,
+        "receiver_steps",
+        "Steps of the receiver's phase and gain, as the static path shows them.")
+        .def(py::init<double>(), "group_period_s"_a)
+        .def("process",
+             &steps_of,
+             "static"_a,
+             "ratios"_a,
+             "reference_power"_a,
+             "locked"_a,
+             "Turn in rad, gain in Np and the variance of each while the receiver does "
+             "not step (G, 3),\nsince the group before.\n\nstatic: (G, K), 0 in groups "
+             "that were not received, or None. ratios, reference_power:\n(G, E). locked: "
+             "(G, E / 2).");
+}
