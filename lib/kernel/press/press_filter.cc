@@ -28,8 +28,6 @@ void press_filter::take(const press_observation& group)
 {
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
-    if (!d_first)
-        d_period_s = std::min(d_period_s, d_elapsed_s);
     d_group = group;
     d_group.receiver_phase += std::exchange(d_passed_phase, 0);
     d_group.receiver_amplitude += std::exchange(d_passed_amplitude, 0);
@@ -293,8 +291,8 @@ double press_filter::lasting() const
 // while nothing was received.
 double press_filter::between_groups() const
 {
-    const double inside = d_period_s / (d_period_s + unseen_s);
-    return 1 - inside * d_period_s / d_elapsed_s;
+    const double inside = d_set.period_s / (d_set.period_s + unseen_s);
+    return 1 - inside * d_set.period_s / d_elapsed_s;
 }
 
 double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
@@ -414,39 +412,43 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
                                          a.last.common_variance + d_common_noise));
 }
 
-std::vector<press_filter::weighted_outcome>
+std::vector<press_filter::outcome>
 press_filter::collect(outcome explanation::*which) const
 {
-    std::vector<weighted_outcome> found;
+    std::vector<outcome> found;
     for (const auto& kept : d_kept) {
-        const auto& what = kept.*which;
-        const double weight = std::exp(kept.log_weight);
+        auto what = kept.*which;
+        what.weight = std::exp(kept.log_weight);
         const auto same =
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
-                return other.what.is == what.is && other.what.known == what.known &&
-                       other.what.turns == what.turns &&
-                       other.what.baseline == what.baseline &&
-                       other.what.common_variance == what.common_variance;
+                return other.is == what.is && other.known == what.known &&
+                       other.turns == what.turns && other.baseline == what.baseline &&
+                       other.common_variance == what.common_variance;
             });
         if (same != found.end())
-            same->weight += weight;
+            same->weight += what.weight;
         else
-            found.push_back({ weight, what });
+            found.push_back(what);
     }
+    found.erase(
+        std::remove_if(found.begin(),
+                       found.end(),
+                       [](const auto& each) { return each.weight < least_weight; }),
+        found.end());
     std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
         return a.weight > b.weight;
     });
     return found;
 }
 
-std::vector<press_filter::weighted_outcome> press_filter::newest() const
+std::vector<press_filter::outcome> press_filter::newest() const
 {
     return collect(&explanation::now);
 }
 
-std::vector<press_filter::weighted_outcome> press_filter::before_newest() const
+std::vector<press_filter::outcome> press_filter::before_newest() const
 {
-    return d_first ? std::vector<weighted_outcome>{} : collect(&explanation::last);
+    return d_first ? std::vector<outcome>{} : collect(&explanation::last);
 }
 
 void press_filter::claim_untouched(double probability)

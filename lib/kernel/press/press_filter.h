@@ -9,6 +9,7 @@
 
 #include <array>
 #include <complex>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -55,6 +56,8 @@ public:
 
     //! What an explanation says of one group.
     struct outcome {
+        std::int64_t row = 0; // of the group in its batch
+        double weight = 0;
         state is = untouched;
         bool known =
             true; // the baseline; a first press may have begun before the first group
@@ -64,11 +67,6 @@ public:
                difference_variance = 0; // of their mean and difference
         double amplitude = 0;           // of both ends, Np
         average_of_groups mean;         // of what was received
-    };
-
-    struct weighted_outcome {
-        double weight;
-        outcome what;
     };
 
     press_filter(std::shared_ptr<const press_image> image,
@@ -88,8 +86,8 @@ public:
 
     //! Of the newest group, as far as is known yet, and of the one before it, now that
     //! its successor is known; largest weight first; of no group before the first.
-    std::vector<weighted_outcome> newest() const;
-    std::vector<weighted_outcome> before_newest() const;
+    std::vector<outcome> newest() const;
+    std::vector<outcome> before_newest() const;
 
 private:
     using complex = std::complex<double>;
@@ -216,7 +214,7 @@ private:
     outcome describe(const explanation& of) const;
     bool one_line(const explanation& a, const explanation& b) const;
     bool alike(const explanation& a, const explanation& b) const;
-    std::vector<weighted_outcome> collect(outcome explanation::*which) const;
+    std::vector<outcome> collect(outcome explanation::*which) const;
 
     std::shared_ptr<const press_image> d_image;
     press_parameters d_set;
@@ -230,9 +228,8 @@ private:
     // What the receiver has done in groups that did not show the tag.
     double d_passed_phase = 0, d_passed_amplitude = 0, d_passed_variance = 0;
     bool d_passed_retuned = false;
-    double d_elapsed_s = 0;  // since the group before
-    double d_period_s = 1e9; // of groups: the least time between two
-    double d_stepped = 0;    // probability that the receiver has stepped since
+    double d_elapsed_s = 0; // since the group before
+    double d_stepped = 0;   // probability that the receiver has stepped since
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends

@@ -438,7 +438,9 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.common.estimate(), apart = of.difference.estimate();
-    return { of.is,
+    return { 0,
+             0,
+             of.is,
              of.known,
              (of.turned_now || of.turning) && !shows_turns(of),
              baseline(of),

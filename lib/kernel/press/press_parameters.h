@@ -11,6 +11,7 @@ namespace gr::wiforce::kernel {
  * so a change has the rate 1 / (age + settling_s).
  */
 struct press_parameters {
+    double period_s = 0.036; // length of a group
     double settling_s = 0.3; // see above
     double release = 0.4;    // shares of the changes of a press: it ends,
     double exchange = 0.1;   // becomes another one at once,

@@ -16,6 +16,8 @@ namespace gr::wiforce::kernel {
 // the logarithm of a weight that counts: of 1e-8.
 constexpr std::size_t most_kept = 32, most_of_line = 12;
 constexpr double negligible = -18;
+// Explanations with less weight than this change no reading.
+constexpr double least_weight = 1e-5;
 constexpr double deg = two_pi / 360;
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
 // tap.

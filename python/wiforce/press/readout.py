@@ -12,7 +12,7 @@ from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words
 from ..wiforce_kernels import receiver_steps
-from .explanations import Explanations
+from .explanations import later
 from .sensor_readout import SensorReadout, as_arrays
 from .surface_readout import SurfaceReadout
 
@@ -23,33 +23,11 @@ _GAP = flag_words(Flag.GAP.value)
 
 
 class Readout:
-    """Gives the readings of all sensors of a run.
+    """Gives the readings of all sensors of a run, one group late.
 
-    Readings are one group late: what a group was is clear when the next one is known.
-
-    Parameters
-    ----------
-    sensors : dict of str to SensorReadout
-        By name, in the order of the ends, two per sensor.
-    group_period_s : float
-        Length of a group, in s.
-    ratios : str
-        Meaning of R: ``change``, ``step`` or ``square`` (see ``estimators.Estimator``).
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read.
-    first_group : int
-        The first group whose readings are given.
-    counts : GroupCounts, optional
-        Of the readings given before, which are counted on.
-    surface : SurfaceReadout, optional
-        Gives the readings of the surface, which follow those of the sensors.
-
-    Attributes
-    ----------
-    sensors : dict of str to SensorReadout
-        As given.
-    counts : GroupCounts
-        Outcomes of the readings given so far.
+    What a group was is clear when the next one is known. Earlier groups than ``first_group`` are
+    not given; ``counts`` continues those of the readings given before. R is a ``change``, ``step``
+    or ``square`` (see ``estimators.Estimator``).
     """
 
     def __init__(
@@ -73,18 +51,7 @@ class Readout:
         self.counts = GroupCounts() if counts is None else counts
 
     def process(self, groups: Groups) -> list[Reading]:
-        """Take a batch.
-
-        Parameters
-        ----------
-        groups : Groups
-            With ``ratios`` and the arrays of the stages before.
-
-        Returns
-        -------
-        list of Reading
-            The readings that are ready, in order.
-        """
+        """Take a batch; give the readings that are ready, in order."""
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
@@ -97,10 +64,10 @@ class Readout:
         before = groups[:-1] if len(groups) > 1 else groups[:0]
         given = before if self._waiting is None else Groups.concatenate([self._waiting, before])
         self._waiting, self._flags = groups[-1:], flags[-1:]
-        found = [each.choose(each.row > 0).later(-1) if begins else each for each, _ in taken]
+        found = [later(f[f["row"] > 0], -1) if begins else f for f, _ in taken]
         return self._read(given, found, flags[:-1])
 
-    def _read(self, groups: Groups, found: list[Explanations], flags: Array) -> list[Reading]:
+    def _read(self, groups: Groups, found: list[Array], flags: Array) -> list[Reading]:
         if not len(groups):
             return []
         read = [
@@ -113,16 +80,9 @@ class Readout:
         return self._rows(groups)
 
     def flush(self, groups: int = 0) -> list[Reading]:
-        """Give the last group's readings, and those of the groups that were not received after it.
+        """Give the last group's readings, and those of groups that were not received after it.
 
-        Parameters
-        ----------
-        groups : int, optional
-            Number of groups that the run spans.
-
-        Returns
-        -------
-        list of Reading
+        The run spans ``groups``.
         """
         readings: list[Reading] = []
         if self._waiting is not None:

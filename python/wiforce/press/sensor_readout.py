@@ -18,9 +18,17 @@ from ..estimation.phases.off_state import (
     phase_on_circle_deg,
 )
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
-from ..wiforce_kernels import INVERSION_FLAGS
+from ..wiforce_kernels import INVERSION_FLAGS, press_outcome
 from .evidence import Suspicion
-from .explanations import COLUMNS, MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
+from .explanations import (
+    MIXED,
+    PRESSED,
+    UNEXPLAINED,
+    UNTOUCHED,
+    likeliest,
+    probability,
+    ratios_of,
+)
 from .sensor_state import DOUBT, SensorState
 from .stage_flags import has_phases, stage_flags
 
@@ -66,29 +74,11 @@ class Readout(NamedTuple):
 class SensorReadout:
     """Inverts every explanation of a group, and gives the mean of all.
 
-    Parameters
-    ----------
-    model : SensorModel
-        Of the sensor.
-    frequency_hz : float
-        Carrier, in Hz.
-    off_reflection : complex or array_like of two
-        G_off / rho, per switch where they differ.
-    group_period_s : float
-        Length of a group, in s.
-    state : SensorState
-        Its record.
-    tracked : bool
-        Follow every press over time (location constant, force a random walk) instead of inverting
-        each group by itself.
-    surveyed_snr_db : float, optional
-        SNR of line 1 of the tag against the noise between the lines.
-    tag_ratio : float
-        Amplitude of the tag over that of the static path, for two antennas; 0 for one.
-    in_lamps : bool
-        Whether strong lines of the tag coincide with those of lamps.
-    off_std : float
-        Standard deviation of the real and the imaginary part of each off state.
+    ``tracked`` follows every press over time (location constant, force a random walk) instead.
+    ``surveyed_snr_db`` is the SNR of line 1 of the tag against the noise between the lines,
+    ``tag_ratio`` the amplitude of the tag over that of the static path for two antennas,
+    ``in_lamps`` whether strong lines of the tag coincide with those of lamps, and ``off_std`` the
+    standard deviation of both parts of ``off_reflection``, G_off / rho of both switches.
     """
 
     def __init__(
@@ -123,67 +113,49 @@ class SensorReadout:
         """Mistakes that the presses since the last tare suggest."""
         return [] if self.state.evidence is None else self.state.evidence.suspicions
 
-    def take(self, groups: Groups, sensor: int, receiver: Array) -> tuple[Explanations, Array]:
-        """Take the next groups.
+    def take(self, groups: Groups, sensor: int, receiver: Array) -> tuple[Array, Array]:
+        """Take the next groups; ``receiver`` (G, 3) is as ``receiver_steps`` gives it.
 
-        Parameters
-        ----------
-        groups, sensor, receiver
-            As for :meth:`SensorState.take`.
-
-        Returns
-        -------
-        explanations : Explanations
-            Of the group before each of these.
-        flags : ndarray of int, shape (G,)
-            Of these groups, by the stages before.
+        Gives outcomes of the group before each of these, and flags of these, int, shape (G,), by
+        the stages before.
         """
         found, retuned = self.state.take(groups, sensor, self._period_s, receiver)
         return found, stage_flags(groups, sensor) | retuned * Flag.MOVED.value
 
-    def read(self, groups: Groups, sensor: int, found: Explanations, flags: Array) -> Readout:
-        """Read groups by their explanations.
-
-        Parameters
-        ----------
-        groups : Groups
-            With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
-        sensor : int
-            Index of the sensor in them.
-        found : Explanations
-            Of these groups.
-        flags : ndarray of int, shape (G,)
-            By the stages before.
-
-        Returns
-        -------
-        Readout
-            ``values`` (G, 4): force, its standard deviation, location, its standard deviation.
-        """
+    def read(self, groups: Groups, sensor: int, found: Array, flags: Array) -> Readout:
+        """Read groups by their outcomes and the flags (G,) of the stages before."""
         count = len(groups)
         readable = has_phases(groups, sensor)
         if not readable.all():
-            found = found.choose(readable[found.row])
+            found = found[readable[found["row"]]]
         if groups.common_std_deg.any():
             # What turned both ends in the group alone is as little known as the untouched line.
-            found = found.turned(np.radians(groups.common_std_deg) ** 2)
-        shares = found.by_state(count)
-        untouched, mixed, unexplained = shares[[UNTOUCHED, MIXED, UNEXPLAINED]]
-        doubtful = found.probability((found.state != MIXED) & ~found.known, count)
+            found = found.copy()
+            found["common_variance"] += np.radians(groups.common_std_deg[found["row"]]) ** 2
+        state = found["is"]
+        untouched, mixed, unexplained, doubtful, turning = (
+            probability(found, which, count)
+            for which in (
+                state == UNTOUCHED,
+                state == MIXED,
+                state == UNEXPLAINED,
+                (state != MIXED) & ~found["known"],
+                found["turns"],
+            )
+        )
         either = np.minimum(untouched, 1 - untouched - mixed)
-        likeliest, there = found.likeliest(count)
+        first, there = likeliest(found, count)
         readable &= there
         touch = np.where(readable, (untouched <= 0.5).astype(int), -1)
-        if not len(found.row):
-            found = _nothing()
-            likeliest = np.zeros(count, int)
-        turning = found.probability(found.turns, count) > 0.5
+        if not len(found):
+            found, first = np.zeros(1, press_outcome), np.zeros(count, int)
         doubt = np.array([mixed, unexplained, np.maximum(either, doubtful)]) > DOUBT
-        flags = flags | np.where(readable, _DOUBTS @ doubt | Flag.MOVED.value * turning, 0)
+        doubt_flags = _DOUBTS @ doubt | Flag.MOVED.value * (turning > 0.5)
+        flags = flags | np.where(readable, doubt_flags, 0)
         unseen = ~readable & ~groups.overlapping[:, sensor]
         unseen &= (flags & ~(Flag.INCONSISTENT | Flag.AMBIGUOUS).value) == 0
         flags[unseen] |= Flag.WEAK.value
-        best = found.choose(likeliest)
+        best = found[first]
         level = self._level(best, 0.0)
         phases, std = self._phases(best, level, True)
         larger = std.max(axis=1)
@@ -195,7 +167,7 @@ class SensorReadout:
         if self._tracker is not None:
             self._track(phases, std, touched, readable, values, flags)
         elif touched.any():
-            self._invert(found, likeliest, touched, values, flags)
+            self._invert(found, first, touched, values, flags)
         if self.state.evidence is not None:
             no_press = (flags & _NO_PRESS) != 0
             against = self.state.evidence.take(level, phases, std, touch, clear, no_press)
@@ -207,12 +179,13 @@ class SensorReadout:
         return Readout(touch, phases, std, values, flags)
 
     @staticmethod
-    def _level(found: Explanations, shift: ArrayLike) -> Array:
+    def _level(found: Array, shift: ArrayLike) -> Array:
         """R against the untouched line of each explanation, turned by ``shift``; shape (m, 2)."""
-        turn = found.baseline + np.asarray(shift)[..., None]
-        return found.ratios * np.exp(-found.amplitude[:, None] - 1j * turn)
+        turn = found["baseline"] + np.asarray(shift)[..., None]
+        level: Array = ratios_of(found) * np.exp(-found["amplitude"][:, None] - 1j * turn)
+        return level
 
-    def _phases(self, found: Explanations, level: Array, whole: bool) -> tuple[Array, Array]:
+    def _phases(self, found: Array, level: Array, whole: bool) -> tuple[Array, Array]:
         """psi of both ends, degrees, by each explanation, and their standard deviations; (m, 2).
 
         ``level`` is R against the untouched line (:meth:`_level`). The variance is ``whole``, or
@@ -224,11 +197,11 @@ class SensorReadout:
                 phases, slope = phase_on_circle_deg(level, self._untouched, self._off)
             else:
                 phases, slope = corrected_phase_deg(level, self._untouched, self._off)
-            own = found.variance + found.difference_variance[:, None] / 4
+            own = found["mean"]["variance"] + found["difference_variance"][:, None] / 4
             if self._tag_ratio:
-                own = own + np.radians(curvature_deg(found.ratios, self._tag_ratio)) ** 2
+                own = own + np.radians(curvature_deg(ratios_of(found), self._tag_ratio)) ** 2
             if whole:
-                own = own + found.common_variance[:, None]
+                own = own + found["common_variance"][:, None]
             std = np.degrees(np.sqrt(own)) * slope
             if self._off_std:
                 unsure = off_state_error_deg(level, self._untouched, self._off)
@@ -237,48 +210,46 @@ class SensorReadout:
 
     def _invert(
         self,
-        found: Explanations,
-        likeliest: Array,
+        found: Array,
+        first: Array,
         touched: Array,
         values: Array,
         flags: Array,
     ) -> None:
         """Fill in force and location of touched groups."""
         count = len(touched)
-        wanted = (found.state == PRESSED) & found.known & (found.weight > _LEAST_WEIGHT)
-        wanted[likeliest[touched]] = True
-        wanted &= touched[found.row]
+        wanted = (found["is"] == PRESSED) & found["known"] & (found["weight"] > _LEAST_WEIGHT)
+        wanted[first[touched]] = True
+        wanted &= touched[found["row"]]
         chosen = np.flatnonzero(wanted)
-        press = found.choose(chosen)
-        at = np.repeat(np.arange(len(chosen)), len(_NODES))
-        common = np.sqrt(press.common_variance)[at] * np.tile(_NODES, len(chosen))
-        each = press.choose(at)
+        each, nodes = found[np.repeat(chosen, len(_NODES))], np.tile(_NODES, len(chosen))
+        row, common = each["row"], np.sqrt(each["common_variance"]) * nodes
         phases, std = self._phases(each, self._level(each, common), False)
         inverted = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
-        weight = each.weight * np.tile(_SHARES, len(chosen))
+        weight = each["weight"] * np.tile(_SHARES, len(chosen))
         means = np.stack([inverted.force_n, inverted.location_mm], axis=1)
         spreads = np.stack([inverted.force_std_n, inverted.location_std_mm], axis=1)
         weight = np.where(np.isfinite(means).all(axis=1), weight, 0.0)
         means, spreads = np.nan_to_num(means), np.nan_to_num(spreads)
-        total = np.bincount(each.row, weight, minlength=count)
+        total = np.bincount(row, weight, minlength=count)
         outside = np.zeros(len(weight), bool)
         with np.errstate(divide="ignore", invalid="ignore"):
             for column in (0, 1):
-                first = np.bincount(each.row, weight * means[:, column], minlength=count) / total
-                square = spreads[:, column] ** 2 + (means[:, column] - first[each.row]) ** 2
-                second = np.bincount(each.row, weight * square, minlength=count) / total
+                mean = np.bincount(row, weight * means[:, column], minlength=count) / total
+                square = spreads[:, column] ** 2 + (means[:, column] - mean[row]) ** 2
+                second = np.bincount(row, weight * square, minlength=count) / total
                 std = np.sqrt(second)
-                outside |= np.abs(means[:, column] - first[each.row]) > _FAR * std[each.row]
-                values[touched, 2 * column] = first[touched]
+                outside |= np.abs(means[:, column] - mean[row]) > _FAR * std[row]
+                values[touched, 2 * column] = mean[touched]
                 values[touched, 2 * column + 1] = std[touched]
-        far = np.bincount(each.row, weight * outside, minlength=count)
+        far = np.bincount(row, weight * outside, minlength=count)
         flags[touched & (far > DOUBT * total)] |= Flag.AMBIGUOUS.value
         # Flags are those of the likeliest explanation, at the middle of its common phase. Phases
         # that changed inside the group are those of no press.
-        heavy = np.full(len(found.row), -1)
+        heavy = np.full(len(found), -1)
         heavy[chosen] = np.arange(len(chosen))
-        codes = inverted.codes[:: len(_NODES)][heavy[likeliest[touched]]]
-        flags[touched] |= np.where(found.state[likeliest[touched]] == MIXED, 0, _BITS[codes])
+        codes = inverted.codes[:: len(_NODES)][heavy[first[touched]]]
+        flags[touched] |= np.where(found["is"][first[touched]] == MIXED, 0, _BITS[codes])
 
     def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
         """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
@@ -305,11 +276,6 @@ class SensorReadout:
             if touched[row]:
                 values[row] = [value if math.isfinite(value) else _NAN for value in found]
                 flags[row] |= flag_bits(words)
-
-
-def _nothing() -> Explanations:
-    """One explanation of group 0 that says nothing, for batches without any."""
-    return Explanations.of(np.zeros((1, COLUMNS)))
 
 
 def as_arrays(readouts: list[Readout]) -> dict[str, Array]:

@@ -10,9 +10,9 @@ from itertools import pairwise, takewhile
 import numpy as np
 
 from ..estimation.groups import Array, Groups
-from ..wiforce_kernels import press_filter
+from ..wiforce_kernels import press_filter, press_observation
 from .evidence import PressEvidence
-from .explanations import COLUMNS, MIXED, UNTOUCHED, Explanations
+from .explanations import MIXED, NOTHING, UNTOUCHED, later
 from .stage_flags import has_phases
 
 # Probability that a sensor is untouched where the user says so, and where a tare was forced
@@ -26,29 +26,13 @@ UNCLEAR = "it may have been touched while its reference was measured or forced"
 # Time after which no other receiver reads a group again: surveys and references are shorter.
 _REMEMBERED_S = 20.0
 
-_NOTHING = Explanations.of(np.zeros((0, COLUMNS)))
-
 
 class SensorState:
     """The press filter of one sensor, what its presses showed, and how R is counted.
 
-    Parameters
-    ----------
-    make_filter : callable
-        Makes a press filter that has seen nothing.
-    evidence : PressEvidence, optional
-        Of the sensor's model.
-
-    Attributes
-    ----------
-    received : bool
-        Whether the newest group could be read.
-    seen : bool
-        Whether any group could be.
-    retuned : bool
-        The oscillators have had new phases since the reference, which says nothing any more.
-    evidence : PressEvidence or None
-        As given.
+    ``received`` says whether the newest group could be read, ``seen`` whether any could be, and
+    ``retuned`` that the oscillators have had new phases since the reference, which says nothing
+    any more.
     """
 
     def __init__(
@@ -65,35 +49,19 @@ class SensorState:
 
     def take(
         self, groups: Groups, sensor: int, period_s: float, receiver: Array
-    ) -> tuple[Explanations, Array]:
-        """Take the next groups; say what may have happened in the group before each of them.
+    ) -> tuple[Array, Array]:
+        """Take the next groups; ``receiver`` (G, 3) is as ``receiver_steps`` gives it.
 
-        Parameters
-        ----------
-        groups : Groups
-            With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
-            Those that were taken before, with other weights, only show how R is counted now.
-        sensor : int
-            Index of the sensor in them.
-        period_s : float
-            Length of a group, in s.
-        receiver : ndarray, shape (G, 3)
-            Turn (rad), gain (Np) and their variance by which the static path changed since the
-            group before.
-
-        Returns
-        -------
-        explanations : Explanations
-            Row i: of the group before group i of the batch, if it could be read.
-        retuned : ndarray of bool, shape (G,)
-            Whether the oscillators have had new phases since the reference.
+        Gives outcomes of the group before each of them, and whether the oscillators have had new
+        phases since the reference, bool, shape (G,). Groups that were taken before, with other
+        weights, only show how R is counted now.
         """
         again = int(np.searchsorted(groups.index, self._last, side="right"))
         if again:
             self._read_again(groups[:again], sensor)
-        parts, retuned = [_NOTHING], np.full(len(groups), self.retuned)
+        parts, retuned = [NOTHING], np.full(len(groups), self.retuned)
         if again == len(groups):
-            return _NOTHING, retuned
+            return NOTHING, retuned
         steps = self._steps(groups, sensor, again)
         rows = self._observations(groups, sensor, period_s, receiver)
         for begin, end in pairwise([*sorted({again, *steps}), len(groups)]):
@@ -101,9 +69,9 @@ class SensorState:
                 if np.isfinite(step).all():
                     self._renew(step)
                 else:
-                    parts.append(Explanations.of(self._filter.newest(), begin))
+                    parts.append(later(self._filter.newest(), begin))
                     self._forget()
-            parts.append(Explanations.of(self._filter.take(rows[begin:end]), begin))
+            parts.append(later(self._filter.take(rows[begin:end]), begin))
             retuned[begin:end] = self.retuned
             if (new := groups.retuned[begin:end]).any():
                 retuned[begin + int(np.argmax(new)) : end] = self.retuned = True
@@ -112,19 +80,14 @@ class SensorState:
         for index in list(takewhile(lambda index: index <= oldest, self._ratios)):
             del self._ratios[index]
         self._last = int(groups.index[-1])
-        readable = np.isfinite(rows[again:, 1])
+        readable = _readable(rows[again:])
         self.received = bool(readable[-1])
         self.seen |= bool(readable.any())
-        return Explanations.concatenate(parts), retuned
+        return np.concatenate(parts), retuned
 
-    def newest_of(self, index: int) -> Explanations:
+    def newest_of(self, index: int) -> Array:
         """What may have happened in the newest group, if it is this one."""
-        return self.newest if index == self._last else _NOTHING
-
-    @property
-    def newest(self) -> Explanations:
-        """What may have happened in the newest group that could be read, as far as is known."""
-        return Explanations.of(self._filter.newest())
+        return self._filter.newest() if index == self._last else NOTHING
 
     @property
     def touched(self) -> bool:
@@ -137,19 +100,18 @@ class SensorState:
         return 1 - self._untouched() if self.received else 0.0
 
     def _untouched(self) -> float:
-        newest = self.newest
-        return float(newest.weight[newest.state == UNTOUCHED].sum())
+        newest = self._filter.newest()
+        return float(newest["weight"][newest["is"] == UNTOUCHED].sum())
 
     @property
     def problem(self) -> str:
         """Why it is not known which phases are those of the untouched sensor; empty if they are."""
         if self.retuned:
             return RETUNED
-        newest = self.newest
-        steady = newest.state != MIXED
-        doubtful = float(newest.weight[steady & ~newest.known].sum())
-        untouched = self._untouched()
-        either = min(untouched, float(newest.weight[steady].sum()) - untouched)
+        newest, untouched = self._filter.newest(), self._untouched()
+        steady = newest[newest["is"] != MIXED]
+        doubtful = float(steady["weight"][~steady["known"]].sum())
+        either = min(untouched, float(steady["weight"].sum()) - untouched)
         return UNCLEAR if max(doubtful, either) > DOUBT else ""
 
     def claim_untouched(self, forced: bool) -> None:
@@ -157,29 +119,28 @@ class SensorState:
         self._claim = FORCED if forced else CLAIMED
 
     def _observations(self, groups: Groups, sensor: int, period_s: float, receiver: Array) -> Array:
-        """Rows for the kernel; NaN where a group cannot be read; shape (G, 13)."""
+        """What the kernel takes, shape (G,); the phases are NaN where a group cannot be read."""
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios = groups.ratios[:, ends]
-        readable = has_phases(groups, sensor)
-        rows = np.empty((len(groups), 13))
-        rows[:, 0] = (groups.index + 0.5) * period_s
+        rows = np.zeros(len(groups), press_observation)
+        rows["time_s"] = (groups.index + 0.5) * period_s
         with np.errstate(divide="ignore", invalid="ignore"):
-            rows[:, 1:3] = np.angle(ratios)
-            rows[:, 3:5] = np.log(np.abs(ratios))
-            rows[:, 5:7] = np.radians(groups.phase_std_deg[:, ends]) ** 2
-        rows[:, 7] = np.radians(groups.common_std_deg) ** 2
-        rows[:, 8:11] = receiver
-        rows[:, 11] = groups.retuned
+            rows["phase"], rows["amplitude"] = np.angle(ratios), np.log(np.abs(ratios))
+            rows["variance"] = np.radians(groups.phase_std_deg[:, ends]) ** 2
+        rows["common_variance"] = np.radians(groups.common_std_deg) ** 2
+        for name, column in zip(("phase", "amplitude", "variance"), receiver.T, strict=True):
+            rows[f"receiver_{name}"] = column
+        rows["retuned"] = groups.retuned
         claimed = groups.in_reference[:, ends].any(axis=1)
         claimed &= ~groups.late_reference[:, ends].any(axis=1)
-        rows[:, 12] = CLAIMED * claimed
-        readable &= np.isfinite(rows[:, 1:8]).all(axis=1)
-        rows[~readable, 1] = math.nan
+        rows["untouched"] = CLAIMED * claimed
+        finite = np.isfinite(rows["amplitude"]) & np.isfinite(rows["variance"])
+        rows["phase"][~(has_phases(groups, sensor) & finite.all(axis=1))] = math.nan
         return rows
 
     def _remember(self, groups: Groups, sensor: int, rows: Array) -> None:
         """Keep the ratios of groups, which another receiver may read again."""
-        readable = np.isfinite(rows[:, 1])
+        readable = _readable(rows)
         ratios = groups.ratios[readable, 2 * sensor : 2 * sensor + 2].copy()
         self._ratios |= dict(zip(groups.index[readable].tolist(), ratios, strict=True))
 
@@ -234,3 +195,7 @@ class SensorState:
             if self.evidence is not None:
                 self.evidence.reset()
         return claim
+
+
+def _readable(rows: Array) -> Array:
+    return np.isfinite(rows["phase"][:, 0])

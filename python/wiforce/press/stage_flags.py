@@ -16,26 +16,7 @@ _BITS = np.array([flag.value for flag in _FLAGS])
 def stage_flags(groups: Groups, sensor: int) -> Array:
     """Flags of a sensor's groups by the collection of snapshots, separation and reference.
 
-    Parameters
-    ----------
-    groups : Groups
-        With the arrays of separation and reference.
-    sensor : int
-        Index of the sensor.
-
-    Returns
-    -------
-    ndarray of int, shape (G,)
-        Bits of ``io.readings.Flag``.
-
-    Examples
-    --------
-    >>> none = np.zeros((2, 2), bool)
-    >>> groups = Groups(
-    ...     [20, 21], missing=np.array([0, 9]), overlapping=np.zeros((2, 1), bool),
-    ...     in_tare=np.array([True, False]), in_reference=none, late_reference=none, reshaped=none)
-    >>> [Flag(bits).words for bits in stage_flags(groups, 0).tolist()]
-    [('reference',), ('gap',)]
+    Bits of ``io.readings.Flag``, shape (G,).
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     late = groups.late_reference[:, ends].any(axis=1)
@@ -50,27 +31,7 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
 
 
 def has_phases(groups: Groups, sensor: int) -> Array:
-    """Whether the groups determine the phases of a sensor.
-
-    Parameters
-    ----------
-    groups : Groups
-        With ``ratios``, ``phase_std_deg`` and the arrays of the separation.
-    sensor : int
-        Index of the sensor.
-
-    Returns
-    -------
-    ndarray of bool, shape (G,)
-
-    Examples
-    --------
-    >>> groups = Groups(
-    ...     [20, 21], ratios=np.ones((2, 2)), phase_std_deg=np.array([[0.1, 0.1], [0.1, np.inf]]),
-    ...     locked=np.ones((2, 1), bool), overlapping=np.zeros((2, 1), bool))
-    >>> has_phases(groups, 0).tolist()
-    [True, False]
-    """
+    """Whether the groups determine the phases of a sensor; bool, shape (G,)."""
     ends = slice(2 * sensor, 2 * sensor + 2)
     received = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
     known = np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)

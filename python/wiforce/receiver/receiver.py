@@ -297,7 +297,7 @@ def make_readout(
 def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     """The state of a sensor that has shown nothing yet."""
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
-    parameters = {"smoothing_s": plan.smoothing_groups * period_s}
+    parameters = {"period_s": period_s, "smoothing_s": plan.smoothing_groups * period_s}
     if sensor.drift_deg_per_sqrt_s is not None:
         parameters["drift_deg"] = sensor.drift_deg_per_sqrt_s
     if sensor.turns_per_s is not None:

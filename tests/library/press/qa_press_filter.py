@@ -9,9 +9,13 @@ from gnuradio.wiforce.press.explanations import (
     PRESSED,
     UNEXPLAINED,
     UNTOUCHED,
-    Explanations,
     filter_of,
+    later,
+    likeliest,
+    probability,
+    ratios_of,
 )
+from gnuradio.wiforce.wiforce_kernels import press_observation
 
 PERIOD_S, NOISE_DEG, SMOOTHING_S = 0.0072, 0.2, 0.036
 MODEL = wiforce.load_sensor("line-900mhz")
@@ -19,16 +23,21 @@ PRESS = np.asarray(MODEL.phases_deg(4.0, 30.0)) - MODEL.untouched_deg()
 MIDDLE = np.asarray(MODEL.phases_deg(4.0, 40.0)) - MODEL.untouched_deg()
 
 
+def filter_for(off=0.0, period_s=PERIOD_S, **parameters):
+    """The press filter of groups of this length."""
+    return filter_of(MODEL, 900e6, off, period_s=period_s, **parameters)
+
+
 def rows_of(phases_deg, receiver=None, noise_deg=NOISE_DEG, period_s=PERIOD_S, untouched=20):
-    """Rows of the kernel for groups with these phases (n, 2), without loss of amplitude."""
-    rows = np.zeros((len(phases_deg), 13))
-    rows[:, 0] = (np.arange(len(rows)) + 0.5) * period_s
-    rows[:, 1:3] = np.radians(phases_deg)
-    rows[:, 5:7] = np.radians(noise_deg) ** 2
-    rows[:, 10] = 1e-8
+    """What the kernel takes of groups with these phases (n, 2), without loss of amplitude."""
+    rows = np.zeros(len(phases_deg), press_observation)
+    rows["time_s"] = (np.arange(len(rows)) + 0.5) * period_s
+    rows["phase"] = np.radians(phases_deg)
+    rows["variance"] = np.radians(noise_deg) ** 2
+    rows["receiver_variance"] = 1e-8
     if receiver is not None:
-        rows[:, 8] = np.radians(receiver)
-    rows[:untouched, 12] = 0.999
+        rows["receiver_phase"] = np.radians(receiver)
+    rows["untouched"][:untouched] = 0.999
     return rows
 
 
@@ -43,17 +52,16 @@ def phases_of(press_deg, untouched=60, pressed=60, released=60, noise_deg=NOISE_
 def explained(rows, press_filter=None, **parameters):
     """What may have happened in each of the groups."""
     if press_filter is None:
-        press_filter = filter_of(MODEL, 900e6, 0.0, **parameters)
-    found = Explanations.of(press_filter.take(rows))
-    newest = Explanations.of(press_filter.newest()).later(len(rows))
-    found = Explanations.concatenate([found, newest]).later(-1)
-    return found.choose(found.row >= 0)
+        period_s = rows["time_s"][1] - rows["time_s"][0]
+        press_filter = filter_for(period_s=period_s, **parameters)
+    found = np.concatenate([press_filter.take(rows), later(press_filter.newest(), len(rows))])
+    return later(found[found["row"] > 0], -1)
 
 
 def state_of(found, group):
     """State of a group and its probability."""
-    here = found.choose(found.row == group)
-    return int(here.state[0]), float(here.weight[here.state == here.state[0]].sum())
+    here = found[found["row"] == group]
+    return int(here["is"][0]), float(here["weight"][here["is"] == here["is"][0]].sum())
 
 
 def test_press_and_release_are_recognized_in_their_groups():
@@ -66,7 +74,7 @@ def test_half_a_group_of_press_is_a_mixture():
     phases = phases_of(PRESS)
     turn = np.exp(1j * np.radians(PRESS))
     rows = rows_of(phases)
-    rows[60, 1:3], rows[60, 3:5] = np.angle((1 + turn) / 2), np.log(np.abs((1 + turn) / 2))
+    rows["phase"][60], rows["amplitude"][60] = np.angle((1 + turn) / 2), np.log(abs((1 + turn) / 2))
     assert state_of(explained(rows), 60)[0] == MIXED
 
 
@@ -89,19 +97,21 @@ def test_average_is_the_recursion_over_groups_of_a_state():
         mean = mean + gain * (phases[group] - mean)
         variance = gain**2 / own + (1 - gain) ** 2 * variance
         weight = weight + own
-        here = found.choose(found.row == group)
-        np.testing.assert_allclose(np.degrees(np.angle(here.ratios[0])), mean, atol=1e-9)
-        np.testing.assert_allclose(here.variance[0], variance, rtol=1e-9)
+        here = found[found["row"] == group]
+        np.testing.assert_allclose(np.degrees(np.angle(ratios_of(here)[0])), mean, atol=1e-9)
+        np.testing.assert_allclose(here["mean"]["variance"][0], variance, rtol=1e-9)
 
 
 def test_average_has_the_noise_of_the_time_that_is_stated():
     """Five groups in 36 ms: a fifth of the variance."""
     found = explained(rows_of(phases_of(0, 3000, 0, 0)), smoothing_s=SMOOTHING_S)
-    first, _ = found.likeliest(3000)
-    means = np.degrees(np.angle(found.ratios[first[100:]]))
+    first, _ = likeliest(found, 3000)
+    means = np.degrees(np.angle(ratios_of(found[first[100:]])))
     # 2900 values, correlated over five: the variance is known to 6 %.
     assert means.var() == pytest.approx(NOISE_DEG**2 / 5, rel=0.15)
-    assert np.degrees(np.sqrt(found.variance[first[-1], 0])) == pytest.approx(NOISE_DEG / 5**0.5)
+    assert np.degrees(np.sqrt(found["mean"]["variance"][first[-1], 0])) == pytest.approx(
+        NOISE_DEG / 5**0.5
+    )
 
 
 def test_average_begins_anew_with_a_press_and_follows_a_slow_one():
@@ -109,10 +119,10 @@ def test_average_begins_anew_with_a_press_and_follows_a_slow_one():
     phases[60:460] += 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
     truth = PRESS + 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
     found = explained(rows_of(phases), smoothing_s=SMOOTHING_S)
-    first, _ = found.likeliest(len(phases))
-    means = np.degrees(np.angle(found.ratios[first[60:460]] * np.exp(-1j * np.radians(truth))))
+    first, _ = likeliest(found, len(phases))
+    means = np.degrees(np.angle(ratios_of(found[first[60:460]]) * np.exp(-1j * np.radians(truth))))
     assert np.abs(means[0] - (phases[60] - truth[0])).max() < 1e-6
-    std = np.degrees(np.sqrt(found.variance[first[60:460]]))
+    std = np.degrees(np.sqrt(found["mean"]["variance"][first[60:460]]))
     assert np.mean(np.abs(means) < 2 * std) > 0.75
     assert np.sqrt(np.mean(means**2)) < 1.05 * NOISE_DEG
 
@@ -123,9 +133,9 @@ def test_press_and_untouched_line_follow_a_step_of_the_receiver():
         phases[100:] += turn
         receiver[100] = turn
         found = explained(rows_of(phases, receiver))
-        here = found.choose(found.row == 120)
+        here = found[found["row"] == 120]
         assert state_of(found, 120) == (PRESSED, pytest.approx(1, abs=0.01))
-        off = np.degrees(here.baseline[0]) - turn
+        off = np.degrees(here["baseline"][0]) - turn
         assert np.abs((off + 180) % 360 - 180).max() < 0.5, turn
 
 
@@ -135,12 +145,12 @@ def test_turn_at_mid_line_is_decided_by_the_release():
     phases[100:] += 8.0
     for turns, doubt in ((3e-4, (0.0, 0.5)), (3.0, (0.5, 1.0))):
         found = explained(rows_of(phases), turns=turns)
-        turned = found.baseline.mean(axis=1) > np.radians(4)
-        share = found.probability(turned & (found.state == PRESSED), 240)[150]
+        turned = found["baseline"].mean(axis=1) > np.radians(4)
+        share = probability(found, turned & (found["is"] == PRESSED), 240)[150]
         assert doubt[0] <= share <= doubt[1], turns
-        at_last = found.choose(found.row == 230)
-        assert at_last.state[0] == UNTOUCHED
-        assert np.degrees(at_last.baseline[0]) == pytest.approx([8, 8], abs=0.3)
+        at_last = found[found["row"] == 230]
+        assert at_last["is"][0] == UNTOUCHED
+        assert np.degrees(at_last["baseline"][0]) == pytest.approx([8, 8], abs=0.3)
 
 
 @pytest.mark.parametrize("turn_deg", [3.0, -30.0])
@@ -152,12 +162,12 @@ def test_turn_at_mid_line_is_seen_where_off_states_differ(turn_deg):
     ratios[60:140] = ratio
     ratios[100:] *= 1.05 * np.exp(1j * np.radians(turn_deg))
     rows = rows_of(phases_of((0.0, 0.0), 60, 80, 60) + np.degrees(np.angle(ratios)))
-    rows[:, 3:5] = np.log(np.abs(ratios))
-    rows[:, 3:5] += np.radians(NOISE_DEG) * np.random.default_rng(2).standard_normal((200, 2))
-    found = explained(rows, filter_of(MODEL, 900e6, off))
-    first, _ = found.likeliest(200)
+    rows["amplitude"] = np.log(np.abs(ratios))
+    rows["amplitude"] += np.radians(NOISE_DEG) * np.random.default_rng(2).standard_normal((200, 2))
+    found = explained(rows, filter_for(off))
+    first, _ = likeliest(found, 200)
     for group, turned in ((90, 0.0), (130, turn_deg), (190, turn_deg)):
-        line = np.degrees(found.baseline[first[group]].mean())
+        line = np.degrees(found["baseline"][first[group]].mean())
         assert line == pytest.approx(turned, abs=1.0), group
 
 
@@ -166,21 +176,21 @@ def rows_by_off_states(off, phases_deg, lost_np=0.0):
     untouched, off = np.exp(1j * np.radians(MODEL.untouched_deg())), np.asarray(off)
     ratio = (untouched * np.exp(1j * np.radians(phases_deg)) - off) / (untouched - off)
     rows = rows_of(np.degrees(np.angle(ratio)))
-    rows[:, 3:5] = np.log(np.abs(ratio))
-    rows[60:120, 3] -= lost_np
+    rows["amplitude"] = np.log(np.abs(ratio))
+    rows["amplitude"][60:120, 0] -= lost_np
     return rows
 
 
 @pytest.mark.parametrize("off", [(0, 0), (0.3, 0.3), (0.3, -0.3), (0.3j, -0.2)])
 def test_claim_beside_a_press_leaves_both_possible_until_the_release(off):
-    rows, press_filter = rows_by_off_states(off, phases_of(PRESS)), filter_of(MODEL, 900e6, off)
+    rows, press_filter = rows_by_off_states(off, phases_of(PRESS)), filter_for(off)
     for groups in (rows[:90], rows[90:91]):
         explained(groups, press_filter)
         if len(groups) == 90:
             press_filter.claim_untouched(0.5)
-        newest = Explanations.of(press_filter.newest())
+        newest = press_filter.newest()
         # How uncertain the amplitudes are differs a little between both ways.
-        assert newest.weight[newest.state == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.1)
+        assert newest["weight"][newest["is"] == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.1)
     found = explained(rows[91:], press_filter)
     assert state_of(found, 85) == (UNTOUCHED, pytest.approx(1, abs=0.01))
 
@@ -190,55 +200,53 @@ def test_claim_inside_a_change_leaves_both_possible(off):
     """The alternative died at once, and a tare that was forced on a touch was believed."""
     phases = phases_of(PRESS)
     phases[60] = PRESS / 3
-    rows, press_filter = rows_by_off_states(off, phases), filter_of(MODEL, 900e6, off)
+    rows, press_filter = rows_by_off_states(off, phases), filter_for(off)
     explained(rows[:61], press_filter)
     press_filter.claim_untouched(0.5)
-    rows[61:] = rows[60] + (rows[61:] - rows[61]) * [1, *np.zeros(12)]
-    rows[61:, 0] = rows[60, 0] + PERIOD_S * np.arange(1, len(rows) - 60)
+    for name in ("phase", "amplitude"):
+        rows[name][61:] = rows[name][60]
     explained(rows[61:63], press_filter)
-    newest = Explanations.of(press_filter.newest())
-    assert 0.2 < newest.weight[newest.state == UNTOUCHED].sum() < 0.9
+    newest = press_filter.newest()
+    assert 0.2 < newest["weight"][newest["is"] == UNTOUCHED].sum() < 0.9
 
 
 @pytest.mark.parametrize("off", [(0.3, 0.3), (0.3, 0.29), (0.02, 0)])
 def test_uneven_loss_is_a_press_where_off_states_hardly_differ(off):
     """Estimated off states are never equal, and every press was inconsistent because of it."""
     rows = rows_by_off_states(off, phases_of(PRESS), lost_np=0.03)
-    found = explained(rows, filter_of(MODEL, 900e6, off))
+    found = explained(rows, filter_for(off))
     assert state_of(found, 100) == (PRESSED, pytest.approx(1, abs=0.01))
 
 
 @pytest.mark.parametrize("off", [0.3, -0.3])
 def test_press_at_mid_line_is_not_read_as_untouched_where_both_switches_reflect(off):
     rows = rows_by_off_states((off, off), phases_of(MIDDLE))
-    found = explained(rows, filter_of(MODEL, 900e6, off))
-    assert found.probability(found.state == UNTOUCHED, len(rows))[100] < 0.99
+    found = explained(rows, filter_for(off))
+    assert probability(found, found["is"] == UNTOUCHED, len(rows))[100] < 0.99
 
 
 def test_reference_may_be_exchanged_at_any_time():
     """The same groups against another reference: the same explanations, turned."""
     rows = rows_of(phases_of(PRESS))
     plain = explained(rows)
-    press_filter, turn = filter_of(MODEL, 900e6, 0.0), np.radians([12.0, -7.0])
+    press_filter, turn = filter_for(), np.radians([12.0, -7.0])
     press_filter.take(rows[:90])
     press_filter.change_reference(-turn, np.zeros(2))
-    rows[90:, 1:3] -= turn
+    rows["phase"][90:] -= turn
     found = explained(rows[90:], press_filter)
     for group in (0, 20, 60, 85):
-        now, then = (
-            each.choose(each.row == at) for each, at in ((found, group), (plain, group + 90))
-        )
-        assert now.state[0] == then.state[0]
-        np.testing.assert_allclose(now.baseline[0] + turn, then.baseline[0], atol=1e-6)
+        now, then = (each[each["row"] == at] for each, at in ((found, group), (plain, group + 90)))
+        assert now["is"][0] == then["is"][0]
+        np.testing.assert_allclose(now["baseline"][0] + turn, then["baseline"][0], atol=1e-6)
 
 
 def test_group_that_cannot_be_read_changes_nothing():
     rows = rows_of(phases_of(PRESS))
-    press_filter = filter_of(MODEL, 900e6, 0.0)
+    press_filter = filter_for()
     press_filter.take(rows[:100])
     before = press_filter.newest()
     lost = rows[100:101].copy()
-    lost[0, 1] = np.nan
+    lost["phase"] = np.nan
     np.testing.assert_array_equal(press_filter.take(lost), before)
 
 
@@ -247,15 +255,15 @@ def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     """A sensor that nobody touches for half a minute was read as touched, without a flag."""
     groups = int(30 / period_s)
     found = explained(rows_of(phases_of(0, groups, 0, 0), period_s=period_s))
-    untouched = found.probability(found.state == UNTOUCHED, groups)
+    untouched = probability(found, found["is"] == UNTOUCHED, groups)
     assert untouched[int(1 / period_s) :].min() > 0.99
 
 
 def test_first_group_has_none_before_it():
-    press_filter = filter_of(MODEL, 900e6, 0.0)
+    press_filter = filter_for()
     assert not len(press_filter.take(rows_of(np.zeros((1, 2)))))
 
 
 def test_unknown_parameter_is_refused():
-    with pytest.raises(ValueError, match="unknown parameter noise"):
-        filter_of(MODEL, 900e6, 0.0, noise=1.0)
+    with pytest.raises(ValueError, match="noise"):
+        filter_for(noise=1.0)
