@@ -50,19 +50,10 @@ _Group = tuple[Array, ...]
 
 
 class Suspicion(NamedTuple):
-    """A mistake that presses suggest.
+    """A mistake that presses suggest, and a sentence about it without the sensor's name.
 
-    Attributes
-    ----------
-    kind : str
-        ``other sensor``, ``swapped ends``, ``moving location``, ``off state`` or ``amplitude``.
-    text : str
-        A sentence, without the sensor's name.
-
-    Examples
-    --------
-    >>> Suspicion("swapped ends", "the ends are swapped").kind
-    'swapped ends'
+    ``kind`` is ``other sensor``, ``swapped ends``, ``moving location``, ``off state`` or
+    ``amplitude``.
     """
 
     kind: str
@@ -116,33 +107,7 @@ class _Record:
 
 
 class PressEvidence:
-    """Collects the presses of one sensor.
-
-    Parameters
-    ----------
-    model : SensorModel
-    frequency_hz : float
-        Carrier, in Hz.
-    off_reflection : ndarray of complex, shape (2,)
-        G_off / rho of both switches, as stated.
-    group_period_s : float
-        Length of a group, in s.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> model = wiforce.load_sensor("line-900mhz-calibrated")
-    >>> evidence = PressEvidence(model, 900e6, np.zeros(2), 0.036)
-    >>> forces = np.r_[np.zeros(5), np.linspace(2, 6, 20), np.zeros(5)]
-    >>> phases, touch = model.phases_deg(forces, 45.0), (forces > 0).astype(int)
-    >>> ratios = np.exp(1j * np.radians(phases - model.untouched_deg()))
-    >>> clear, unexplained = np.ones(30, bool), np.zeros(30, bool)
-    >>> std = np.full((30, 2), 0.1)
-    >>> bool(evidence.take(ratios, phases, std, touch, clear, unexplained).any())
-    False
-    >>> evidence.suspicions
-    []
-    """
+    """Collects the presses of one sensor, with G_off / rho of both switches as stated."""
 
     def __init__(
         self,
@@ -178,25 +143,11 @@ class PressEvidence:
         clear: Array,
         unexplained: Array,
     ) -> Array:
-        """Take the readings of a batch.
+        """Take the readings of a batch: R against the untouched sensor, phases and their standard
+        deviations in degrees, (G, 2); touch decisions, whether no stage before the inversion flags
+        the group, and whether no calibrated press causes its phases, (G,).
 
-        Parameters
-        ----------
-        ratios : ndarray of complex, shape (G, 2)
-            R against the untouched sensor.
-        phases, std : ndarray, shape (G, 2)
-            Phases and their standard deviations, in degrees.
-        touch : ndarray of int, shape (G,)
-            Touch decisions.
-        clear : ndarray of bool, shape (G,)
-            No stage before the inversion flags the group.
-        unexplained : ndarray of bool, shape (G,)
-            No calibrated press causes the phases.
-
-        Returns
-        -------
-        ndarray of bool, shape (G,)
-            Groups that are touched while the sensor is ``contradicted``.
+        Gives the groups that are touched while the sensor is ``contradicted``; bool, shape (G,).
         """
         contradicting = np.zeros(len(touch), bool)
         if not self._open and not (touch == 1).any():

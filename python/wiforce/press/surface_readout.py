@@ -24,23 +24,7 @@ _OF_MAIN = (Flag.EXTRAPOLATED | Flag.FORCE_UNOBSERVABLE).value
 
 
 class SurfaceReadout:
-    """Gives the readings of a surface, group by group.
-
-    Parameters
-    ----------
-    estimator : SurfaceEstimator
-    names : sequence of str
-        Of the rows of the surface, one per press that is resolved.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> from gnuradio.wiforce.receiver import make_readout
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> readout = make_readout(plan("surface_four_strips"))
-    >>> readout.flush(1)[-1].sensor
-    'skin-2'
-    """
+    """Gives the readings of a surface, group by group; ``names`` has one per press."""
 
     def __init__(self, estimator: SurfaceEstimator, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -48,20 +32,7 @@ class SurfaceReadout:
         self._strips = list(estimator.skin.indices)
 
     def read(self, groups: Groups, period_s: float) -> list[list[SurfaceReading]]:
-        """Readings of a batch.
-
-        Parameters
-        ----------
-        groups : Groups
-            With all flags of the sensors.
-        period_s : float
-            Length of a group, in s.
-
-        Returns
-        -------
-        list of list of SurfaceReading
-            For each group a reading per name.
-        """
+        """Readings of a batch with all flags of the sensors: for each group one per name."""
         strips = self._strips
         of_strips, touch = groups.flags[:, strips], groups.touch[:, strips]
         std = groups.psi_std_deg[:, strips]

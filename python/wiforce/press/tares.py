@@ -21,22 +21,9 @@ _LEAST_SHARE = 0.5
 class TareState:
     """What became of the last request for a tare.
 
-    Attributes
-    ----------
-    state : str
-        ``none`` before the first request, ``measuring``, ``complete``, ``refused`` or ``failed``.
-        After ``refused`` and ``failed`` the former reference is still in use.
-    reason : str
-        Why it was refused or failed, or which sensors keep their former reference.
-    forced : bool
-        Whether it was requested with ``force``.
-    time_s : float or None
-        Time in the run up to which groups had been read.
-
-    Examples
-    --------
-    >>> TareState("refused", "arm is touched").row()["state"]
-    'refused'
+    ``state`` is ``none`` before the first request, ``measuring``, ``complete``, ``refused`` or
+    ``failed``; after the last two the former reference is still in use. ``reason`` says why, or
+    which sensors keep their former reference, and ``time_s`` up to when groups had been read.
     """
 
     state: str = "none"
@@ -64,21 +51,7 @@ class _Measured:
 
 
 class TareReports:
-    """What became of requests for a tare.
-
-    Attributes
-    ----------
-    state : TareState
-        Of the last request.
-    on_state : callable or None
-        Called with every TareState that follows.
-
-    Examples
-    --------
-    >>> reports = TareReports()
-    >>> reports.report(TareState("measuring")).state, reports.measuring
-    ('measuring', True)
-    """
+    """The state of the last request for a tare; ``on_state`` is called with each that follows."""
 
     def __init__(self) -> None:
         self.state = TareState()
@@ -90,17 +63,7 @@ class TareReports:
         return self.state.state == "measuring"
 
     def report(self, state: TareState) -> TareState:
-        """Take a new state, and pass it on.
-
-        Parameters
-        ----------
-        state : TareState
-
-        Returns
-        -------
-        TareState
-            The same.
-        """
+        """Take a new state, and pass it on."""
         self.state = state
         if self.on_state is not None:
             self.on_state(state)
@@ -110,20 +73,7 @@ class TareReports:
 class TareRequests(TareReports):
     """Decides on requests for a tare from what the sensors show before and during it.
 
-    Parameters
-    ----------
-    reference : ConjugateDifference
-        Measures the new reference.
-    sensors : mapping of str to SensorReadout
-        By name.
-    group_period_s : float
-        Length of a group, in s.
-
-    Examples
-    --------
-    >>> requests = TareRequests(ConjugateDifference(2, 14), {}, 0.036)
-    >>> requests.request().reason
-    'the first reference is not complete'
+    ``reference`` measures the new reference; ``sensors`` are given by name.
     """
 
     def __init__(
@@ -142,18 +92,9 @@ class TareRequests(TareReports):
         """Measure a new reference in the groups that follow, unless a sensor is touched.
 
         After the oscillators have got new phases, as those of a device that was opened again, it
-        cannot be known whether one is: the reference is measured as the first one was.
-
-        Parameters
-        ----------
-        force : bool
-            Measure it in any case. The readings of a sensor that seems to be touched are flagged
-            ``ambiguous`` until a release is seen.
-
-        Returns
-        -------
-        TareState
-            ``measuring`` or ``refused``; ``complete`` where nothing has to be measured.
+        cannot be known whether one is: the reference is measured as the first one was. Where it
+        is forced, the readings of a sensor that seems to be touched are flagged ``ambiguous``
+        until a release is seen.
         """
         if not self._reference.started:
             return self._set("refused", "the first reference is not complete", force)
@@ -171,16 +112,7 @@ class TareRequests(TareReports):
         return self._set("measuring" if self._reference.measuring else "complete", "", force)
 
     def cancel(self, reason: str) -> TareState:
-        """Give up a tare that is being measured; the former reference stays in use.
-
-        Parameters
-        ----------
-        reason : str
-
-        Returns
-        -------
-        TareState
-        """
+        """Give up a tare that is being measured; the former reference stays in use."""
         if not self.measuring:
             return self.state
         self._reference.discard()
@@ -258,15 +190,7 @@ class TareRequests(TareReports):
 
 
 class StreamTares(TareReports):
-    """Requests for a tare of the receiver that reads a stream at present.
-
-    Parameters
-    ----------
-    request : callable
-        Takes ``force``; gives the TareState.
-    cancel : callable
-        Takes the reason.
-    """
+    """Requests for a tare of the receiver that reads a stream at present."""
 
     def __init__(self, request: Callable[[bool], TareState], cancel: Callable[[str], None]) -> None:
         super().__init__()

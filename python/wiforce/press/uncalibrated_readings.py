@@ -29,27 +29,10 @@ def uncalibrated_readings(
     off_reflection: ArrayLike,
     group_period_s: float,
 ) -> list[Reading]:
-    """Touch, phases and flags of one sensor, without force and location.
+    """Touch, phases and flags of one sensor, without force and location; one reading per group.
 
-    Parameters
-    ----------
-    groups : Groups
-        With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
-    sensor : int
-        Index of the sensor.
-    name : str
-        Its name.
-    untouched_deg : array_like, shape (2,)
-        psi_10 and psi_20, in degrees.
-    off_reflection : complex or array_like of two
-        G_off / rho, per switch where they differ.
-    group_period_s : float
-        Length of a group, in s.
-
-    Returns
-    -------
-    list of Reading
-        One per group. Phases refer to the untouched reference alone: no drift is subtracted.
+    ``untouched_deg`` is psi_10 and psi_20, ``off_reflection`` G_off / rho, per switch where they
+    differ. Phases refer to the untouched reference alone: no drift is subtracted.
 
     Examples
     --------
