@@ -138,6 +138,7 @@ class Device:
         if not self._link.deliver():
             return _HOLD_WAIT_S
         start = hardware.clock.ticks
+        hardware.transmit.discard_late(start)
         end = start + min(self._wall.allowance(start), hardware.longest_step)
         end = self._until_event(start, end)
         if end > start and self._throttle and hardware.streaming:

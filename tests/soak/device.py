@@ -21,7 +21,7 @@ class PlayedLink:
         self._device = device
         self.hardware, self.settings, self.unlocked = None, {}, []
         self.aligned = False
-        self.started, self.clock = False, None
+        self.started, self.clock, self.underflows_s = False, None, []
         self._ours, self.samples = socket.socketpair()
         self.samples.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         self._clocks = ClockComparison(

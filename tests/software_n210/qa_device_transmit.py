@@ -74,6 +74,18 @@ def test_transmit_late_burst_with_next_burst_policy_is_dropped_whole():
     assert [(tick, len(samples)) for tick, samples in chain._air.given] == [(2000, 7)]
 
 
+def test_transmit_late_packets_are_dropped_while_device_time_is_held():
+    """They filled the window of a host that was to catch up meanwhile, which never did."""
+    chain = transmit_chain()
+    chain._clock.advance(1000)
+    for sequence, time in enumerate((200, 600, 2000)):
+        chain.accept(tx_packet(sequence, range(10), time=time))
+    chain.discard_late(1000)
+    assert events(chain) == [(wire.TX_LATE, 0), (wire.TX_LATE, 1)]
+    chain.run(1000, 3000)
+    assert [tick for tick, _ in chain._air.given] == [2000]
+
+
 def test_transmit_consumed_packets_acknowledged_by_number_and_time():
     chain = transmit_chain()
     chain.poke(5, 1 << 31 | 3)

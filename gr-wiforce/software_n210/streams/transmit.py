@@ -218,6 +218,11 @@ class TransmitChain:
         """Treat the next packet that starts a burst as late."""
         self._make_late = True
 
+    def discard_late(self, now):
+        """Drop late packets as they arrive, also while device time is held: so does a device."""
+        if not self.in_burst:
+            self.run(now, now)
+
     def covered_until(self, end):
         """The tick up to which no sample is missing, at most `end`; an open burst may run out."""
         spacing = self.dsp.ticks_per_sample

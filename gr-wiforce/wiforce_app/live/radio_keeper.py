@@ -9,6 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from ..radio.link import RadioLink
 from ..radio.request import DeviceAbsent, DeviceBusy, DeviceLost, RadioRequest
 from ..shell.log import log
+from .requests import WarningPace
 from .session import LiveSession
 
 OPENING, RUNNING, RECONNECTING = "opening", "running", "reconnecting"
@@ -48,6 +49,7 @@ class RadioKeeper:
         self._found = False  # once
         self._pause_s = _SHORTEST_PAUSE_S
         self._next_s = self._running_s = self._lost_s = now()
+        self._pace = WarningPace(now)
         self._reason, self._reminded_s = "", -_REMIND_S
         self.state, self.losses = OPENING, 0
 
@@ -95,6 +97,8 @@ class RadioKeeper:
             self._on_open(link)
             self._session.attach(link)
             link.start()
+        if link.underflows_s:
+            self._warn_of_underflow(link)
         if not link.started:
             return
         now = self._now()
@@ -109,6 +113,15 @@ class RadioKeeper:
             self._enter(RUNNING)
         elif now - self._running_s > _STEADY_S:
             self._pause_s = _SHORTEST_PAUSE_S
+
+    def _warn_of_underflow(self, link):
+        silent_s = sum(link.underflows_s)
+        link.underflows_s.clear()
+        if self._pace.allows("underflow"):
+            log.warning(
+                f"transmit underflow: no frames were sent for {silent_s:.2f} s, which are missing "
+                "in the readings; this machine is too slow or busy"
+            )
 
     def _check_samples(self):
         since_s = self._now() - self._running_s

@@ -32,8 +32,9 @@ class RadioLink:
     ``hardware``: kind, daughterboard and serial number of the device; None until it is open;
     ``settings``: its gains and antennas; ``aligned``: whether the samples begin with a frame;
     ``unlocked``: directions (``tx``, ``rx``) whose oscillator has not locked; ``started``: whether
-    samples have been received; ``clock``: offset of UTC from the device's clock by the latest
-    comparison, and its uncertainty, in s.
+    samples have been received; ``underflows_s``: for how long nothing was transmitted each time
+    that this machine was too slow, to be taken; ``clock``: offset of UTC from the device's clock
+    by the latest comparison, and its uncertainty, in s.
     """
 
     def __init__(self, request: RadioRequest):
@@ -44,6 +45,7 @@ class RadioLink:
         self.unlocked: list[str] = []
         self.started = False
         self.clock: tuple[float, float] | None = None
+        self.underflows_s: list[float] = []
         self._rest = b""
         self._samples: socket.socket | None
         self._samples, samples = socket.socketpair()
@@ -122,6 +124,8 @@ class RadioLink:
             self.started = True
         elif event == "clock":
             self.clock = report["offset_s"], report["uncertainty_s"]
+        elif event == "underflow":
+            self.underflows_s.append(report["seconds"])
         elif event == "stopped":
             self._stopped = True
         elif event == "refused":

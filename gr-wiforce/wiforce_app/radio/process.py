@@ -120,6 +120,8 @@ def _serve(reader, samples):
     while not stopped():
         streams.check()
         _report_clock(streams, reader)
+        if (underflow_s := streams.take_underflow_s()) > 0:
+            reader.report("underflow", seconds=underflow_s)
         time.sleep(_LOOK_S)
     streams.stop()
     samples.close()

@@ -107,7 +107,9 @@ class Radio(ABC):
         }
         for direction, end in self._ends.items():
             gain_option, gain_db, antenna_option, antenna = wanted[direction]
-            if gain_db is not None:
+            if gain_db is None:
+                self._set_first_gain(end)
+            else:
                 with self.applying(gain_option, gain_db):
                     _set_gain(gain_option, end, gain_db)
             if antenna is not None:
@@ -137,6 +139,9 @@ class Radio(ABC):
     @abstractmethod
     def _open(self, request: RadioRequest) -> tuple[End, End | None]:
         """Receiver and transmitter, the latter None where only the former is used."""
+
+    def _set_first_gain(self, end: End) -> None:  # noqa: B027
+        """Set the gain to begin with where none is asked for; the driver's own unless derived."""
 
     @abstractmethod
     def _clock_sources(self) -> list[str]: ...

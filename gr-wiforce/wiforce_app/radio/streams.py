@@ -2,15 +2,18 @@
 """The streams of a device: their start, their clock, and the samples."""
 
 import functools
+import math
 import os
 import re
 import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.sample_streams import sample_sender
+from gnuradio.wiforce.blocks.usrp import device_time_of, timed_frames
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
 from .radio import Radio
@@ -182,10 +185,11 @@ class RadioStreams:
         together = min(int(request.receive_s * request.sample_rate_hz), _MOST_RECEIVE_SAMPLES)
         radio.collect(0 if packets else together, _RECEIVE_TIMEOUT_S)
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
+        self._start_s, self._frames = [0.0], None
         if radio.sink is not None:
             source = wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
             self._transmitted = source  # a flowgraph deletes a block that has no name
-            self._transmission.connect(source, radio.sink)
+            self._transmission.connect(source, *self._timed(radio, request), radio.sink)
         self._alignment = None
         # Frames of a free-running transmitter are followed by the reader.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
@@ -197,7 +201,27 @@ class RadioStreams:
                 self._reception.connect((radio.source, antenna), (self._sender, antenna))
         self._received, self._sent = _Progress(), _Progress()
         self._ended_before = False
+        self._reported_s = 0.0
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))
+
+    def _timed(self, radio, request):
+        """The block that gives the transmitter its times, where both ends start at one."""
+        start_s = self._start_s
+        if not radio.starts_together:
+            return ()
+        # It must not refer to the streams: they would not be freed, nor the device closed.
+        self._frames = timed_frames(
+            lambda: (math.floor(start_s[0]), start_s[0] % 1.0),
+            partial(device_time_of, radio.source),
+            request.sounding.frame_length,
+            request.sample_rate_hz,
+        )
+        return (self._frames,)
+
+    def take_underflow_s(self) -> float:
+        """Seconds in which nothing was transmitted, since the last call."""
+        before, self._reported_s = self._reported_s, self._frames.skipped_s if self._frames else 0.0
+        return max(self._reported_s - before, 0.0)
 
     def clock(self) -> tuple[float, float] | None:
         """Offset of UTC from the samples' clock and its uncertainty, in s; None when not due."""
@@ -221,7 +245,7 @@ class RadioStreams:
             if not self._passes(_TRANSMIT_AHEAD_S, stopped):
                 return
         for lead_s in _START_LEADS_S:
-            start_s = self._radio.start_together(lead_s)
+            start_s = self._start_s[0] = self._radio.start_together(lead_s)
             start_flowgraph(self._reception, stopped, "--args", request.args)
             while self._sender.sent == 0 and self._radio.time_s < start_s + _START_GRACE_S:
                 if stopped():

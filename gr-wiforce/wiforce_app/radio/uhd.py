@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The driver ``uhd``: a USRP, through GNU Radio's UHD blocks."""
 
+from gnuradio.wiforce.blocks.usrp import first_gain_db
+
 from .radio import End, Radio, absent_rule, last_line, set_environment
 from .request import DeviceAbsent
 
@@ -28,6 +30,9 @@ class UhdRadio(Radio):
         self.hardware = ", ".join(text for text in known if text)
         self.serial = info.get("mboard_serial")
         return receiver, transmitter
+
+    def _set_first_gain(self, end):
+        end.set_gain(first_gain_db(*end.gain_limits_db()))
 
     def _clock_sources(self):
         return self.source.get_clock_sources(0)

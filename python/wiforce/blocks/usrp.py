@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a USRP that sends the sounding frames of a scene and receives them, aligned."""
 
+import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +21,23 @@ from .sounding import sounding_source
 # From the first call of the transmitter to the start of both directions: a host fills the buffers
 # of a device in a tenth of it.
 _LEAD_S = 1.0
+# The device is asked for its time once per so many seconds of samples, which costs a round trip.
+_LOOK_S = 0.1
+# From an underflow that is noticed to the next frame on the air: what waits between here and the
+# device is discarded meanwhile, a tenth of a second at most.
+_RESUME_S = 0.25
 # Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
 _TOGETHER = 1 << 16
 _ITEM_TYPE = "sc16"
+# Whole seconds and their fraction.
+DeviceTime = tuple[int, float]
 # Share of a device's range at which gains begin: the software N210 then receives peaks of -10 dBFS.
 _FIRST_GAIN = 1 / 3
+
+
+def first_gain_db(low_db: float, high_db: float) -> float:
+    """The gain to begin with where a user states none: too low rather than too high."""
+    return low_db + _FIRST_GAIN * (high_db - low_db)
 
 
 class usrp(Kept, gr.hier_block2):
@@ -86,8 +101,12 @@ class usrp(Kept, gr.hier_block2):
             # The receiver waits for the command that starts both.
             self.receiver = uhd.usrp_source(device, stream, False)
         except (RuntimeError, LookupError, ValueError) as error:
-            reason = str(error).strip().splitlines()[-1]
-            raise InputError("device", f"must be a USRP that answers ({reason})", device) from error
+            text = str(error)
+            absent = "No devices found" in text
+            reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
+            rule = f"must be a USRP that answers ({reason}); without one, run `gr-wiforce emulate`"
+            # The trace of UHD's own error would hide this sentence.
+            raise InputError("device", rule, device) from None
         for direction, end, antenna in (
             ("tx", self.transmitter, tx_antenna),
             ("rx", self.receiver, rx_antenna),
@@ -111,7 +130,12 @@ class usrp(Kept, gr.hier_block2):
         )
         # Inner connections hold C++ parts only, and there is no message port: with one, GNU Radio
         # would never destroy the block, and the device would stay open.
-        self._start = _common_start(self.transmitter, self.receiver)
+        self._start = timed_frames(
+            partial(_begin_together, self.transmitter, self.receiver),
+            partial(device_time_of, self.transmitter),
+            scene.sounding.frame_length,
+            scene.radio.sample_rate_hz,
+        )
         self.connect(sounder, self._start.gateway, self.transmitter)
         self.connect(self.receiver, self.alignment.gateway, self._impl)
 
@@ -148,41 +172,103 @@ def _set_gain(parameter: str, end: Any, gain_db: float | None) -> None:
     limits = end.get_gain_range()
     low, high = limits.start(), limits.stop()
     if gain_db is None:
-        gain_db = low + _FIRST_GAIN * (high - low)
+        gain_db = first_gain_db(low, high)
     if not low <= gain_db <= high:
         raise InputError(parameter, f"must be {low:g} to {high:g} dB with this device", gain_db)
     end.set_gain(gain_db)
 
 
-class _common_start(Kept, gr.sync_block):
-    """Passes samples to a transmitter; the first ones set the time at which both ends start."""
+def device_time_of(end: Any) -> DeviceTime:
+    """Whole seconds and fraction of the clock of a source or sink of gr-uhd."""
+    now = end.get_time_now()
+    return now.get_full_secs(), now.get_frac_secs()
 
-    def __init__(self, transmitter: Any, receiver: Any) -> None:
+
+def _begin_together(transmitter: Any, receiver: Any) -> DeviceTime:
+    """Schedule the receiver, and return the time at which both ends start."""
+    from gnuradio import uhd
+
+    start = transmitter.get_time_now() + uhd.time_spec(_LEAD_S)
+    command = uhd.stream_cmd(uhd.stream_mode.STREAM_MODE_START_CONTINUOUS)
+    command.stream_now = False
+    command.time_spec = start
+    receiver.issue_stream_cmd(command)
+    return start.get_full_secs(), start.get_frac_secs()
+
+
+class timed_frames(Kept, gr.sync_block):
+    """Passes sounding frames, complex 16-bit, to a transmitter of gr-uhd with their times.
+
+    With a time on the first sample, gr-uhd puts one on every packet. After an underflow they are
+    all late, and a device discards late packets (UHD manual, "Error Codes"): a machine that cannot
+    send faster than time goes on would never be heard again. Times begin anew here, later by whole
+    frames, so that receivers find the frames where they were.
+
+    ``begin``: returns the time of the first sample, in each run; ``device_time``: returns that of
+    the device. ``skipped_s``: how much later frames are since the run began.
+    """
+
+    def __init__(
+        self,
+        begin: Callable[[], DeviceTime],
+        device_time: Callable[[], DeviceTime],
+        frame_length: int,
+        sample_rate: float,
+    ) -> None:
         item = item_type_named(_ITEM_TYPE).item
-        gr.sync_block.__init__(self, "common_start", in_sig=[item], out_sig=[item])
-        self._transmitter, self._receiver = transmitter, receiver
-        self._started = False
+        gr.sync_block.__init__(self, "timed_frames", in_sig=[item], out_sig=[item])
+        self._begin, self._device_time = begin, device_time
+        self._frame_length, self._sample_rate = frame_length, sample_rate
+        self._first: int | None = None
+        self._start: DeviceTime = (0, 0.0)
+        self._skipped = self._next_look = 0  # in samples
+        # As many samples at once as keep the cost of a call small.
+        self.set_min_output_buffer(2 * _TOGETHER)
+
+    @property
+    def skipped_s(self) -> float:
+        return self._skipped / self._sample_rate
 
     def start(self) -> bool:
-        self._started = False
+        self._first, self._skipped, self._next_look = None, 0, 0
         return True
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
-        if not self._started:
-            self._started = True
-            self._schedule()
+        now = self.nitems_written(0)
+        if self._first is None:
+            self._first, self._start = now, self._begin()
+            self._tag(now)
+        elif now >= self._next_look:
+            self._look(now)
         output_items[0][:] = input_items[0]
         return len(output_items[0])
 
-    def _schedule(self) -> None:
-        from gnuradio import uhd
+    def _look(self, item: int) -> None:
+        """Let times begin anew where those of the samples have passed."""
+        self._next_look = item + round(_LOOK_S * self._sample_rate)
+        try:
+            device = self._device_time()
+        except RuntimeError:  # UHD's, where the device does not answer in time: it is asked again
+            return
+        due = self._time_of(item)
+        late_s = device[0] - due[0] + device[1] - due[1]
+        if late_s > 0:
+            frame_s = self._frame_length / self._sample_rate
+            frames = math.ceil((late_s + _RESUME_S) / frame_s)
+            self._skipped += frames * self._frame_length
+            self._tag(item)
+            gr.log.warn(
+                f"transmit underflow: nothing was sent for {frames * frame_s:.2f} s; frames go on "
+                "where receivers expect them (this machine is too slow for the sample rate)"
+            )
 
-        start = self._transmitter.get_time_now() + uhd.time_spec(_LEAD_S)
-        command = uhd.stream_cmd(uhd.stream_mode.STREAM_MODE_START_CONTINUOUS)
-        command.stream_now = False
-        command.time_spec = start
-        self._receiver.issue_stream_cmd(command)
-        seconds = pmt.from_uint64(start.get_full_secs()), pmt.from_double(start.get_frac_secs())
-        self.add_item_tag(
-            0, self.nitems_written(0), pmt.intern("tx_time"), pmt.make_tuple(*seconds)
-        )
+    def _tag(self, item: int) -> None:
+        full, part = self._time_of(item)
+        time = pmt.make_tuple(pmt.from_uint64(full), pmt.from_double(part))
+        self.add_item_tag(0, item, pmt.intern("tx_time"), time)
+
+    def _time_of(self, item: int) -> DeviceTime:
+        assert self._first is not None
+        passed_s = (item - self._first + self._skipped) / self._sample_rate
+        whole = math.floor(self._start[1] + passed_s)
+        return self._start[0] + whole, self._start[1] + passed_s - whole

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block USRP with the software N210: gains, antennas, and the common start."""
 
+import os
+import subprocess
+
+import numpy as np
+import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.blocks.usrp import timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
 from software_usrp import SoftwareUsrp
@@ -87,3 +93,54 @@ def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, sc
     assert running.command("status")["streaming_s"] > 0
     del usrp, flowgraph
     wait_until(lambda: running.command("status")["streaming_s"] == 0)  # the device is closed
+
+
+@pytest.mark.parametrize("late_s", [0.02, 0.5, 96.25])
+def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
+    """Readings of a machine that was busy once never came back: all later packets were late."""
+    frame, rate, most = 50, 1000.0, 64
+    items = np.arange(2 * 20 * frame, dtype=np.int16)
+    answers = [(0, 0.0), (3, 0.75 + 0.2 + late_s)]
+
+    def device_time():
+        return answers.pop(0) if answers else (0, 0.0)
+
+    source = blocks.vector_source_s(items.tolist(), False, 2)
+    timed = timed_frames(lambda: (3, 0.75), device_time, frame, rate)
+    sink, flowgraph = blocks.vector_sink_s(2), gr.top_block()
+    timed.set_max_noutput_items(most)
+    flowgraph.connect(source, timed, sink)
+    flowgraph.run()
+    assert np.array_equal(sink.data(), items)
+    first, second = sink.tags()
+    for tag in (first, second):
+        assert pmt.symbol_to_string(tag.key) == "tx_time"
+    full, part = (pmt.to_python(tag.value) for tag in (first, second))
+    assert first.offset == 0 and full == (3, 0.75)
+    # The second look comes a tenth of a second of samples after the first.
+    begun_s, late = part[0] + part[1], 3.75 + 0.2 + late_s
+    frames = (begun_s - 3.75 - second.offset / rate) * rate / frame
+    assert frames == pytest.approx(round(frames), abs=1e-6) and frames > 0
+    assert 0 <= begun_s - late - 0.25 <= frame / rate + 1e-9
+    assert timed.skipped_s == pytest.approx(round(frames) * frame / rate)
+
+
+def test_usrp_is_read_again_after_the_host_stood_still(running, device, scene):
+    """One underflow ended a run for good: the device dropped 114 471 packets as late."""
+    readings = []
+    flowgraph = gr.top_block()
+    usrp = wiforce.usrp(scene, device)
+    reader = wiforce.reader(scene, input_type="sc16", on_reading=readings.append)
+    flowgraph.connect(usrp, reader)
+    flowgraph.start()
+    wait_until(lambda: sum(reading.touch is not None for reading in readings) > 10)
+    underflows = running.command("status")["tx_underflows"]
+    # All of this process, which UHD's threads belong to.
+    subprocess.run(["sh", "-c", f"kill -STOP {os.getpid()}; sleep 1.5; kill -CONT {os.getpid()}"])
+    wait_until(lambda: running.command("status")["tx_underflows"] > underflows)
+    before = len(readings)
+    wait_until(lambda: sum(r.touch is not None for r in readings[before + 20 :]) > 20)
+    flowgraph.stop()
+    flowgraph.wait()
+    clear = [r for r in readings[before + 20 :] if r.touch is not None]
+    assert all(reading.touch == 0 for reading in clear)

@@ -26,7 +26,7 @@ class Bench:
 
     def __init__(self, *fates, reconnect=True):
         self.now_s, self.opened_s, self.states = 0.0, [], []
-        self.fates = list(fates)
+        self.fates, self.underflows_s = list(fates), []
         self.session = SimpleNamespace(
             attach=lambda link: None, next_request=lambda request: request, silent_s=0.0
         )
@@ -55,7 +55,7 @@ class Bench:
 
         return SimpleNamespace(
             poll=poll, opened=True, started=True, start=nothing, stop=nothing, close=nothing,
-            discard=nothing, unlocked=[],
+            discard=nothing, unlocked=[], underflows_s=self.underflows_s,
         )  # fmt: skip
 
     def run(self, seconds):
@@ -157,3 +157,15 @@ def test_lock_second_process_is_refused_until_the_first_ends():
     lock.take_serial(f"serial{own}")
     lock.release()
     DeviceLock("addr=127.1.2.3", handover_s=0.2).release()
+
+
+def test_keeper_warns_of_underflows_at_growing_intervals(capsys):
+    """Readings were missing, and nothing said that the machine did not keep up."""
+    bench = Bench(100.0)
+    for second in range(6):
+        bench.now_s = float(second)
+        bench.underflows_s += [0.3, 0.2]
+        bench.keeper.look()
+        assert bench.underflows_s == []
+    said = capsys.readouterr().err
+    assert 1 < said.count("transmit underflow: no frames were sent for 0.50 s") < 6
