@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce calibrate``: known presses to a sensor model, with a report of what it can do."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -194,6 +195,9 @@ def calibrate(
     except InputError as error:
         raise _with_suspicions(error, sensor.suspicions(data, *line)) from None
     suspected = model.provenance.get("suspicions", [])
+    if bench is None and (assumed := sensor.untouched_assumed(data, model)):
+        suspected = [*assumed, *suspected]
+        model = replace(model, provenance=model.provenance | {"suspicions": suspected})
     if suspected and not accept:
         rule = "correct it, or write the sensor nevertheless with --accept"
         raise InputError(table, f"{'; '.join(suspected)}; {rule}")
@@ -209,6 +213,11 @@ def calibrate(
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
+    carrier_hz = model.frequencies_hz[0]
+    click.echo(
+        f"next: put 'model: {output}' into a scene at {carrier_hz / 1e6:g} MHz, and ask "
+        "`gr-wiforce plan SCENE.yaml` for the errors with a radio"
+    )
 
 
 def _without_incomplete(data):

@@ -111,6 +111,7 @@ client_keys = click.option(
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 
 _ARGS_HELP = "Device arguments: addr=192.168.10.2; with --driver soapy: driver=lime."
+_GAIN_HELP = "Default: a third of a USRP's range; with soapy the device's own."
 _OF_A_RADIO = (
     click.option("--args", required=True, help=_ARGS_HELP),
     click.option(
@@ -128,8 +129,8 @@ _OF_A_RADIO = (
         is_flag=True,
         help="Transmit nothing: the frames come from a transmitter of their own.",
     ),
-    click.option("--tx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
-    click.option("--rx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
+    click.option("--tx-gain", type=Number(), metavar="DB", help=_GAIN_HELP),
+    click.option("--rx-gain", type=Number(), metavar="DB", help=_GAIN_HELP),
     click.option("--antenna", help="Receive antenna, for example RX2."),
     click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
     click.option(

@@ -24,6 +24,11 @@ from .tables import CalibrationTable
 # determined by several locations.
 ON_A_LINE, ENOUGH_LOCATIONS = 0.97, 3
 _SLOPES = np.linspace(0.6, 1.8, 241)
+# The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
+# the slope by up to 25 %, more for wide contacts: the permittivity by its square.
+_LENGTH_MM = 10.0
+_PERMITTIVITY_RATIO = 1.6
+_SLOPE_LIMITS = (0.7, 1.5)
 # Share of the rows, those with the lightest forces, in which the short is taken to be narrow.
 _LIGHT = 0.4
 
@@ -42,15 +47,18 @@ class LineEstimate:
     ambiguity_mm: float
 
     def text(self) -> str:
-        """The estimate in words."""
+        """The estimate in words, as wide as the contact law leaves it."""
         if self.permittivity is None:
             return "the phases of different locations do not tell"
         length = (
             "a length that only untouched rows would tell"
             if self.length_mm is None
-            else f"{self.length_mm:.0f} mm (modulo {self.ambiguity_mm:.0f} mm)"
+            else f"{self.length_mm:.0f} mm within {_LENGTH_MM:g} mm (modulo "
+            f"{self.ambiguity_mm:.0f} mm)"
         )
-        return f"the data suggest roughly {length} and permittivity {self.permittivity:.2g}"
+        low = max(self.permittivity / _PERMITTIVITY_RATIO, 1.0)
+        high = self.permittivity * _PERMITTIVITY_RATIO
+        return f"the data suggest {length} and a permittivity between {low:.2g} and {high:.2g}"
 
 
 def estimate_line(
@@ -145,10 +153,6 @@ _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
 _DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
-# The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
-# the slope by up to 25 %, more for wide contacts.
-_LENGTH_MM = 10.0
-_SLOPE_LIMITS = (0.7, 1.5)
 # Readings of which so many are unexplained are suspicious, and explained if so few are.
 _MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
 _UNEXPLAINED = {"inconsistent", "extrapolated"}
@@ -172,6 +176,36 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
         return list(dict.fromkeys(found))
     for estimate in estimate_line(table, length_mm, permittivity):
         found += _other_line(estimate, length_mm, permittivity)
+    return found
+
+
+def untouched_assumed(table: CalibrationTable, model: SensorModel) -> list[str]:
+    """What follows where a table has no untouched rows, for each such carrier.
+
+    Returns list of str: a sentence each, with the change of readings per degree of error.
+
+    ``model``: of this table.
+    """
+    found = []
+    for frequency in carriers_of(table):
+        if untouched_phases(table.take(same_carrier(table.frequency_hz, frequency))) is not None:
+            continue
+        force_n, location_mm = np.meshgrid(
+            np.linspace(*model.force_span_n, 5), np.linspace(*model.location_span_mm, 5)
+        )
+        phases = model.phases_deg(force_n.ravel(), location_mm.ravel(), frequency)
+        at = {"frequency_hz": frequency}
+        before, after = (model.invert(phases + each, 0.1, **at) for each in ([0, 0], [1, 0]))
+        force, location = (
+            np.nanmedian(np.abs(getattr(after, name) - getattr(before, name)))
+            for name in ("force_n", "location_mm")
+        )
+        found.append(
+            f"no rows of the untouched sensor (force_n 0, no location) at {frequency / 1e6:g} MHz: "
+            f"its phases are taken to be those of a line of {model.length_mm:g} mm, and each "
+            f"degree that one of them is off shifts forces by some {force:.2g} N and locations by "
+            f"some {location:.2g} mm"
+        )
     return found
 
 

@@ -152,6 +152,7 @@ _GROUPS, _DRAWS = 300, 16
 
 # Median errors of phases, force and location.
 _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
+_Stated = tuple[tuple[float, ...], float, float]
 # What limits the force, as Expected.limited_by.
 RADIO, CALIBRATION = "radio", "calibration"
 
@@ -170,15 +171,22 @@ class Expected:
     location_error_mm: float | None
     # What causes most of the variance of the force: the noise of the radio or the calibration.
     limited_by: str | None = None
+    # Medians of force (N) and location (mm) over the calibrated span, as the calibration states
+    # them; None where the errors above are these, since the scene has no presses.
+    over_span: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         error, std = self.phase_error_deg, self.phase_std_deg
         if error is None:
             return f"{self.sensor}: not readable"
+        where = "over the calibrated span"
+        if self.over_span is not None:
+            force_n, location_mm = self.over_span
+            where = f"in the scene's presses ({force_n:.3g} N, {location_mm:.3g} mm {where})"
         return (
             f"{self.sensor}: phases {error[0]:.3g}/{error[1]:.3g} deg "
             f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {self.force_error_n:.3g} N, "
-            f"location {self.location_error_mm:.3g} mm"
+            f"location {self.location_error_mm:.3g} mm {where}"
         )
 
 
@@ -198,14 +206,16 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
     for i, (sensor, std) in enumerate(zip(plan.sensors, stds, strict=True)):
         model, pressed = sensor.model, points[i]
         medians: _Medians = (None, None, None)
-        limit = None
+        limit = span = None
         if not why_not_readable(scene, i, levels):
+            stated = _stated(model, carrier_hz, _span(model), std)
             if pressed is None:
-                medians = _stated(model, carrier_hz, _span(model), std)
+                medians = stated
             else:
+                span = stated[1:]
                 medians = _drawn(model, carrier_hz, pressed, np.hypot(std, _curvature_deg(scene)))
             limit = _limit(model, carrier_hz, _span(model) if pressed is None else pressed, std)
-        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit))
+        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span))
     return tuple(found)
 
 
@@ -328,7 +338,7 @@ def _median(error: np.ndarray) -> float | None:
     return float(np.median(np.abs(error[known]))) if known.any() else None
 
 
-def _stated(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+def _stated(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Stated:
     """The same from the errors that the calibration states."""
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
     spread = _spread(model, carrier_hz, points, np.hypot(std, untouched))

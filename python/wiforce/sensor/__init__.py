@@ -35,6 +35,7 @@ _ELSEWHERE = {
     "refine": "calibration.refine",
     "suspicions": "calibration.mistakes",
     "table_kind": "calibration.tables",
+    "untouched_assumed": "calibration.mistakes",
     "verdict": "calibration.validation",
     "write_vna_csv": "calibration.tables",
 }

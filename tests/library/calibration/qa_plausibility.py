@@ -143,7 +143,32 @@ def test_calibrate_prints_the_assumed_line(table, tmp_path):
     done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 0, done.stderr
     assert "line: 80 mm and effective permittivity 1 are assumed" in done.stdout
-    assert re.search(r"900 MHz: the data suggest roughly (79|80|81) mm", done.stdout)
+    found = re.search(
+        r"900 MHz: the data suggest (\d+) mm within 10 mm \(modulo 167 mm\) and a permittivity "
+        r"between ([\d.]+) and ([\d.]+)\n",
+        done.stdout,
+    )
+    length_mm, low, high = map(float, found.groups())
+    assert abs(length_mm - 80) < 2 and low <= 1 <= high
+    assert re.search(r"^next: .*s\.yaml.*900 MHz.*gr-wiforce plan", done.stdout, re.MULTILINE)
+
+
+def test_calibrate_without_untouched_rows_must_be_accepted_and_is_repeated(table, tmp_path):
+    """The verdict was as good as with them; the report said late that they were assumed."""
+    write_vna_csv(table.take(~table.untouched), tmp_path / "vna.csv")
+    arguments = ("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    done = run_command(*arguments)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "no rows of the untouched sensor (force_n 0" in done.stderr
+    assert not (tmp_path / "s.yaml").exists()
+    done = run_command(*arguments, "--accept")
+    assert done.stdout.startswith("not to be trusted: no rows of the untouched sensor")
+    (said,) = load_sensor(tmp_path / "s.yaml").provenance["suspicions"]
+    force_n, location_mm = map(float, re.findall(r"some ([\d.]+) (?:N|mm)", said))
+    model = load_sensor(tmp_path / "s.yaml")
+    shifted = model.invert(model.phases_deg(4.0, 40.0) + [1.0, 0.0], 0.1)
+    assert shifted.force_n[0] - 4.0 == pytest.approx(force_n, rel=2)
+    assert abs(shifted.location_mm[0] - 40.0) == pytest.approx(location_mm, rel=1)
 
 
 def test_calibrate_refusal_names_the_likely_cause(table, tmp_path):

@@ -274,7 +274,20 @@ def test_command_names_what_limits_the_errors(snr_db, limit, tmp_path):
     sensors = "[{name: arm, model: line-900mhz-calibrated, clock_hz: 1035}]"
     text = f"sensors: {sensors}\nsimulation: {{snr_db: {snr_db}}}\n"
     (tmp_path / "scene.yaml").write_text(text)
-    assert f"mm; limited by {limit}\n" in command(tmp_path / "scene.yaml").stdout
+    found = command(tmp_path / "scene.yaml").stdout
+    assert f"mm over the calibrated span; limited by {limit}\n" in found
+
+
+def test_plan_states_the_span_beside_the_presses_of_a_scene():
+    """One sensor had another error in each scene, and no line said why."""
+    sensors = [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}]
+    simulation = {"truth_model": "line-900mhz", "presses": [PRESS]}
+    (alone,) = expect(plan({"sensors": sensors}))
+    (pressed,) = expect(plan({"sensors": sensors, "simulation": simulation}))
+    stated = alone.force_error_n, alone.location_error_mm
+    assert alone.over_span is None and pressed.over_span == pytest.approx(stated, rel=0.1)
+    assert str(alone).endswith(" mm over the calibrated span")
+    assert re.search(r" in the scene's presses \([\d.]+ N, [\d.]+ mm over the", str(pressed))
 
 
 def test_command_draws_errors_over_force_and_location(tmp_path):
