@@ -25,9 +25,18 @@ def run(flowgraph):
         flowgraph.wait()
 
 
+def usrp_of(scene, device, tx_gain=None, rx_gain=None):
+    """The block; where no such device answers, a sentence and the end."""
+    try:
+        return wiforce.usrp(scene, device, tx_gain, rx_gain)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+
+
 def main(device, scene, tx_gain=None, rx_gain=None):
     flowgraph = gr.top_block("live_uhd", catch_exceptions=False)
-    usrp = wiforce.usrp(scene, device, tx_gain, rx_gain)
+    usrp = usrp_of(scene, device, tx_gain, rx_gain)
     flowgraph.connect(usrp, wiforce.reader(scene, input_type="sc16", on_reading=print))
     run(flowgraph)
 
@@ -36,6 +45,6 @@ if __name__ == "__main__":
     if len(sys.argv) not in (3, 5):
         sys.exit(
             "usage: live_uhd.py DEVICE SCENE [TX_GAIN RX_GAIN], "
-            "for example: live_uhd.py type=b200 demo 50 40"
+            "for example: live_uhd.py type=b200 demo"
         )
     main(*sys.argv[1:3], *map(float, sys.argv[3:]))
