@@ -58,6 +58,9 @@ class Groups:
     common_std_deg : ndarray, shape (G,), optional
         Standard deviation of a rotation of all ends by changes of the static paths, which packets
         with phases of their own are referred to; 0 unless given.
+    slipped : ndarray of bool, shape (G,)
+        Whether samples were lost or inserted before the group without a trace, so that times from
+        there on are known but for whole frames.
     timed : ndarray of TimedWeights, shape (G,), optional
         Weights of groups whose snapshots have times of their own, which the tones were computed
         with; None in the place of a group whose tones cannot be used.
@@ -135,6 +138,7 @@ class Groups:
     interference: Array = _set_by_stage()
     static: Array | None = _set_by_stage()
     common_std_deg: Array = _set_by_stage()
+    slipped: Array = _set_by_stage()
     timed: Array | None = _set_by_stage()
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
@@ -180,6 +184,8 @@ class Groups:
             self.saturated = np.zeros(count, bool)
         if self.retuned is None:
             self.retuned = np.zeros(count, bool)
+        if self.slipped is None:
+            self.slipped = np.zeros(count, bool)
         if self.in_tare is None:
             self.in_tare = np.zeros(count, bool)
 

@@ -26,13 +26,24 @@ def press(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("at_s", "lost"), cases((0.1, 1), (0.4, 17), long=((0.02, 300), (0.25, 1), (0.25, 300)))
+    ("at_s", "lost"),
+    cases(
+        *((0.1, 1), (0.4, 17), (0.25, -1), (0.02, -300)),
+        long=((0.02, 300), (0.25, 1), (0.25, 300), (0.1, 2000), (0.45, -2), (0.25, -2500)),
+    ),
 )
 def test_samples_lost_within_the_reference_cost_their_groups_only(press, tmp_path, at_s, lost):
-    """The reference continues behind a slip: a single sample flagged the whole recording."""
+    """The reference continues behind a slip: a single sample flagged the whole recording.
+
+    Less than none are lost where some are inserted, which looks like a loss of most of a frame.
+    """
     codes = np.fromfile(f"{press}.sigmf-data", "<i2").reshape(-1, 2)
     at = int(at_s * RATE_HZ)
-    np.delete(codes, slice(at, at + lost), axis=0).tofile(tmp_path / "a.sigmf-data")
+    if lost > 0:
+        codes = np.delete(codes, slice(at, at + lost), axis=0)
+    else:
+        codes = np.insert(codes, [at] * -lost, codes[at], axis=0)
+    codes.tofile(tmp_path / "a.sigmf-data")
     shutil.copy(f"{press}.sigmf-meta", tmp_path / "a.sigmf-meta")
     readings = wiforce.read(tmp_path / "a")
     # A slip is found after 1072 frames at most, 62 ms, and groups last 36 ms.

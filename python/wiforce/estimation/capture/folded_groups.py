@@ -215,6 +215,7 @@ class RecordedGroups:
             bins=waveform.bins,
         )
         self._slips = 0
+        self._slip_ends: list[int] = []
         self.captures: tuple[Capture, ...] = (recording,)
         self.kernels = {recording.path: self._kernel}
 
@@ -242,8 +243,13 @@ class RecordedGroups:
                 rows = (groups.index >= first // self._length) & (groups.index * self._length < end)
                 groups.tones[rows] = static[rows] = 0
                 weights[rows] = False
+                self._slip_ends.append(end)
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
+        # The first group behind a slip may be one of the next batch.
+        while self._slip_ends and (groups.index * self._length >= self._slip_ends[0]).any():
+            end = self._slip_ends.pop(0)
+            groups.slipped[np.argmax(groups.index * self._length >= end)] = True
         return groups
 
 

@@ -42,6 +42,7 @@ class ClockFit:
     variance: float  # of the phase that a single group gives
     likelihood: PhaseLikelihood  # with the delay of clock 2 found
     coefficients: Array  # (L, D + 1), of J of each group
+    energy: float  # J of the block
     found: bool  # a tag was received
 
     @property
@@ -89,7 +90,8 @@ def acquire(
     # A clock that jumps within the block appears to run at a rate beyond its tolerance.
     rate_std = np.sqrt(variance / np.sum(elapsed**2))
     found = bool(found and abs(rate) <= limit + _RATE_SLACK * rate_std)
-    return ClockFit(center, phase, rate, variance, likelihood, coefficients, found)
+    energy = float(values.sum())
+    return ClockFit(center, phase, rate, variance, likelihood, coefficients, energy, found)
 
 
 def _profile(coefficients: Array) -> Array:

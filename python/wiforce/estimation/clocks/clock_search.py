@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ...wiforce_kernels import OUTLIER_RATIO, phase_expansion
 from ..ends.least_squares import ToneModel
 from ..ends.noise import NoiseEstimate, robust_noise
 from ..group_tones import GroupTones, without_loud
+from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, acquire
 from .joint_clock import likelihood_bias, phase_errors
 from .pulse_fit import fit_pulses
@@ -26,6 +28,8 @@ _LEAST_S = 0.4
 _LARGEST_BIAS = np.radians(0.1)
 # Gauss-Newton steps from the phases of the likelihood.
 _REFINEMENTS = 3
+# Frames by which times behind a slip may be off: 16 packets of a USRP hold 8 frames of 720 samples.
+_SLIPPED_FRAMES = 8
 
 
 class ClockSearch:
@@ -65,6 +69,44 @@ class ClockSearch:
         for tag in self._model.locked:
             self._fit_pulses(tag, groups)
         self._noise.set(self._noise.variance, groups.level.max(), len(groups))
+
+    def late_s(self, groups: GroupTones, first: int) -> float:
+        """By how much later groups from ``first`` on are than their index says, in s.
+
+        Frame timing has slipped before them. It tells the samples that were lost or inserted but
+        for whole frames, and a tag's clock tells these.
+        """
+        groups = without_loud(groups)
+        behind, tags = groups.group >= first, self._model.tags
+        self._noise.set(groups.power().mean(axis=0), groups.level.max())
+        late_s = self._late_s()
+        found = np.zeros(len(late_s))
+        for tag in tags:
+            tones = self._model.own_tones(tag, groups, None)
+            covariances = tag.likelihood.covariance(tones, self._noise.variance * groups.loss)
+            clock = tag.likelihood, tag.rate, tag.clock.tolerance_ppm, tones.shape[2]
+            found += [
+                acquire(groups.center_s + behind * each, covariances, *clock).energy
+                for each in late_s
+            ]
+        return _best_of(late_s, found)
+
+    def late_by_clocks_s(self, group: GroupTones) -> float:
+        """The same for one group, by the clocks that are tracked."""
+        model, late_s = self._model, self._late_s()
+        if not model.locked or not self._noise.known:
+            return 0.0
+        found = []
+        for each in late_s:
+            moved = replace(group, center_s=group.center_s + each)
+            fit = model.solve(moved, model.predict(moved))[2]
+            found.append(-fit.freedom * np.sum(fit.noise() * self._noise.inverse))
+        return _best_of(late_s, np.array(found))
+
+    def _late_s(self) -> Array:
+        return self._model.table.snapshot_period_s * np.arange(
+            -_SLIPPED_FRAMES, _SLIPPED_FRAMES + 1
+        )
 
     def retry(self, tag: TrackedTag, group: GroupTones) -> None:
         """Try to acquire a lost tag over the latest groups, the last of which is given."""
@@ -153,3 +195,10 @@ class ClockSearch:
             for each, tracker in zip(locked, delayed, strict=True):
                 each.tracker = tracker
             self._noise.set(noise, groups.level.max())
+
+
+def _best_of(late_s: Array, likelihood: Array) -> float:
+    """The most likely of some times; 0 unless the evidence against it is clear."""
+    best = int(np.argmax(likelihood))
+    clear = likelihood[best] - likelihood[late_s == 0.0][0] > DELAY_EVIDENCE
+    return float(late_s[best]) if clear else 0.0

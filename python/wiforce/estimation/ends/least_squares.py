@@ -44,6 +44,8 @@ class ToneModel:
         self.table = table
         self._spread = spread
         self.tags = tags
+        # First groups behind slips of the frame timing, and by how much later they are, in s.
+        self.slips: list[tuple[int, float]] = []
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._line_gain = np.ones((len(table.tones), 1))
         if sample_rate_hz is not None:
@@ -85,6 +87,8 @@ class ToneModel:
             level = 2 * (parts * parts).sum(axis=1) / max(parts.shape[1], 1)
         usable &= np.isfinite(level) & (level > 0)
         center_s = (groups.index + 0.5) * self.group_period_s
+        for first, late_s in self.slips:
+            center_s[groups.index >= first] += late_s
         return (
             GroupTones(groups.index, center_s, tones, white, level, groups.missing, weights),
             usable,

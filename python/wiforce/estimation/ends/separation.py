@@ -93,6 +93,7 @@ class EndSeparator:
         # The latest groups that the noise was learned from: a run, and the row in it.
         self._latest: deque[tuple[GroupTones, int]] = deque(maxlen=STEP_GROUPS)
         self._started = False
+        self._slipped = False  # before the next usable group
 
     @property
     def acquisition_groups(self) -> int:
@@ -125,8 +126,18 @@ class EndSeparator:
             return held
         self._started = True
         groups, usable = self._model.prepare(held)
+        for first in held.index[held.slipped].tolist():
+            self._find_slip(groups[np.flatnonzero(usable)], first)
+            groups, usable = self._model.prepare(held)
         self._search.run(groups[np.flatnonzero(usable)])
         return self._separate(held, update=False)
+
+    def _find_slip(self, groups: GroupTones, first: int) -> None:
+        """Correct the times from a group on, before the clocks are known."""
+        behind = groups.group >= first
+        self._slipped |= not behind.any()
+        if behind.any() and not behind.all():
+            self._model.slips.append((first, self._search.late_s(groups, first)))
 
     def _separate(self, groups: Groups, update: bool = True) -> Groups:
         """Separate groups; ``update`` clocks and noise unless they were acquired from these."""
@@ -134,12 +145,22 @@ class EndSeparator:
             return groups
         tones, usable = self._model.prepare(groups)
         parts: list[dict[str, Array]] = []
+        slipped = groups.slipped & update
         while len(tones):
-            # A run of groups that are all usable, or of which none is.
-            run = tones[: int((usable != usable[0]).argmax()) or len(tones)]
+            self._slipped |= bool(slipped[0])
+            if self._slipped and usable[0] and update:
+                late_s = self._search.late_by_clocks_s(tones[:1])
+                self._model.slips.append((int(tones.group[0]), late_s))
+                tones.center_s += late_s
+                self._slipped = False
+            # A run of groups that are all usable, or of which none is, up to a slip.
+            ends = (usable != usable[0]) | slipped
+            ends[0] = False
+            run = tones[: int(ends.argmax()) or len(tones)]
             part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
             parts.append(part)
-            tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
+            count = len(part["gain"])
+            tones, usable, slipped = tones[count:], usable[count:], slipped[count:]
         arrays = parts[0]
         if len(parts) > 1:
             arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
