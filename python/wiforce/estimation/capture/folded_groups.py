@@ -197,6 +197,36 @@ def _ratio_frames(
     return common, ratio, noise, first["saturated"][rows]
 
 
+class _Slips:
+    """Slips of the frame timing in a recording, or in those of two antennas."""
+
+    def __init__(self, kernels: Iterable[tone_reader | folded_reader], group_length: int) -> None:
+        self._kernels, self._length = list(kernels), group_length
+        self._found = [0] * len(self._kernels)
+        self._ends: list[int] = []
+
+    def elsewhere(self, group: Array) -> Array:
+        """Which groups (n,) hold frames before slips found now, which may lie elsewhere: what
+        stands still would be noise, and a press.
+        """
+        found = np.zeros(len(group), bool)
+        for i, kernel in enumerate(self._kernels):
+            slips = kernel.misplaced()[self._found[i] :]
+            self._found[i] += len(slips)
+            for first, end in slips:
+                found |= (group >= first // self._length) & (group * self._length < end)
+                self._ends.append(end)
+        return found
+
+    def mark(self, groups: Groups) -> None:
+        """Mark the first groups behind slips, which may be found in a later batch."""
+        for end in self._ends.copy():
+            behind = groups.index * self._length >= end
+            if behind.any():
+                groups.slipped[np.argmax(behind)] = True
+                self._ends.remove(end)
+
+
 class RecordedGroups:
     """Groups of a recording with one antenna, by the kernels."""
 
@@ -214,8 +244,7 @@ class RecordedGroups:
             rotation=rotation,
             bins=waveform.bins,
         )
-        self._slips = 0
-        self._slip_ends: list[int] = []
+        self._slips = _Slips([self._kernel], self._length)
         self.captures: tuple[Capture, ...] = (recording,)
         self.kernels = {recording.path: self._kernel}
 
@@ -231,25 +260,17 @@ class RecordedGroups:
             interference=found["rejected"] / self._length,
             static=static,
         )
-        slips = self._kernel.misplaced()[self._slips :]
-        self._slips += len(slips)
-        if found["incomplete"] or slips:
+        elsewhere = self._slips.elsewhere(groups.index)
+        if found["incomplete"] or elsewhere.any():
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
                 solved = self._folded.solve(present, folded)
                 groups.tones[row], static[row], weights[row] = solved
-            # Between a slip and its discovery, what stands still would be noise, and a press.
-            for first, end in slips:
-                rows = (groups.index >= first // self._length) & (groups.index * self._length < end)
-                groups.tones[rows] = static[rows] = 0
-                weights[rows] = False
-                self._slip_ends.append(end)
+            groups.tones[elsewhere] = static[elsewhere] = 0
+            weights[elsewhere] = False
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
-        # The first group behind a slip may be one of the next batch.
-        while self._slip_ends and (groups.index * self._length >= self._slip_ends[0]).any():
-            end = self._slip_ends.pop(0)
-            groups.slipped[np.argmax(groups.index * self._length >= end)] = True
+        self._slips.mark(groups)
         return groups
 
 
@@ -272,7 +293,8 @@ class RecordedRatio:
             each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
             for each in recordings
         }
-        self._kept: tuple[Array, ...] = self._read_frames()
+        self._slips = _Slips(self.kernels.values(), self._length)
+        self._kept = self._in_place(self._read_frames())
 
     def read(self) -> Groups:
         """Give the next groups; none at the end.
@@ -285,10 +307,16 @@ class RecordedRatio:
             more = self._read_frames()
             if not len(more[0]):
                 return self._groups(self._frames_before(self._kept[0][-1] + 1))
-            self._kept = tuple(map(np.concatenate, zip(self._kept, more, strict=True)))
+            self._kept = self._in_place(map(np.concatenate, zip(self._kept, more, strict=True)))
         if not len(self._kept[0]):
             return Groups(np.zeros(0, np.int64))
         return self._groups(self._frames_before(self._kept[0][-1]))
+
+    def _in_place(self, frames: Iterable[Array]) -> tuple[Array, ...]:
+        """Frames without those of groups before slips that are found now."""
+        snapshots, *others = frames
+        kept = ~self._slips.elsewhere(snapshots // self._length)
+        return tuple(values[kept] for values in (snapshots, *others))
 
     def _frames_before(self, snapshot: int) -> int:
         """Number of kept frames that belong to groups complete before a snapshot."""
@@ -309,7 +337,9 @@ class RecordedRatio:
         )
         starts = np.unique(first[0] // self._length, return_index=True)[1]
         runs = zip(*(np.split(values, starts[1:]) for values in first), strict=True)
-        return self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
+        groups = self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
+        self._slips.mark(groups)
+        return groups
 
     def _group(
         self, snapshots: Array, folded: Array, noise: Array, saturated: Array
