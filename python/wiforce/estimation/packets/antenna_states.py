@@ -173,11 +173,17 @@ def _parts(relative: Array) -> Iterator[tuple[float, Array]]:
         ranked = score[order]
         gaps = np.diff(ranked)[LEAST_PACKETS - 1 : len(ranked) - LEAST_PACKETS]
         for middle in np.argsort(gaps)[: -_CANDIDATES - 1 : -1] + LEAST_PACKETS:
-            step = float(np.median(ranked[middle:]) - np.median(ranked[:middle]))
+            step = _middle(ranked[middle:]) - _middle(ranked[:middle])
             center = (ranked[middle - 1] + ranked[middle]) / 2
-            between = np.count_nonzero(np.abs(ranked - center) < step / 8)
+            between = np.subtract(*ranked.searchsorted([center + step / 8, center - step / 8]))
             if between <= _BETWEEN * min(middle, len(ranked) - middle):
                 yield step, order[:middle] if 2 * middle < len(order) else order[middle:]
+
+
+def _middle(ranked: Array) -> float:
+    """Median of sorted values."""
+    count = len(ranked)
+    return float(ranked[(count - 1) // 2] + ranked[count // 2]) / 2
 
 
 def _merged(against: Array, label: Array, step: float) -> Array:
