@@ -12,6 +12,7 @@ from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_no
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
+    _without_tags,
     find_states,
 )
 from gnuradio.wiforce.estimation.packets.packet_channels import PacketChannels, rotation_std_deg
@@ -225,6 +226,28 @@ def test_states_of_the_chains_hold_no_tag_and_no_room():
     assert find_states(flipping.channel, LEAST_STEP).count == 2
     changed = capture_of(60, change_db=-15.0)
     assert find_states(changed.channel, LEAST_STEP).count == 1
+
+
+def test_states_that_only_a_closed_switch_shows_are_a_tag():
+    """In groups of which the tag was not known well, a card of 109 packets per second took states
+    from it: one reading was of an untouched sensor, without a flag.
+    """
+    rng = np.random.default_rng(1)
+    against = np.ones((400, 16), complex) + 0.01 * rng.standard_normal((400, 16))
+    closed, label = (rng.random((400, 2)) < 0.25).astype(float), np.zeros(400, int)
+    shut = np.flatnonzero(closed.any(axis=1))
+    receiver = rng.random(400) < 0.2
+    against[receiver] *= 1.12
+    label[receiver] = 1
+    tag, flipped = shut[10:40], shut[50:90]
+    against[tag] *= 1.3
+    label[tag] = 2
+    against[flipped] *= -1
+    label[flipped] = 3  # 2 without the tag's
+    found = _without_tags(against, label, closed)
+    assert found.max() == 2 and len(np.unique(found[tag])) == 1
+    kept = np.delete(np.arange(400), tag)
+    assert np.array_equal(found[kept], np.minimum(label[kept], 2))
 
 
 def test_simulated_card_flips_steps_and_rounds(tmp_path):

@@ -20,6 +20,9 @@ LEAST_PACKETS = 20
 # this share of the smaller one's packets at most, against a quarter of them where one normal or
 # uniform distribution is divided. Divisions are tried at this many of the widest gaps.
 _BETWEEN, _CANDIDATES = 0.1, 16
+# Standard deviations by which a state may hold fewer packets with open switches than their share of
+# all packets. One state of 700 holds still fewer by chance.
+_FEWER_STDS = 3.0
 # Largest change of the shape over the subcarriers that a card makes. An Intel AX200 changes it by
 # 0.12 when the phase between its antennas flips; packets of another sender, whose paths are
 # others, differ by 0.3 to 1.
@@ -103,6 +106,7 @@ def find_states(
     own = _merged(tagless, own, step)
     if closed is not None:
         # Divisions were made while those after them were still taken for a tag.
+        own = _without_tags(tagless, own, closed[rows])
         own = _nearest(tagless, np.arange(len(rows)), own, np.arange(len(rows)))
     own = _without_room(against[rows].reshape(len(rows), -1, len(others)), own)
     own = np.unique(own, return_inverse=True)[1]
@@ -201,6 +205,31 @@ def _merged(against: Array, label: Array, step: float) -> Array:
         if apart[one, other] >= step:
             return np.unique(label, return_inverse=True)[1]
         label = np.where(label == states[one], states[other], label)
+
+
+def _without_tags(against: Array, label: Array, closed: Array) -> Array:
+    """Labels without states that a tag makes, of which some groups are not known well.
+
+    A receiver does not know of the switches of a tag: in each of its states they are all open as
+    often as in every other one. What is farther apart than any tag's change remains.
+    """
+    open_ = ~(closed > 0).any(axis=1)
+    share = open_.mean()
+    while True:
+        count, of_open = np.bincount(label), np.bincount(label, open_)
+        spread = np.sqrt(count * share * (1 - share))
+        few = of_open < count * share - _FEWER_STDS * spread
+        means = np.array([against[label == state].mean(axis=0) for state in range(len(count))])
+        apart = np.linalg.norm(means[:, None] - means, axis=2) / np.linalg.norm(means, axis=1)
+        np.fill_diagonal(apart, np.inf)
+        few &= apart.min(axis=1) < TAG_STEP
+        few[count.argmax()] = False
+        if not few.any():
+            return label
+        # The smallest one first: what it joins may be right then.
+        state = int(np.where(few, count, len(label) + 1).argmin())
+        label = np.where(label == state, apart[state].argmin(), label)
+        label = np.unique(label, return_inverse=True)[1]
 
 
 def _nearest(against: Array, rows: Array, label: Array, others: Array) -> Array:
