@@ -185,12 +185,19 @@ def test_packets_of_another_sender_are_left_out_and_counted(tmp_path):
     assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)
 
 
+STAMPED = 29, (5, 6, 7)
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory):
+    """Steady readings with exact time stamps."""
+    return readings_of_rooms(*STAMPED, tmp_path_factory.mktemp("exact"))[0]
+
+
 @pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-4}, {"stamp_s": 1e-4}])
-def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, tmp_path):
+def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_path):
     """They refused the whole file, with an infinite ratio of the tag."""
-    seeds = 5, 6, 7
-    exact, *_ = readings_of_rooms(29, seeds, tmp_path)
-    steady, clear, stds = readings_of_rooms(29, seeds, tmp_path, **stamps)
+    steady, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
     assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
     assert stds.max() < 4
     # Standard deviations of the force also contain the drift that ten groups of reference allow.
@@ -201,7 +208,7 @@ def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, tmp_path):
 @pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-3}, {"stamp_s": 1e-3}])
 def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, tmp_path):
     """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
-    _, clear, stds = readings_of_rooms(29, (5, 6, 7), tmp_path, **stamps)
+    _, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
     assert (clear["touch"] == 1).all() and stds.max(initial=0) < 4
 
 
