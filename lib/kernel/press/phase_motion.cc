@@ -17,6 +17,15 @@ double log_normal(double x, double variance)
     return -0.5 * (x * x / variance + std::log(two_pi * variance));
 }
 
+phase_covariance
+covariance_along(const pair_of_ends& direction, double along, double across)
+{
+    const double x = direction[0], y = direction[1];
+    return { along * x * x + across * y * y,
+             along * y * y + across * x * x,
+             (along - across) * x * y };
+}
+
 void phase_motion::hold(const pair_of_ends& phase, const phase_covariance& covariance)
 {
     phase_motion held;
@@ -33,50 +42,23 @@ void phase_motion::widen(const phase_covariance& by)
     d_covariance[1][0] += by.both;
 }
 
-void phase_motion::move(double velocity, double variance)
+void phase_motion::move(double velocity)
 {
     for (int i = 2; i < 4; i++) {
         d_state[i] = velocity;
         for (int j = 0; j < 2; j++)
             d_covariance[i][j] = d_covariance[j][i] = 0;
         for (int j = 2; j < 4; j++)
-            d_covariance[i][j] = variance;
+            d_covariance[i][j] = velocity * velocity / 4;
     }
 }
 
-pair_of_ends phase_motion::heading(const pair_of_ends& otherwise) const
+void phase_motion::widen_velocity(const phase_covariance& by)
 {
-    const double v = speed();
-    if (v * v < 4 * (d_covariance[2][2] + d_covariance[3][3]))
-        return otherwise;
-    return { d_state[2] / v, d_state[3] / v };
-}
-
-void phase_motion::widen_velocity(const pair_of_ends& direction,
-                                  double along,
-                                  double across)
-{
-    const double x = direction[0], y = direction[1];
-    d_covariance[2][2] += along * x * x + across * y * y;
-    d_covariance[3][3] += along * y * y + across * x * x;
-    d_covariance[2][3] += (along - across) * x * y;
-    d_covariance[3][2] = d_covariance[2][3];
-}
-
-void phase_motion::bend(const pair_of_ends& from, const pair_of_ends& to)
-{
-    const double cosine = from[0] * to[0] + from[1] * to[1],
-                 sine = from[0] * to[1] - from[1] * to[0];
-    const auto rotate = [&](double& x, double& y) {
-        const double before = x;
-        x = cosine * before - sine * y;
-        y = sine * before + cosine * y;
-    };
-    rotate(d_state[2], d_state[3]);
-    for (int j = 0; j < 4; j++)
-        rotate(d_covariance[2][j], d_covariance[3][j]);
-    for (int i = 0; i < 4; i++)
-        rotate(d_covariance[i][2], d_covariance[i][3]);
+    d_covariance[2][2] += by.first;
+    d_covariance[3][3] += by.second;
+    d_covariance[2][3] += by.both;
+    d_covariance[3][2] += by.both;
 }
 
 void phase_motion::stop(double seconds)
@@ -102,19 +84,6 @@ void phase_motion::predict(double seconds)
             d_covariance[i][j] += seconds * d_covariance[i][j + 2];
 }
 
-phase_motion::innovation phase_motion::compare(const pair_of_ends& phase,
-                                               const phase_covariance& noise) const
-{
-    const double first = d_covariance[0][0] + noise.first,
-                 second = d_covariance[1][1] + noise.second,
-                 both = d_covariance[0][1] + noise.both;
-    return { { wrapped(phase[0] - d_state[0]), wrapped(phase[1] - d_state[1]) },
-             first,
-             second,
-             both,
-             std::max(first * second - both * both, least_determinant) };
-}
-
 bool phase_motion::near(const phase_motion& other) const
 {
     for (int i = 0; i < 4; i++) {
@@ -128,16 +97,20 @@ bool phase_motion::near(const phase_motion& other) const
 
 double phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)
 {
-    const auto c = compare(phase, noise);
-    const double square = c.off[0] * c.off[0] * c.second -
-                          2 * c.off[0] * c.off[1] * c.both +
-                          c.off[1] * c.off[1] * c.first;
+    const double first = d_covariance[0][0] + noise.first,
+                 second = d_covariance[1][1] + noise.second,
+                 both = d_covariance[0][1] + noise.both,
+                 determinant = std::max(first * second - both * both, least_determinant);
+    const double off[2] = { wrapped(phase[0] - d_state[0]),
+                            wrapped(phase[1] - d_state[1]) };
+    const double square =
+        off[0] * off[0] * second - 2 * off[0] * off[1] * both + off[1] * off[1] * first;
     double gain[4][2], rest[4][4];
     for (int i = 0; i < 4; i++) {
         const double to_first = d_covariance[i][0], to_second = d_covariance[i][1];
-        gain[i][0] = (to_first * c.second - to_second * c.both) / c.determinant;
-        gain[i][1] = (to_second * c.first - to_first * c.both) / c.determinant;
-        d_state[i] += gain[i][0] * c.off[0] + gain[i][1] * c.off[1];
+        gain[i][0] = (to_first * second - to_second * both) / determinant;
+        gain[i][1] = (to_second * first - to_first * both) / determinant;
+        d_state[i] += gain[i][0] * off[0] + gain[i][1] * off[1];
         for (int j = 0; j < 4; j++)
             rest[i][j] = d_covariance[i][j] - gain[i][0] * d_covariance[0][j] -
                          gain[i][1] * d_covariance[1][j];
@@ -152,7 +125,7 @@ double phase_motion::update(const pair_of_ends& phase, const phase_covariance& n
                 rest[i][j] + (by_first - rest[i][0]) * gain[j][0] +
                 (by_second - rest[i][1]) * gain[j][1];
     }
-    return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
+    return -0.5 * (square / determinant + std::log(determinant)) - std::log(two_pi);
 }
 
 } // namespace gr::wiforce::kernel

@@ -12,6 +12,10 @@ struct phase_covariance {
     double first = 0, second = 0, both = 0;
 };
 
+//! Of variances along a unit vector and across it.
+phase_covariance
+covariance_along(const pair_of_ends& direction, double along, double across);
+
 //! log N(x; 0, variance).
 double log_normal(double x, double variance);
 
@@ -38,18 +42,13 @@ public:
     //! Both phases turn, by this on average.
     void turn(double by) { turn({ by, by }); }
     void widen(const phase_covariance& by);
-    //! Both phases turn at this velocity, of this variance.
-    void move(double velocity, double variance);
+    //! Both phases turn, at this velocity within its half.
+    void move(double velocity);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
-    //! Unit vector of the velocity, or this one where the velocity is hardly known.
-    pair_of_ends heading(const pair_of_ends& otherwise) const;
     double speed() const { return std::hypot(d_state[2], d_state[3]); }
     double common_velocity() const { return (d_state[2] + d_state[3]) / 2; }
-    //! Variances (rad/s)^2 of the velocity along a unit vector and across it.
-    void widen_velocity(const pair_of_ends& direction, double along, double across);
-    //! The velocity turns as far as one unit vector lies from the other.
-    void bend(const pair_of_ends& from, const pair_of_ends& to);
+    void widen_velocity(const phase_covariance& by);
     //! A steady change ended somewhere in the last `seconds`.
     void stop(double seconds);
     void predict(double seconds);
@@ -61,13 +60,6 @@ public:
     double update(const pair_of_ends& phase, const phase_covariance& noise);
 
 private:
-    // Inverse of the covariance of a prediction, and what was seen beside it.
-    struct innovation {
-        pair_of_ends off;
-        double first, second, both, determinant;
-    };
-    innovation compare(const pair_of_ends& phase, const phase_covariance& noise) const;
-
     double d_state[4] = {}; // phases, velocities
     double d_covariance[4][4] = {};
 };

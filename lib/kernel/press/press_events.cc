@@ -11,64 +11,61 @@ namespace gr::wiforce::kernel {
 
 void press_filter::remain_untouched(const explanation& from, double probability)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.turning = false;
-    next.lasts = true;
-    give(next, update_baseline(next));
+    next->turning = false;
+    next->lasts = true;
+    give(*next, update_baseline(*next));
 }
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.turns += from.is == untouched;
+    next->turns += from.is == untouched;
     if (from.is != untouched)
-        next.age_s = 0;
-    next.turning = next.steady = next.near = false;
-    next.turned_now = true;
-    next.motion.rest();
-    begin_turn(next);
-    const auto was = next.motion.phase();
+        next->age_s = 0;
+    next->turning = next->steady = next->near = false;
+    next->turned_now = true;
+    next->motion.rest();
+    begin_turn(*next);
+    const auto was = next->motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
-    next.motion.widen({ variance, variance, variance });
-    give(next, follow_turn(next, was, from));
+    next->motion.widen({ variance, variance, variance });
+    give(*next, follow_turn(*next, was, from));
 }
 
 void press_filter::turn_slowly(
     const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.turn_speed = speed;
-    next.steady = false;
-    next.turning = how != course::ends;
-    next.near = near;
+    next->turn_speed = speed;
+    next->steady = false;
+    next->turning = how != course::ends;
+    next->near = near;
     if (from.is != untouched)
-        next.age_s = 0; // as after a change of force, which looks the same at mid-line
+        next->age_s = 0; // as after a change of force, which looks the same at mid-line
     if (how == course::begins) {
-        next.turns += !near && from.is == untouched;
-        begin_turn(next);
+        next->turns += !near && from.is == untouched;
+        begin_turn(*next);
     }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
-        next.strength.mean_variance +=
+        next->strength.mean_variance +=
             squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
-    const auto was = next.motion.phase();
-    if (how != course::ends)
-        next.motion.widen_velocity(alike_both,
-                                   squared(speeds[speed]) *
-                                       (how == course::begins ? 1 : d_elapsed_s),
-                                   0);
-    next.motion.predict(d_elapsed_s);
+    const auto was = next->motion.phase();
+    if (how != course::ends) {
+        const double by =
+            squared(speeds[speed]) * (how == course::begins ? 1 : d_elapsed_s) / 2;
+        next->motion.widen_velocity({ by, by, by });
+    }
+    next->motion.predict(d_elapsed_s);
     if (how == course::ends)
-        next.motion.stop(d_elapsed_s);
-    give(next, follow_turn(next, was, from));
+        next->motion.stop(d_elapsed_s);
+    give(*next, follow_turn(*next, was, from));
 }
 
 void press_filter::begin_turn(explanation& to) const
@@ -119,16 +116,15 @@ double press_filter::follow_turn(explanation& to,
 
 void press_filter::release(const explanation& from, double probability)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.is = untouched;
-    next.age_s = 0;
-    next.steady = false;
+    next->is = untouched;
+    next->age_s = 0;
+    next->steady = false;
     double likelihood;
     if (from.known)
-        likelihood = update_baseline(next);
+        likelihood = update_baseline(*next);
     else {
         // Now it is seen from where the press before looked as it did.
         const auto was = from.motion.phase();
@@ -136,50 +132,32 @@ void press_filter::release(const explanation& from, double probability)
                                                  was[1] - d_group.phase[1] }) +
                               1e-12) +
                      compare_contact(from, any_amplitude);
-        reset_baseline(next);
-        next.known = true;
+        reset_baseline(*next);
+        next->known = true;
     }
-    if (next.turning) {
-        begin_turn(next);
-        next.motion.move(next.velocity, squared(next.velocity) / 4);
+    if (next->turning) {
+        begin_turn(*next);
+        next->motion.move(next->velocity);
     }
-    give(next, likelihood);
+    give(*next, likelihood);
 }
 
-void press_filter::press(const explanation& from, double probability)
+void press_filter::touch(const explanation& from, double probability, state is)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.is = pressed;
-    next.age_s = 0;
-    begin_press(next);
-    if (next.turning) {
-        next.motion.move(next.velocity, squared(next.velocity) / 4);
-    }
-    if (shows_turns(next)) {
-        touch_with_strength(from, next, d_set.contact_np);
-        return;
-    }
-    give(next, contact_phases(next) + compare_contact(from, d_set.contact_np));
-}
-
-void press_filter::touch_unexplained(const explanation& from, double probability)
-{
-    auto followed = follow(from, probability);
-    if (!followed)
-        return;
-    auto& next = *followed;
-    next.is = unexplained;
-    next.age_s = 0;
-    next.turning = false;
-    begin_press(next);
-    if (shows_turns(next)) {
-        touch_with_strength(from, next, any_amplitude);
-        return;
-    }
-    give(next, contact_phases(next) + compare_contact(from, any_amplitude));
+    next->is = is;
+    next->age_s = 0;
+    next->turning &= is == pressed;
+    begin_press(*next);
+    if (next->turning)
+        next->motion.move(next->velocity);
+    const double spread = is == pressed ? d_set.contact_np : any_amplitude;
+    if (shows_turns(*next))
+        touch_with_strength(from, *next, spread);
+    else
+        give(*next, contact_phases(*next) + compare_contact(from, spread));
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
@@ -188,51 +166,44 @@ void press_filter::slip(const explanation& from, double probability)
 {
     if (!from.known)
         return;
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
     if (from.is != untouched)
-        next.age_s = 0;
-    next.is = untouched;
-    next.turning = next.steady = false;
-    next.turned_now = true;
-    next.quiet_amplitude = d_amplitude;
+        next->age_s = 0;
+    next->is = untouched;
+    next->turning = next->steady = false;
+    next->turned_now = true;
+    next->quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
-    next.common.widen(variance / 2);
-    next.difference.widen(2 * variance);
-    next.line.mean_variance += squared(d_set.turn_np);
+    next->common.widen(variance / 2);
+    next->difference.widen(2 * variance);
+    next->line.mean_variance += squared(d_set.turn_np);
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off.differ())
-        next.line.difference_variance += 4 * squared(d_set.turn_np);
-    give(next, update_baseline(next));
+        next->line.difference_variance += 4 * squared(d_set.turn_np);
+    give(*next, update_baseline(*next));
 }
 
 void press_filter::hold(const explanation& from, double probability)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.steady = false;
-    next.lasts = !from.steady;
     if (from.steady) {
-        next.age_s = 0;
-        drift(next);
-        next.motion.predict(d_elapsed_s);
-        next.motion.stop(d_elapsed_s);
-        const double likelihood = next.motion.update(d_group.phase, d_noise);
-        hold_level(next);
-        give(next, likelihood + update_strength(next));
+        next->motion.predict(d_elapsed_s);
+        next->motion.stop(d_elapsed_s);
+        give(*next, rest_pressed(*next, from));
         return;
     }
+    next->lasts = true;
     // What is held drifts as the untouched line does, and looks like it.
-    const double likelihood = update_phases(next.held_common, next.held_difference);
-    next.common.share_rates(next.held_common);
-    next.difference.share_rates(next.held_difference);
-    next.motion.hold(phases_of(next.held_common, next.held_difference),
-                     covariance_of(next.held_common, next.held_difference));
-    give(next, likelihood + update_strength(next));
+    const double likelihood = update_phases(next->held_common, next->held_difference);
+    next->common.share_rates(next->held_common);
+    next->difference.share_rates(next->held_difference);
+    next->motion.hold(phases_of(next->held_common, next->held_difference),
+                      covariance_of(next->held_common, next->held_difference));
+    give(*next, likelihood + update_strength(*next));
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -240,56 +211,36 @@ void press_filter::change_steadily(const explanation& from,
                                    bool slides,
                                    std::size_t speed)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.steady = true;
-    next.slides = slides;
-    next.speed = speed;
-    next.age_s = 0;
-    drift(next);
+    next->steady = true;
+    next->slides = slides;
+    next->speed = speed;
+    next->age_s = 0;
+    drift(*next);
     // What slides, or rolls, moves both phases in any direction.
     const auto direction = press_direction(from);
     const double aside = slides ? 1.0 : direction_variance(from);
-    if (from.steady && !slides)
-        next.motion.bend(from.direction, direction);
-    next.direction = direction;
     // The speed begins, or changes as much within a second; the direction keeps its
     // error.
     const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
-    if (from.steady && !slides)
-        next.motion.widen_velocity(next.motion.heading(direction),
-                                   along,
-                                   aside * squared(next.motion.speed()) * d_elapsed_s);
-    else
-        next.motion.widen_velocity(direction, along, aside * along);
-    if (from.turning) // by what it turned before, or by anything
-        next.motion.widen_velocity(alike_both,
-                                   2 * squared(speeds[from.turn_speed]) *
-                                       (from.velocity == 0 ? 1 : d_elapsed_s),
-                                   0);
-    next.motion.predict(d_elapsed_s);
-    const auto was = from.motion.phase();
-    double likelihood = next.motion.update(d_group.phase, d_noise);
-    if (from.turning)
-        part_turn(next, was, direction);
-    // The mean of phasors that turn by x has lost x^2 / 24 of its magnitude, and one that
-    // turns in a part of the group only up to x^2 / 8.
-    double turned = 0;
-    for (int e = 0; e < 2; e++)
-        turned += squared(wrapped(d_group.phase[e] - was[e]));
-    next.strength.mean_variance += squared(turned / 24);
-    next.strength.difference_variance += squared(turned / 24);
-    doubt_off_states(next, from);
-    likelihood += update_strength(next);
-    if (next.is == pressed && next.known) {
-        const double inside = density(next, next.motion.phase()),
-                     before = density(from, was);
-        likelihood += std::log((inside + 1e-12) / (inside + outside)) -
-                      std::log((before + 1e-12) / (before + outside));
+    const double across =
+        from.steady && !slides ? squared(next->motion.speed()) * d_elapsed_s : along;
+    next->motion.widen_velocity(covariance_along(direction, along, aside * across));
+    if (from.turning) { // by what it turned before, or by anything
+        const double by =
+            squared(speeds[from.turn_speed]) * (from.velocity == 0 ? 1 : d_elapsed_s);
+        next->motion.widen_velocity({ by, by, by });
     }
-    give(next, likelihood);
+    next->motion.predict(d_elapsed_s);
+    const auto was = from.motion.phase();
+    double likelihood = next->motion.update(d_group.phase, d_noise);
+    if (from.turning)
+        part_turn(*next, was, direction);
+    doubt_off_states(*next, from);
+    likelihood += update_strength(*next);
+    give(*next, likelihood);
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
@@ -330,79 +281,73 @@ void press_filter::turn_unseen(explanation& to, double part) const
 
 void press_filter::jump(const explanation& from, double probability)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.age_s = 0;
-    next.steady = false;
-    drift(next);
-    next.motion.rest();
-    if (next.turning)
-        next.motion.move(next.velocity, squared(next.velocity) / 4);
-    const auto direction = press_direction(from);
-    const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
-                 across = direction_variance(from) * along;
-    next.motion.widen({ along * x * x + across * y * y,
-                        along * y * y + across * x * x,
-                        (along - across) * x * y });
-    const auto was = from.motion.phase();
-    double likelihood = next.motion.update(d_group.phase, d_noise);
-    hold_level(next);
-    doubt_off_states(next, from);
-    likelihood += update_strength(next);
+    next->motion.rest();
+    if (next->turning)
+        next->motion.move(next->velocity);
+    const double along = squared(jump_deg * deg);
+    next->motion.widen(
+        covariance_along(press_direction(from), along, direction_variance(from) * along));
     // What hardly differs is no jump.
     double jumped = 0;
     for (int e = 0; e < 2; e++)
-        jumped += squared(wrapped(d_group.phase[e] - was[e]));
-    likelihood += std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
-    if (next.is == pressed && next.known) {
-        const double inside = density(next, next.motion.phase()),
-                     before = density(from, was);
-        likelihood += std::log((inside + 1e-12) / (inside + outside)) -
-                      std::log((before + 1e-12) / (before + outside));
-    }
-    give(next, likelihood);
+        jumped += squared(wrapped(d_group.phase[e] - from.motion.phase()[e]));
+    give(*next,
+         rest_pressed(*next, from) +
+             std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg))));
+}
+
+// Whatever the press did has ended, or a press is another one.
+double press_filter::rest_pressed(explanation& to, const explanation& from) const
+{
+    to.age_s = 0;
+    to.steady = false;
+    drift(to);
+    const double likelihood = to.motion.update(d_group.phase, d_noise);
+    hold_level(to);
+    doubt_off_states(to, from);
+    return likelihood + update_strength(to);
 }
 
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
-    auto followed = follow(from, probability);
-    if (!followed)
+    auto next = follow(from, probability);
+    if (!next)
         return;
-    auto& next = *followed;
-    next.is = mixed;
-    next.steady = false;
-    if (next.turning && next.near)
-        lose_sight_of_hand(next);
-    else if (next.turning)
-        turn_unseen(next, 1);
-    next.seen = seen_ratio();
-    next.seen_variance = d_difference_noise / 2;
-    next.log_density = 0;
+    next->is = mixed;
+    next->steady = false;
+    if (next->turning && next->near)
+        lose_sight_of_hand(*next);
+    else if (next->turning)
+        turn_unseen(*next, 1);
+    next->seen = seen_ratio();
+    next->seen_variance = d_difference_noise / 2;
+    next->log_density = 0;
     if (from.is == mixed)
-        next.groups++;
+        next->groups++;
     else {
-        next.groups = 1;
-        next.before = from.is;
-        next.age_before_s = from.age_s;
+        next->groups = 1;
+        next->before = from.is;
+        next->age_before_s = from.age_s;
         if (from.is == untouched)
-            next.start = untouched_ratio(from);
+            next->start = untouched_ratio(from);
         else {
             const auto was = from.motion.phase();
             const auto strength = seen_strength(from);
             for (int e = 0; e < 2; e++)
-                next.start[e] = std::polar(
+                next->start[e] = std::polar(
                     std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference),
                     was[e]);
         }
         // Where a press ends, it is known what comes after.
         if (ends > 0 && from.known)
-            next.log_density =
-                log_sum(std::log(ends) + chord(next, untouched_ratio(from), 0),
+            next->log_density =
+                log_sum(std::log(ends) + chord(*next, untouched_ratio(from), 0),
                         std::log1p(-ends));
     }
-    give(next, log_any_mixture + next.log_density);
+    give(*next, log_any_mixture + next->log_density);
 }
 
 } // namespace gr::wiforce::kernel

@@ -18,21 +18,23 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
 
 void press_filter::pass(const press_observation& group)
 {
-    d_passed_phase += group.receiver_phase;
-    d_passed_amplitude += group.receiver_amplitude;
-    d_passed_variance += group.receiver_variance;
-    d_passed_retuned |= group.retuned;
+    d_passed.receiver_phase += group.receiver_phase;
+    d_passed.receiver_amplitude += group.receiver_amplitude;
+    d_passed.receiver_variance += group.receiver_variance;
+    d_passed.retuned |= group.retuned;
 }
 
 void press_filter::take(const press_observation& group)
 {
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
+    pass(group);
     d_group = group;
-    d_group.receiver_phase += std::exchange(d_passed_phase, 0);
-    d_group.receiver_amplitude += std::exchange(d_passed_amplitude, 0);
-    d_group.receiver_variance += std::exchange(d_passed_variance, 0);
-    d_group.retuned |= std::exchange(d_passed_retuned, false);
+    d_group.receiver_phase = d_passed.receiver_phase;
+    d_group.receiver_amplitude = d_passed.receiver_amplitude;
+    d_group.receiver_variance = d_passed.receiver_variance;
+    d_group.retuned = d_passed.retuned;
+    d_passed = {};
     const auto& noise = group.variance;
     const double floor = squared(d_set.phase_deg * deg);
     d_noise = { noise[0] + floor + group.common_variance,
@@ -149,10 +151,10 @@ void press_filter::branch_untouched(const explanation& from)
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
-    touch_unexplained(from, between * may.unexplained / 2);
+    touch(from, between * may.unexplained / 2, unexplained);
     slip(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from))
-        press(tag, between * may.press * share);
+        touch(tag, between * may.press * share, pressed);
     mix(from, (1 - between) * sudden);
 }
 
@@ -173,7 +175,7 @@ void press_filter::branch_touched(const explanation& from)
         resting.motion.push(-from.velocity);
         change_steadily(resting, ends, from.slides, from.speed);
         held.steady = false;
-        held.motion.move(from.velocity, squared(from.velocity) / 4);
+        held.motion.move(from.velocity);
         turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
     } else if (from.turning) {
         turn_slowly(from,
@@ -217,11 +219,11 @@ void press_filter::branch_touched(const explanation& from)
         begin_turning(from, quiet * turns, 0);
     }
     turn_suddenly(from, between * turns);
-    touch_unexplained(from, between * may.unexplained / 2);
+    touch(from, between * may.unexplained / 2, unexplained);
     slip(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from)) {
         release(tag, between * may.release * share);
-        press(tag, between * may.exchange * share);
+        touch(tag, between * may.exchange * share, pressed);
         jump(tag, between * may.jump * share);
     }
     mix(from, (1 - between) * sudden, may.release / sudden);
@@ -245,7 +247,7 @@ void press_filter::branch_mixed(const explanation& from)
     as_before.age_s = from.age_before_s;
     as_before.log_weight += to_this;
     turn_suddenly(as_before, turns / all);
-    touch_unexplained(as_before, may.unexplained / all / 2);
+    touch(as_before, may.unexplained / all / 2, unexplained);
     slip(as_before, may.unexplained / all / 2);
     for (auto& [tag, share] : courses(from)) {
         const double to_untouched = single && tag.known && !tag.turned_now
@@ -257,11 +259,11 @@ void press_filter::branch_mixed(const explanation& from)
         tag.is = from.before;
         if (touched) {
             release(ended, may.release * share / all);
-            press(tag, may.exchange * share / all);
+            touch(tag, may.exchange * share / all, pressed);
             jump(tag, may.jump * share / all);
         } else {
             release(ended, 0.1 * may.press * share / all); // a tap
-            press(tag, 0.9 * may.press * share / all);
+            touch(tag, 0.9 * may.press * share / all, pressed);
         }
     }
     mix(from, lasts);
@@ -462,8 +464,6 @@ void press_filter::claim_untouched(double probability)
         // It looked touched: the phases of the untouched line would be those of the
         // newest group.
         explanation next = d_kept.front();
-        const auto level = next.motion.phase();
-        const auto sure = next.motion.covariance();
         const auto strength = seen_strength(next);
         const bool held = (next.is == pressed || next.is == unexplained) && !next.steady;
         next.is = untouched;
@@ -472,10 +472,7 @@ void press_filter::claim_untouched(double probability)
         next.age_s = 0;
         reset_baseline(next);
         if (held) {
-            const double apart = wrapped(level[0] - level[1]);
-            next.common.reset(level[1] + apart / 2,
-                              (sure.first + sure.second + 2 * sure.both) / 4);
-            next.difference.reset(apart, sure.first + sure.second - 2 * sure.both);
+            begin_at(next.common, next.difference, next.motion);
             next.line = strength;
             next.quiet_amplitude = next.line.mean;
         }

@@ -25,7 +25,7 @@ struct press_observation {
     double common_variance = 0;        // of a rotation of both ends, rad^2
     // How the static path turned and grew since the group before, and the variance of
     // what it does when the receiver does not step.
-    double receiver_phase = 0, receiver_amplitude = 0, receiver_variance = 1;
+    double receiver_phase = 0, receiver_amplitude = 0, receiver_variance = 0;
     bool retuned = false; // the receiver's phase is a new one
     double untouched = 0; // probability, where the user says so
 };
@@ -123,7 +123,6 @@ private:
         double with_common = 0;   // its difference's covariance with the common phase
         bool steady = false, slides = false;
         std::size_t speed = 0;
-        pair_of_ends direction{};
         // A mixture: what was before, what was seen, and the groups it has lasted.
         state before = untouched;
         double age_before_s = 0, log_density = 0;
@@ -147,8 +146,7 @@ private:
     // Each adds the explanation that follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
     void release(const explanation& from, double probability);
-    void press(const explanation& from, double probability);
-    void touch_unexplained(const explanation& from, double probability);
+    void touch(const explanation& from, double probability, state is);
     void slip(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
@@ -185,7 +183,7 @@ private:
     void
     recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
     void step_receiver(explanation& to) const;
-    double step_probability();
+    double step_probability() const;
     void reset_baseline(explanation& to) const;
     void drift(explanation& to) const;
     double update_phases(drift_bank& common, drift_bank& difference) const;
@@ -200,6 +198,7 @@ private:
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;
     pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
+    double rest_pressed(explanation& to, const explanation& from) const;
     void doubt_off_states(explanation& to, const explanation& from) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
@@ -224,12 +223,9 @@ private:
            d_peak = 0; // largest log weight so far; largest density of a group
 
     press_observation d_group;
-    bool d_first = true; // nothing was seen before it
-    // What the receiver has done in groups that did not show the tag.
-    double d_passed_phase = 0, d_passed_amplitude = 0, d_passed_variance = 0;
-    bool d_passed_retuned = false;
-    double d_elapsed_s = 0; // since the group before
-    double d_stepped = 0;   // probability that the receiver has stepped since
+    bool d_first = true;        // nothing was seen before it
+    press_observation d_passed; // what the receiver has done since
+    double d_elapsed_s = 0;     // since the group before
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends

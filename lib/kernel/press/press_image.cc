@@ -72,43 +72,41 @@ void press_image::add(const double* change, const pair_of_ends& along, double sp
         }
 }
 
-press_image::place press_image::locate(const pair_of_ends& change)
+std::array<press_image::corner, 4> press_image::around(const pair_of_ends& change)
 {
-    double at[2], part[2];
+    std::size_t at[2][2];
+    double part[2];
     for (int e = 0; e < 2; e++) {
         const double turns = change[e] / two_pi;
         const double cell = (turns - std::floor(turns)) * cells;
-        at[e] = std::min(std::floor(cell), cells - 1.0);
-        part[e] = cell - at[e];
+        const double first = std::min(std::floor(cell), cells - 1.0);
+        at[e][0] = static_cast<std::size_t>(first);
+        at[e][1] = (at[e][0] + 1) % cells;
+        part[e] = cell - first;
     }
-    return {
-        static_cast<std::size_t>(at[0]), static_cast<std::size_t>(at[1]), part[0], part[1]
-    };
+    std::array<corner, 4> found;
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++)
+            found[2 * i + j] = { at[0][i] * cells + at[1][j],
+                                 (i ? part[0] : 1 - part[0]) *
+                                     (j ? part[1] : 1 - part[1]) };
+    return found;
 }
 
 double press_image::density(const pair_of_ends& change) const
 {
-    const auto at = locate(change);
-    const auto below = (at.row + 1) % cells, beside = (at.column + 1) % cells;
-    const auto row = [&](std::size_t i) {
-        return (1 - at.right) * d_density[i * cells + at.column] +
-               at.right * d_density[i * cells + beside];
-    };
-    return (1 - at.down) * row(at.row) + at.down * row(below);
+    double sum = 0;
+    for (const auto& [cell, share] : around(change))
+        sum += share * d_density[cell];
+    return sum;
 }
 
 pair_of_ends press_image::direction(const pair_of_ends& change) const
 {
-    const auto at = locate(change);
     pair_of_ends mean{};
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2; j++) {
-            const auto row = (at.row + i) % cells, column = (at.column + j) % cells;
-            const double weight =
-                (i ? at.down : 1 - at.down) * (j ? at.right : 1 - at.right);
-            for (int e = 0; e < 2; e++)
-                mean[e] += weight * d_along[row * cells + column][e];
-        }
+    for (const auto& [cell, share] : around(change))
+        for (int e = 0; e < 2; e++)
+            mean[e] += share * d_along[cell][e];
     const double length = std::hypot(mean[0], mean[1]);
     if (length < 0.5)
         return { std::sqrt(0.5), std::sqrt(0.5) };

@@ -42,13 +42,14 @@ public:
     pair_of_ends direction(const pair_of_ends& change) const;
 
 private:
-    struct place {
-        std::size_t row, column;
-        double down, right; // parts of a cell
+    struct corner {
+        std::size_t cell;
+        double share;
     };
 
     static constexpr std::size_t cells = 180; // of 2 deg, around the circle
-    static place locate(const pair_of_ends& change);
+    // The cells between which the phases lie, for linear interpolation.
+    static std::array<corner, 4> around(const pair_of_ends& change);
     void add(const double* change, const pair_of_ends& along, double spread);
 
     std::vector<double> d_density;

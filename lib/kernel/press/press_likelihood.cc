@@ -60,14 +60,12 @@ void press_filter::average(explanation& to) const
     }
 }
 
-double press_filter::step_probability()
+double press_filter::step_probability() const
 {
     if (d_group.retuned)
-        return d_stepped = 1;
+        return 1;
     const double variance = d_group.receiver_variance;
-    // A step may take a part of the group before and a part of this one.
-    const double prior =
-        std::max(-std::expm1(-d_set.steps * d_elapsed_s), d_stepped * lasting());
+    const double prior = -std::expm1(-d_set.steps * d_elapsed_s);
     // Of any size, in equal parts per octave of four decades.
     const double size2 =
         squared(d_group.receiver_phase) + squared(d_group.receiver_amplitude) + variance;
@@ -76,7 +74,7 @@ double press_filter::step_probability()
                  log_none = log_normal(d_group.receiver_phase, variance) +
                             log_normal(d_group.receiver_amplitude, variance);
     const double steps = 1 / (1 + std::exp(std::min(log_none - log_step, 700.0)));
-    return d_stepped = steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
+    return steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
 }
 
 // Counted from where everything has turned and grown by this.
@@ -153,12 +151,7 @@ double press_filter::update_phases(drift_bank& common, drift_bank& difference) c
 // A press is held from where it is now.
 void press_filter::hold_level(explanation& to) const
 {
-    const auto is = to.motion.phase();
-    const auto sure = to.motion.covariance();
-    const double apart = wrapped(is[0] - is[1]);
-    to.held_common.reset(is[1] + apart / 2,
-                         (sure.first + sure.second + 2 * sure.both) / 4);
-    to.held_difference.reset(apart, sure.first + sure.second - 2 * sure.both);
+    begin_at(to.held_common, to.held_difference, to.motion);
 }
 
 double press_filter::update_baseline(explanation& to) const
@@ -199,12 +192,7 @@ double press_filter::contact_phases(const explanation& of) const
     const double explained = density(of, d_group.phase);
     if (of.is == pressed)
         return std::log(explained + 1e-12);
-    double near = 0;
-    const auto at = baseline(of);
-    for (int e = 0; e < 2; e++)
-        near += squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
-    near = 0.99 * std::exp(-squared(near) / 2);
-    return log_any_phases - std::log1p(explained / outside) + std::log1p(-near);
+    return log_any_phases - std::log1p(explained / outside);
 }
 
 double press_filter::compare_contact(const explanation& with, double spread) const
@@ -358,17 +346,17 @@ press_filter::both_amplitudes press_filter::seen_amplitude() const
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
 {
-    const auto at = baseline(of);
     const double variance = of.common.estimate().variance + of.near_square / 2;
-    const pair_of_ends change{ phase[0] - at[0], phase[1] - at[1] };
-    const double middle = d_image->density(change);
+    const auto changed = change(of, phase);
+    const double middle = d_image->density(changed);
     if (variance < squared(deg))
         return middle;
     // Gauss-Hermite quadrature over the common phase.
     const double away = std::sqrt(3 * std::min(variance, 1.0));
-    return 2.0 / 3 * middle + (d_image->density({ change[0] - away, change[1] - away }) +
-                               d_image->density({ change[0] + away, change[1] + away })) /
-                                  6;
+    return 2.0 / 3 * middle +
+           (d_image->density({ changed[0] - away, changed[1] - away }) +
+            d_image->density({ changed[0] + away, changed[1] + away })) /
+               6;
 }
 
 // Log density of a mixture of the state before and the one after, over that of any
@@ -431,8 +419,7 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 {
     if (!of.known || of.is != pressed)
         return alike_both;
-    const auto at = baseline(of), is = of.motion.phase();
-    return d_image->direction({ is[0] - at[0], is[1] - at[1] });
+    return d_image->direction(change(of, of.motion.phase()));
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const

@@ -27,8 +27,6 @@ constexpr std::size_t turning_speeds = 3, near_speeds = 2; // of tags, and of ha
 constexpr double least_turn_s = 0.05;
 // A sudden change that takes no more than this of a group is not seen to be inside it.
 constexpr double unseen_s = 0.004;
-// Contacts change the phases by more.
-constexpr double least_contact_deg = 10;
 // By how much a press at one location changes the phases, at once.
 constexpr double jump_deg = 10, least_jump_deg = 2;
 // Presses that slide, of those that change steadily.
@@ -69,6 +67,17 @@ inline phase_covariance covariance_of(const drift_bank& common,
     const double mean = common.estimate().variance,
                  apart = difference.estimate().variance / 4;
     return { mean + apart, mean + apart, mean - apart };
+}
+
+// A line that begins where these phases are.
+inline void
+begin_at(drift_bank& common, drift_bank& difference, const phase_motion& where)
+{
+    const auto is = where.phase();
+    const auto sure = where.covariance();
+    const double apart = wrapped(is[0] - is[1]);
+    common.reset(is[1] + apart / 2, (sure.first + sure.second + 2 * sure.both) / 4);
+    difference.reset(apart, sure.first + sure.second - 2 * sure.both);
 }
 
 inline const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
