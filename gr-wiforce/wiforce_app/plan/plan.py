@@ -81,7 +81,8 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, measure,
         report["warnings"] += waveform_warnings(settings)
     if reaches := carrier_reaches(settings):
         report["link"] = [dataclasses.asdict(each) for each in reaches]
-    judged = list(off_states(settings))
+    stds = [sensor["phase_std_deg"] for sensor in report["expected"]]
+    judged = list(off_states(settings, stds))
     if judged:
         report["off_states"] = [each.report() for each in judged]
     if settings.skin is not None:

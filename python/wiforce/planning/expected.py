@@ -24,6 +24,7 @@ from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.skin import pressed_sensor
 from ..simulation.synthesizers import noise_over_static
+from .off_states import turn_std_deg
 
 if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
@@ -213,7 +214,9 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
                 medians = stated
             else:
                 span = stated[1:]
-                medians = _drawn(model, carrier_hz, pressed, np.hypot(std, _curvature_deg(scene)))
+                noise = np.hypot(std, _curvature_deg(scene))
+                turn_std = turn_std_deg(sensor, carrier_hz, pressed[:, :2], noise)
+                medians = _drawn(model, carrier_hz, pressed, noise, turn_std)
             limit = _limit(model, carrier_hz, _span(model) if pressed is None else pressed, std)
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span))
     return tuple(found)
@@ -322,14 +325,27 @@ def _span(model: SensorModel) -> np.ndarray:
     return np.stack(np.meshgrid(forces, locations, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _drawn(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
-    """Median errors of phases, force and location when the presses are known."""
-    noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
-    phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
+def _drawn(
+    model: SensorModel,
+    carrier_hz: float,
+    points: np.ndarray,
+    std: np.ndarray,
+    turn_std: np.ndarray,
+) -> _Medians:
+    """Median errors of phases, force and location when the presses are known.
+
+    Off states show motion to ``turn_std`` (n,), in deg; where that is better than not to know it.
+    """
+    rng, motion = np.random.default_rng(0), points[:, 4:6]
+    noise = std * rng.standard_normal((_DRAWS, len(points), 2))
+    seen = turn_std[:, None] < np.abs(motion)
+    turn = np.where(seen, turn_std[:, None], 0) * rng.standard_normal((_DRAWS, len(points), 1))
+    error = np.where(seen, turn, motion) + noise
+    phases = points[:, 2:4] - motion + model.untouched_deg(carrier_hz) + error
     found = model.invert(phases.reshape(-1, 2), std, frequency_hz=carrier_hz)
     force = found.force_n - np.tile(points[:, 0], _DRAWS)
     location = found.location_mm - np.tile(points[:, 1], _DRAWS)
-    phase = np.median(np.abs(points[:, 4:6] + noise), axis=(0, 1))
+    phase = np.median(np.abs(error), axis=(0, 1))
     return tuple(phase.tolist()), _median(force), _median(location)
 
 

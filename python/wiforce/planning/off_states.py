@@ -8,21 +8,20 @@ alike and the press lies at mid-line.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..sensor import SensorModel
-from .expected import phase_std_deg
 
 if TYPE_CHECKING:
     from ..estimation.groups import Array
-    from .plan import Plan
+    from .plan import Plan, PlannedSensor
 
 # The press that is compared, and parts of the calibrated span where pairs are compared.
-_FORCE_N, _PLACES = 4.0, (0.25, 0.5, 0.75)
+_FORCE_N, _PARTS_OF_SPAN = 4.0, (0.25, 0.5, 0.75)
 # Angles of off states to choose from, and how much better a pair must be to be named.
 _ANGLES, _BETTER = 24, 0.9
 # Condition beyond which a parameter is determined by the model's rounding alone.
@@ -88,18 +87,20 @@ class OffStates:
         return f"{line}; {_pair(self.better)} would read it to {self.better_std_n:.2g} N"
 
 
-def off_states(plan: Plan) -> Iterator[OffStates]:
-    """Judge the off states of every sensor whose switches reflect."""
+def off_states(plan: Plan, phase_std_deg: Sequence[Sequence[float]]) -> Iterator[OffStates]:
+    """Judge the off states of every sensor whose switches reflect.
+
+    ``phase_std_deg`` (S, 2): noise of the phases of all sensors.
+    """
     carrier_hz = plan.center_frequency_hz
-    stds = np.radians(phase_std_deg(plan))
-    for sensor, noise in zip(plan.sensors, stds, strict=True):
+    for sensor, noise in zip(plan.sensors, np.radians(phase_std_deg), strict=True):
         off = np.asarray(sensor.off_reflection, complex)
         if not off.any():
             continue
         low, high = sensor.model.location_span_mm
         force_n = float(np.clip(_FORCE_N, *sensor.model.force_span_n))
-        places = low + np.array(_PLACES) * (high - low)
-        slopes = [_slopes(sensor.model, force_n, mm, carrier_hz) for mm in places]
+        locations_mm = low + np.array(_PARTS_OF_SPAN) * (high - low)
+        slopes = [_slopes(sensor.model, force_n, mm, carrier_hz) for mm in locations_mm]
         untouched = np.exp(1j * np.radians(sensor.model.untouched_deg(carrier_hz)))
         reflection, slope = slopes[len(slopes) // 2]
         free_std_n, error_n = _free(reflection, slope, untouched, off, noise)
@@ -113,8 +114,8 @@ def off_states(plan: Plan) -> Iterator[OffStates]:
             sensor.name,
             (complex(off[0]), complex(off[1])),
             force_n,
-            float(places[len(places) // 2]),
-            _std(known),
+            float(locations_mm[len(locations_mm) // 2]),
+            float(_stds(known)[0]),
             free_std_n,
             free_std_n / error_n if np.isfinite(free_std_n) else np.inf,
             (float(growth[0]), float(growth[1])),
@@ -141,14 +142,15 @@ def _jacobian(reflection: Array, slope: Array, off: Array, noise: Array) -> Arra
     return np.concatenate([columns.real, columns.imag])
 
 
-def _std(jacobian: Array) -> float:
-    """Standard deviation of the first parameter; infinite where it is not determined."""
+def _stds(jacobian: Array) -> Array:
+    """Standard deviations of the parameters; infinite where they are not determined."""
     squares: Array = jacobian.T @ jacobian
     scale: Array = np.sqrt(np.diag(squares))
     normal: Array = squares / np.outer(scale, scale)
     if np.linalg.cond(normal) > _SINGULAR:
-        return np.inf
-    return float(np.sqrt(np.linalg.inv(normal)[0, 0]) / scale[0])
+        return np.full(len(scale), np.inf)
+    stds: Array = np.sqrt(np.diag(np.linalg.inv(normal))) / scale
+    return stds
 
 
 def _free(
@@ -157,15 +159,45 @@ def _free(
     """Standard deviation of the force without the common phase, and its error in N by unit errors
     of real and imaginary part of each off state.
     """
+    stds, errors = _without_common(reflection, slope, untouched, off, noise)
+    return float(stds[0]), float(errors[0])
+
+
+def _without_common(
+    reflection: Array, slope: Array, untouched: Array, off: Array, noise: Array
+) -> tuple[Array, Array]:
+    """The same of force, location, rotation and gain; infinite where they are not determined."""
     jacobian = _jacobian(reflection, slope, off, noise)
-    std = _std(jacobian)
-    if not np.isfinite(std):
-        return np.inf, np.inf
+    stds = _stds(jacobian)
+    if not np.isfinite(stds).all():
+        return stds, stds
     # R is D over that of the untouched sensor, which the reader takes from its off state as well.
     wrong = np.diag((reflection - off) * (1 / (untouched - off) - 1 / (reflection - off)))
     wrong = np.column_stack([wrong, 1j * wrong]) / noise[:, None]
     moved = np.linalg.lstsq(jacobian, np.concatenate([wrong.real, wrong.imag]), rcond=None)[0]
-    return std, float(np.linalg.norm(moved[0]))
+    return stds, np.linalg.norm(moved, axis=1)
+
+
+def turn_std_deg(
+    sensor: PlannedSensor, carrier_hz: float, presses: Array, phase_std_deg: Array
+) -> Array:
+    """To what the amplitudes of both ends show how far the tag has turned, by its off states.
+
+    Of presses (n, 2) in N and mm; infinite where they do not show it. The bound of an estimate
+    beside force, location and gain, with what is unknown of the off states.
+    """
+    off = np.asarray(sensor.off_reflection, complex)
+    if not off.any():
+        return np.full(len(presses), np.inf)
+    untouched = np.exp(1j * np.radians(sensor.model.untouched_deg(carrier_hz)))
+    found = []
+    for force_n, location_mm in presses:
+        reflection, slope = _slopes(sensor.model, force_n, location_mm, carrier_hz)
+        stds, errors = _without_common(
+            reflection, slope, untouched, off, np.radians(phase_std_deg)
+        )
+        found.append(np.degrees(np.hypot(stds[2], sensor.off_reflection_std * errors[2])))
+    return np.array(found)
 
 
 def _best(
@@ -174,7 +206,7 @@ def _best(
     """The pair of this size that reads best over the line, if it is better than ``off``."""
 
     def worth(pair: Array) -> float:
-        stds = [_std(_jacobian(g, slope, pair, noise)) for g, slope in slopes]
+        stds = [_stds(_jacobian(g, slope, pair, noise))[0] for g, slope in slopes]
         return float(np.mean(np.log(stds)))
 
     circle = np.abs(off).max() * np.exp(2j * np.pi * np.arange(_ANGLES) / _ANGLES)

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What reflective off states of the switches are worth: the bound against errors of draws."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.planning.expected import phase_std_deg
-from gnuradio.wiforce.planning.off_states import off_states
+from gnuradio.wiforce.planning.expected import expect, phase_std_deg
+from gnuradio.wiforce.planning.off_states import off_states, turn_std_deg
 from scipy.optimize import least_squares
 
 FORCE_N, LOCATION_MM = 4.0, 40.0
@@ -18,7 +20,8 @@ def plan_of(*off):
 
 
 def judged(*off):
-    (found,) = off_states(plan_of(*off))
+    plan = plan_of(*off)
+    (found,) = off_states(plan, phase_std_deg(plan))
     return found
 
 
@@ -38,7 +41,8 @@ def test_equal_off_states_do_not_and_a_better_pair_is_named():
 
 
 def test_switches_without_reflection_are_not_mentioned():
-    assert not list(off_states(plan_of(0.0, 0.0)))
+    plan = plan_of(0.0, 0.0)
+    assert not list(off_states(plan, phase_std_deg(plan)))
 
 
 @pytest.mark.parametrize("wrong", [False, True])
@@ -68,6 +72,22 @@ def test_bound_is_the_spread_of_readings_of_a_tag_that_turns(wrong):
             apart = (ends(x[:2], off) * np.exp(x[2] + 1j * x[3]) - received) * size / noise
             return np.concatenate([apart.real, apart.imag])
 
-        start = [FORCE_N, LOCATION_MM, np.log(abs(turn)), np.angle(turn)]
-        errors.append(least_squares(residual, start, x_scale=[1, 1, 0.01, 0.01]).x[0] - FORCE_N)
-    assert np.std(errors) == pytest.approx(found.free_std_n, rel=0.2)
+        start = np.array([FORCE_N, LOCATION_MM, np.log(abs(turn)), np.angle(turn)])
+        errors.append(least_squares(residual, start, x_scale=[1, 1, 0.01, 0.01]).x - start)
+    assert np.std(errors, axis=0)[0] == pytest.approx(found.free_std_n, rel=0.2)
+    sensor = dataclasses.replace(plan.sensors[0], off_reflection_std=wrong * found.known_to)
+    press, std_deg = np.array([[FORCE_N, LOCATION_MM]]), np.degrees(noise)
+    turn_std = turn_std_deg(sensor, 900e6, press, std_deg)
+    if wrong:  # noise, of which these draws have none, adds as much
+        turn_std = turn_std / np.sqrt(2)
+    assert np.std(errors, axis=0)[3] == pytest.approx(np.radians(turn_std[0]), rel=0.2)
+
+
+def test_expected_errors_of_a_moving_tag_are_small_where_off_states_show_the_motion():
+    """A scene whose readings have errors of .09 N (gr-wiforce evaluate moving_tag_off_states)."""
+    moving, by_off_states = (
+        expect(wiforce.plan(scene))[0] for scene in ("moving_tag", "moving_tag_off_states")
+    )
+    assert moving.force_error_n > 1 and moving.phase_error_deg[0] > 1
+    assert 0.05 < by_off_states.force_error_n < 0.15
+    assert by_off_states.phase_error_deg[0] < 0.1
