@@ -378,6 +378,8 @@ bool press_filter::one_line(const explanation& a, const explanation& b) const
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }
 
+// What is not compared follows from the rest: given the untouched line and the phases of
+// a press, its strength is what the amplitudes of the group leave.
 bool press_filter::alike(const explanation& a, const explanation& b) const
 {
     if (a.is != b.is || a.known != b.known || a.turning != b.turning ||

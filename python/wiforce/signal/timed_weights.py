@@ -61,15 +61,17 @@ class TimedTable(ToneTable):
 
         ``states`` (n,) are those of the receiver: each has a constant of its own.
         """
-        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
-        if fit is None or not len(fit.gain) or fit.gain.max() > self._worst(times_s):
+        fit = self._fit(times_s, states)
+        if fit is None:
             return None
         return TimedWeights(np.ones(len(times_s), bool), fit.weights, times_s=times_s)
 
-    @staticmethod
-    def _worst(times_s: np.ndarray) -> float:
-        """Noise of a tone over that of a snapshot from which on it is undetermined."""
-        return WORST_PARTIAL_GAIN / max(len(times_s), 1)
+    def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> "_Fit | None":
+        """Least squares at these times; None when they do not determine the tones."""
+        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
+        # Noise of a tone over that of a snapshot.
+        worst = WORST_PARTIAL_GAIN / max(len(times_s), 1)
+        return fit if fit is not None and len(fit.gain) and fit.gain.max() <= worst else None
 
     def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
@@ -78,14 +80,14 @@ class TimedTable(ToneTable):
 
         None where :meth:`at` is. ``states`` as there.
         """
-        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
-        if fit is None or not len(gain := fit.gain) or gain.max() > self._worst(times_s):
+        fit = self._fit(times_s, states)
+        if fit is None:
             return None
         power, basis = np.sum(np.abs(channel) ** 2), fit.orthogonal.T
         # Parts by themselves: complex channels would make the basis complex.
         explained = np.sum((basis @ channel.real) ** 2) + np.sum((basis @ channel.imag) ** 2)
         freedom = (len(times_s) - len(basis)) * channel.shape[1]
-        return float(gain.mean() * (power - explained) / max(freedom, 1))
+        return float(fit.gain.mean() * (power - explained) / max(freedom, 1))
 
     def _columns(self, times_s: np.ndarray, states: np.ndarray | None) -> np.ndarray:
         """Cosines, sines and clutter at some times, and what differs from state to state."""

@@ -32,7 +32,7 @@ from .frame import (
 
 # Where frames are searched when there are none at the start: at doubling distances from it, and so
 # often over the rest.
-_PLACES = 24
+_POSITIONS = 24
 # Samples of a last, longer search: 6 dB more sensitive.
 _LONG_SEARCH = 1 << 20
 # Static paths that leave less likeness than this between preamble and symbol have not been seen: of
@@ -107,7 +107,7 @@ def _places(start: int, span: int, needed: int) -> Iterator[int]:
     while place < last:
         yield place
         place, step = place + step, 2 * step
-    yield from np.unique(np.linspace(start, last, _PLACES).astype(int))[1:].tolist() or [last]
+    yield from np.unique(np.linspace(start, last, _POSITIONS).astype(int))[1:].tolist() or [last]
 
 
 def _stands_out(samples: Array, waveform: Waveform) -> bool:
