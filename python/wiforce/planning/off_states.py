@@ -193,9 +193,7 @@ def turn_std_deg(
     found = []
     for force_n, location_mm in presses:
         reflection, slope = _slopes(sensor.model, force_n, location_mm, carrier_hz)
-        stds, errors = _without_common(
-            reflection, slope, untouched, off, np.radians(phase_std_deg)
-        )
+        stds, errors = _without_common(reflection, slope, untouched, off, np.radians(phase_std_deg))
         found.append(np.degrees(np.hypot(stds[2], sensor.off_reflection_std * errors[2])))
     return np.array(found)
 
