@@ -70,6 +70,27 @@ void end_fit::solve(const complex* tones)
     }
 }
 
+WIFORCE_CLONES
+double whiten(const std::complex<double>* whitener,
+              const std::complex<double>* tones,
+              std::size_t count,
+              std::size_t subcarriers,
+              std::complex<double>* white)
+{
+    double power = 0;
+    for (std::size_t row = 0; row < count; row++) {
+        std::complex<double>* const to = white + row * subcarriers;
+        std::fill_n(to, subcarriers, 0.0);
+        for (std::size_t tone = 0; tone <= row; tone++)
+            add_scaled(whitener[row * count + tone],
+                       tones + tone * subcarriers,
+                       subcarriers,
+                       to);
+        power += inner_product(to, to, subcarriers).real();
+    }
+    return power / double(std::max<std::size_t>(count * subcarriers, 1));
+}
+
 std::size_t end_fit::freedom() const
 {
     return sizes.tones > sizes.ends ? sizes.tones - sizes.ends : 1;

@@ -7,6 +7,14 @@
 
 namespace gr::wiforce::kernel {
 
+// Makes the noise of tones (M x K) white by a lower triangular matrix (M x M); gives the
+// mean power of the result.
+double whiten(const std::complex<double>* whitener,
+              const std::complex<double>* tones,
+              std::size_t count,
+              std::size_t subcarriers,
+              std::complex<double>* white);
+
 // Least-squares fit of the tags' ends to the whitened tones of some groups, each by
 // itself: tones = mixing x ends + residual (docs/theory.md, Ends). Arrays hold the
 // groups one after the other, matrices row by row.

@@ -87,10 +87,11 @@ class GroupTones:
 
     def __getitem__(self, rows: slice | Array) -> GroupTones:
         """The groups of some rows: a slice, or an array of indices."""
+        count = len(self.group)
         if isinstance(rows, slice):
-            if rows.indices(len(self)) == (0, len(self), 1):
+            if rows.indices(count) == (0, count, 1):
                 return self
-            numbers: Sequence[int] = range(len(self))[rows]
+            numbers: Sequence[int] = range(count)[rows]
         else:
             numbers = rows.tolist()
         return GroupTones(

@@ -193,6 +193,12 @@ class Groups:
         return len(self.index)
 
     @property
+    def has_incomplete(self) -> bool:
+        """Whether there may be a group that is ``incomplete``."""
+        lacking = self.missing.any() or self.interference.any()
+        return self.snapshot_weights is not None or bool(lacking)
+
+    @property
     def incomplete(self) -> Array:
         """Whether tones are those of a part of the snapshots; ndarray of bool, shape (G,)."""
         lacking = (self.missing > 0) | (self.interference > 0)
@@ -205,21 +211,22 @@ class Groups:
 
     def __getitem__(self, rows: int | slice | Array) -> Groups:
         """The groups of some rows: an index, a slice, or an array of indices or of bool."""
-        if isinstance(rows, slice) and rows.indices(len(self)) == (0, len(self), 1):
-            return self
-        if isinstance(rows, int | np.integer):
-            if not -len(self) <= rows < len(self):
-                raise IndexError(f"group {rows} of a batch of {len(self)}")
+        count = len(self.index)
+        if isinstance(rows, slice):
+            if rows.indices(count) == (0, count, 1):
+                return self
+        elif isinstance(rows, int | np.integer):
+            if not -count <= rows < count:
+                raise IndexError(f"group {rows} of a batch of {count}")
             rows = np.array([rows])
-        arrays = vars(self).items()
+        arrays = self.__dict__.items()
         return _of({name: None if values is None else values[rows] for name, values in arrays})
 
     def having(self, **arrays: Any) -> Groups:
         """The same groups with some arrays added or replaced, or removed where None is given."""
-        if not arrays.keys() <= vars(self).keys():
-            unknown = arrays.keys() - vars(self).keys()
+        if unknown := arrays.keys() - self.__dict__:
             raise TypeError(f"Groups has no array {', '.join(sorted(unknown))}")
-        return _of({**vars(self), **arrays})
+        return _of({**self.__dict__, **arrays})
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
@@ -249,7 +256,7 @@ class Groups:
 def _of(arrays: dict[str, Any]) -> Groups:
     """Groups of arrays that were checked before: batches of one group must not wait for it."""
     groups = object.__new__(Groups)
-    vars(groups).update(arrays)
+    groups.__dict__ = arrays
     return groups
 
 

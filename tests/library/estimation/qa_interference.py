@@ -335,9 +335,8 @@ def assert_same(found, wanted):
         assert got.interference == pytest.approx(want.interference, abs=1e-6)
         for name in ("phase1_deg", "phase2_deg", "force_n", "location_mm"):
             value = getattr(want, name)
-            # Far below the noise of 0.2 deg: small steps of the static path are followed.
             assert getattr(got, name) == (
-                value if value is None else pytest.approx(value, abs=5e-3)
+                value if value is None else pytest.approx(value, abs=1e-4)
             )
 
 

@@ -127,9 +127,8 @@ def test_stream_of_a_busy_room_is_read_as_its_recording(captures, input_type):
     assert len(readings) == len(wanted) == int(2.0 / GROUP_S)
     for got, want in zip(readings, wanted, strict=True):
         assert (got.touch, got.flags) == (want.touch, want.flags)
-        # Far below the noise of 0.2 deg: small steps of the static path are followed.
-        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=2e-2)
-        assert got.force_n == pytest.approx(want.force_n, abs=5e-3)
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=1e-3)
+        assert got.force_n == pytest.approx(want.force_n, abs=1e-3)
     assert_right(readings)
     assert reader.findings == findings(recorded.survey, settings, recorded.plan)
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}

@@ -53,6 +53,24 @@ end_fit make_end_fit(const complex_array& mixed, const complex_array& tones)
                    tones.data());
 }
 
+py::tuple whitened(const complex_array& whitener, const complex_array& tones)
+{
+    if (tones.ndim() != 3)
+        throw std::invalid_argument("whiten: tones must have shape (G, M, K)");
+    const py::ssize_t groups = tones.shape(0), count = tones.shape(1),
+                      subcarriers = tones.shape(2);
+    require_shape(whitener, { count, count }, "whiten: whitener must have shape (M, M)");
+    complex_array white(shape{ groups, count, subcarriers });
+    array<double> level(shape{ groups });
+    for (py::ssize_t group = 0; group < groups; group++)
+        level.mutable_data()[group] = whiten(whitener.data(),
+                                             tones.data(group, 0, 0),
+                                             count,
+                                             subcarriers,
+                                             white.mutable_data(group, 0, 0));
+    return py::make_tuple(white, level);
+}
+
 shape by_subcarrier(const end_fit::shape& sizes)
 {
     return { py::ssize_t(sizes.groups), py::ssize_t(sizes.subcarriers) };
@@ -209,6 +227,13 @@ py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 
 void bind_separation(py::module& m)
 {
+    m.def("whiten",
+          &whitened,
+          "whitener"_a,
+          "tones"_a,
+          "Tones (G, M, K) with white noise, and their mean power (G,).\n\nwhitener: (M, "
+          "M), "
+          "lower triangular. tones: (G, M, K).");
     using sizes = end_fit::shape;
     py::class_<end_fit>(
         m,

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ...signal.weights import ToneTable
+from ...wiforce_kernels import whiten
 from ..clocks.clock_tracker import ClockPath, ClockTracker, expected_clocks
 from ..clocks.tracked_tag import TrackedTag
 from ..group_tones import GroupTones, GroupWeights
@@ -72,20 +73,21 @@ class ToneModel:
     def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
         """Whiten the tones of a batch; also which groups (G,) have tones, all of them finite."""
         tones = groups.tones.astype(complex)
-        weights = [self._complete] * len(groups)
-        with np.errstate(invalid="ignore", over="ignore"):
-            white = self._complete.whitener @ tones
-            usable = np.ones(len(groups), bool)
-            own = groups.incomplete if groups.timed is None else usable
-            for row in np.flatnonzero(own):
-                partial = self._partial(groups, row)
-                usable[row] = partial is not None
-                if partial is not None:
-                    weights[row] = partial
-                    white[row] = partial.whitener @ tones[row]
-            parts = white.view(float).reshape(len(groups), -1)
-            level = 2 * (parts * parts).sum(axis=1) / max(parts.shape[1], 1)
-        usable &= np.isfinite(level) & (level > 0)
+        weights = [self._complete] * len(tones)
+        white, level = whiten(self._complete.whitener, tones)
+        rows: list[int] = []
+        if groups.timed is not None:
+            rows = list(range(len(tones)))
+        elif groups.has_incomplete:
+            rows = groups.incomplete.nonzero()[0].tolist()
+        for row in rows:
+            partial = self._partial(groups, row)
+            level[row] = np.nan
+            if partial is not None:
+                one = slice(row, row + 1)
+                weights[row] = partial
+                white[one], level[one] = whiten(partial.whitener, tones[one])
+        usable = np.isfinite(level) & (level > 0)
         center_s = (groups.index + 0.5) * self.group_period_s
         for first, late_s in self.slips:
             center_s[groups.index >= first] += late_s

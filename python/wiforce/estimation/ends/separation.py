@@ -160,6 +160,8 @@ class EndSeparator:
             part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
             parts.append(part)
             count = len(part["gain"])
+            if count == len(tones):
+                break
             tones, usable, slipped = tones[count:], usable[count:], slipped[count:]
         arrays = parts[0]
         if len(parts) > 1:
@@ -202,8 +204,8 @@ class EndSeparator:
             "disturbed": disturbed[:, ::2] | disturbed[:, 1::2],
         }
         if update:
-            complete = np.flatnonzero(groups.missing == 0)
-            self._latest.extend((groups, row) for row in complete[-STEP_GROUPS:].tolist())
+            complete = (groups.missing == 0).nonzero()[0]
+            self._latest += [(groups, row) for row in complete[-STEP_GROUPS:].tolist()]
         if clocks.noise.verdict is Verdict.MODEL_LOST:
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
