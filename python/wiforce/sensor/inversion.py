@@ -215,8 +215,8 @@ class Inverter:
     def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
         self.forward = ForwardMap(model, carriers)
         # An error of the ruler moves both phases as another location does, by the same distance.
-        self._ruler_mm2 = (model.ruler_std_mm or 0.0) ** 2
-        self._posterior = press_posterior(
+        self.ruler_mm2 = (model.ruler_std_mm or 0.0) ** 2
+        self.posterior = press_posterior(
             self.forward.force_n,
             self.forward.location_mm,
             self.forward.table(),
@@ -240,9 +240,9 @@ class Inverter:
         std = _standard_deviations(std_deg, phases.shape)
         if location_mm is not None:
             location_mm = self._known_location(location_mm, len(phases))
-        values, codes = self._posterior.invert(phases, std, location_mm)
+        values, codes = self.posterior.invert(phases, std, location_mm)
         if location_mm is None:
-            values[:, -1] += self._ruler_mm2
+            values[:, -1] += self.ruler_mm2
         return inversion_of(values, codes)
 
     def _known_location(self, location_mm: ArrayLike, count: int) -> Array:
@@ -256,14 +256,14 @@ class Inverter:
 
     def unobservable(self, force: ArrayLike, location: ArrayLike, std: ArrayLike = 1.0) -> Array:
         """Whether force and location cannot be distinguished with this noise (deg); broadcast."""
-        return self._posterior.unobservable(force, location, np.max(std))
+        return self.posterior.unobservable(force, location, np.max(std))
 
     def code_of(
         self, force: float, force_std: float, location: float, location_std: float, std: Array
     ) -> int:
         """Sum of the flags of a press that was found in another way."""
         code = 0
-        if self._posterior.extrapolated(force, location, force_std**2, location_std**2):
+        if self.posterior.extrapolated(force, location, force_std**2, location_std**2):
             code |= INVERSION_FLAGS["extrapolated"]
         if self.unobservable(force, location, std):
             code |= INVERSION_FLAGS["force-unobservable"]
@@ -282,7 +282,7 @@ class Inverter:
         normal[0, 0] += 12.0 / np.ptp(self.forward.force_n) ** 2
         normal[1, 1] += 12.0 / np.ptp(self.forward.location_mm) ** 2
         covariance = np.linalg.inv(normal)
-        covariance[1, 1] += self._ruler_mm2
+        covariance[1, 1] += self.ruler_mm2
         return covariance
 
 

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
+#include <kernel/inversion/press_reading.h>
 #include <kernel/press/press_filter.h>
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -38,6 +40,57 @@ py::array_t<outcome> take(press_filter& filter, const array<press_observation>& 
         }
     }
     return array_of(rows);
+}
+
+py::tuple read_groups(const press_reading& sensor,
+                      const array<outcome>& found,
+                      const array<bool>& readable,
+                      const array<bool>& overlapping,
+                      const array<bool>& disturbed,
+                      const array<double>& common_std_deg,
+                      const array<std::int64_t>& flags,
+                      bool wanted)
+{
+    const py::ssize_t groups = flags.size();
+    for (const auto* each : { &readable, &overlapping, &disturbed })
+        require_shape(*each, { groups }, "what is known of groups must have shape (G,)");
+    require_shape(common_std_deg, { groups }, "common_std_deg must have shape (G,)");
+    array<std::int64_t> touch(groups), all(groups);
+    array<double> phases(shape{ groups, 2 }), std(shape{ groups, 2 }),
+        values(shape{ groups, 4 });
+    complex_array level(shape{ groups, 2 });
+    array<bool> clear(groups);
+    const outcome *next = found.data(), *const end = next + found.size();
+    press_posterior::workspace work;
+    for (py::ssize_t group = 0; group < groups; group++) {
+        next = std::find_if(
+            next, end, [&](const outcome& each) { return each.row >= group; });
+        const outcome* const first = next;
+        next = std::find_if(
+            first, end, [&](const outcome& each) { return each.row > group; });
+        const double common = common_std_deg.data()[group] * M_PI / 180;
+        const auto read = sensor.read({ first,
+                                        std::size_t(next - first),
+                                        readable.data()[group],
+                                        overlapping.data()[group],
+                                        disturbed.data()[group],
+                                        common * common,
+                                        flags.data()[group] },
+                                      wanted,
+                                      work);
+        touch.mutable_data()[group] = read.touch;
+        all.mutable_data()[group] = read.flags;
+        clear.mutable_data()[group] = read.clear;
+        double* const value = values.mutable_data(group, 0);
+        value[0] = read.force_n, value[1] = read.force_std_n;
+        value[2] = read.location_mm, value[3] = read.location_std_mm;
+        for (int e = 0; e < 2; e++) {
+            *phases.mutable_data(group, e) = read.phases_deg[e];
+            *std.mutable_data(group, e) = read.std_deg[e];
+            *level.mutable_data(group, e) = read.level[e];
+        }
+    }
+    return py::make_tuple(touch, phases, std, values, all, level, clear);
 }
 
 } // namespace
@@ -146,4 +199,54 @@ void bind_press(py::module& m)
     m.attr("press_outcome") = py::dtype::of<outcome>();
     const press_parameters defaults;
     m.attr("press_parameters") = py::array_t<press_parameters>(1, &defaults);
+    py::class_<press_reading>(
+        m,
+        "press_reading",
+        "Touch, force, location and flags of a sensor's groups; see "
+        "press/sensor_readout.py.\n\n"
+        "on_circle: whether phases are those of arg R alone. bits: of transition, weak, "
+        "ambiguous,\nforce_unobservable, inconsistent, extrapolated, moved. limits: "
+        "standard deviations in deg and\nN above which a reading is weak, and the "
+        "probability of an alternative that is named.")
+        .def(py::init([](const press_posterior& posterior,
+                         const std::array<double, 2>& untouched_rad,
+                         const std::array<std::complex<double>, 2>& off,
+                         bool on_circle,
+                         double off_std,
+                         double tag_ratio,
+                         double ruler_mm2,
+                         const std::array<std::int64_t, 7>& bits,
+                         const std::array<double, 3>& limits) {
+                 if (posterior.phases() != 2)
+                     throw std::invalid_argument("posterior must be of one carrier");
+                 return press_reading(
+                     posterior,
+                     { untouched_rad, off, on_circle, off_std, tag_ratio, ruler_mm2 },
+                     { bits[0], bits[1], bits[2], bits[3], bits[4], bits[5], bits[6] },
+                     { limits[0], limits[1], limits[2] });
+             }),
+             py::keep_alive<1, 2>(),
+             "posterior"_a,
+             "untouched_rad"_a,
+             "off"_a,
+             "on_circle"_a,
+             "off_std"_a,
+             "tag_ratio"_a,
+             "ruler_mm2"_a,
+             "bits"_a,
+             "limits"_a)
+        .def("read",
+             &read_groups,
+             "found"_a,
+             "readable"_a,
+             "overlapping"_a,
+             "disturbed"_a,
+             "common_std_deg"_a,
+             "flags"_a,
+             "wanted"_a,
+             "Touch (G,), phases and standard deviations (G, 2), values (G, 4), flags "
+             "(G,), R against\nthe untouched line (G, 2), and whether only the inversion "
+             "flags a group (G,).\n\nfound: (m,) press_outcome, rows rising. The others: "
+             "(G,). "
+             "wanted: whether force and\nlocation are.");
 }

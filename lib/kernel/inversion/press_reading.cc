@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "press_reading.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+using complex = std::complex<double>;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double degrees = 180 / 3.14159265358979323846;
+// Phase std above which a disturbance of the tag's own lines is flagged: most of it may
+// be hidden.
+constexpr double disturbed_deg = 1.0;
+// Weight of explanations that are inverted.
+constexpr double least_weight = 1e-4;
+// Standard deviations beyond which a reading is wrong.
+constexpr double far = 5.0;
+// Gauss-Hermite quadrature of a normal variable: nodes in standard deviations, weights.
+constexpr double nodes[] = { 0.0, -1.7320508075688772, 1.7320508075688772 };
+constexpr double shares[] = { 2.0 / 3, 1.0 / 6, 1.0 / 6 };
+// Of an off state, for the derivative of a phase by it.
+constexpr double off_step = 1e-4;
+
+double wrapped_deg(complex value)
+{
+    const double angle = degrees * std::arg(value);
+    return angle <= -180 ? angle + 360 : angle;
+}
+
+// The reflection |G| = 1 in the direction of `start` R from the off state.
+complex on_circle(complex ratio, complex start, complex off)
+{
+    const complex towards = ratio * start / std::abs(ratio * start);
+    const double along = (towards * std::conj(off)).real();
+    return off + towards * (std::sqrt(along * along + 1 - std::norm(off)) - along);
+}
+
+} // namespace
+
+press_reading::press_reading(const press_posterior& posterior,
+                             const sensor& of,
+                             const bits& flags,
+                             const limits& at)
+    : d_posterior(posterior), d_sensor(of), d_bits(flags), d_limits(at)
+{
+}
+
+// R against the untouched line of an explanation, turned by `common`.
+std::array<complex, 2> press_reading::level(const explanation& of, double common) const
+{
+    std::array<complex, 2> found;
+    for (int end = 0; end < 2; end++)
+        found[end] = std::exp(complex(of.mean.amplitude[end] - of.amplitude,
+                                      of.mean.phase[end] - of.baseline[end] - common));
+    return found;
+}
+
+// psi of both ends and their standard deviations (docs/theory.md, The off state).
+press_reading::phases press_reading::phases_of(const explanation& of,
+                                               const std::array<complex, 2>& level,
+                                               double common_variance) const
+{
+    phases found;
+    for (int end = 0; end < 2; end++) {
+        const complex off = d_sensor.off[end],
+                      start = std::polar(1.0, d_sensor.untouched_rad[end]);
+        const complex circle = on_circle(level[end], start - off, off);
+        const complex switched =
+            d_sensor.on_circle ? circle - off : level[end] * (start - off);
+        const complex reflection = off + switched;
+        const double slope =
+            d_sensor.on_circle
+                ? std::norm(switched) / (switched * std::conj(reflection)).real()
+                : std::abs(switched) / std::abs(reflection);
+        double variance =
+            of.mean.variance[end] + of.difference_variance / 4 + common_variance;
+        if (d_sensor.tag_ratio) {
+            // As curvature_deg in estimation/capture/antennas.py.
+            const double bend =
+                d_sensor.tag_ratio * std::abs(1.0 - std::polar(1.0, of.mean.phase[end]));
+            variance += bend * bend / 2;
+        }
+        double std = degrees * std::sqrt(variance) * slope;
+        if (d_sensor.off_std) {
+            double error = 0;
+            for (const complex step : { complex(off_step, 0), complex(0, off_step) }) {
+                const complex beside =
+                    on_circle(level[end], start - off - step, off + step);
+                error = std::hypot(
+                    error, degrees * std::arg(beside * std::conj(circle)) / off_step);
+            }
+            std = std::hypot(std, d_sensor.off_std * error);
+        }
+        found.deg[end] = wrapped_deg(reflection);
+        found.std_deg[end] = std;
+    }
+    return found;
+}
+
+press_reading::reading
+press_reading::read(const group& of, bool wanted, press_posterior::workspace& work) const
+{
+    const bool readable = of.readable && of.count;
+    reading found{ -1,  { nan, nan }, { nan, nan }, nan,          nan,
+                   nan, nan,          of.flags,     { nan, nan }, false };
+    if (!readable) {
+        // What the stages before say explains that nothing is read.
+        if (!of.overlapping && !(found.flags & ~(d_bits.inconsistent | d_bits.ambiguous)))
+            found.flags |= d_bits.weak;
+        found.clear = !found.flags;
+        return found;
+    }
+    double by_state[4] = {}, doubtful = 0, turning = 0;
+    for (std::size_t i = 0; i < of.count; i++) {
+        const auto& each = of.first[i];
+        by_state[each.is] += each.weight;
+        if (each.is != press_filter::mixed && !each.known)
+            doubtful += each.weight;
+        if (each.turns)
+            turning += each.weight;
+    }
+    const double either =
+        std::min(by_state[press_filter::untouched],
+                 1 - by_state[press_filter::untouched] - by_state[press_filter::mixed]);
+    found.touch = by_state[press_filter::untouched] <= 0.5;
+    if (by_state[press_filter::mixed] > d_limits.doubt)
+        found.flags |= d_bits.transition;
+    if (by_state[press_filter::unexplained] > d_limits.doubt)
+        found.flags |= d_bits.inconsistent;
+    if (std::max(either, doubtful) > d_limits.doubt)
+        found.flags |= d_bits.ambiguous;
+    if (turning > 0.5)
+        found.flags |= d_bits.moved;
+    found.level = level(*of.first, 0);
+    const auto best =
+        phases_of(*of.first, found.level, of.first->common_variance + of.common_variance);
+    found.phases_deg = best.deg;
+    found.std_deg = best.std_deg;
+    const double larger = std::max(best.std_deg[0], best.std_deg[1]);
+    if (of.disturbed && larger > disturbed_deg)
+        found.flags |= d_bits.inconsistent;
+    if (larger > d_limits.weak_phase_deg)
+        found.flags |= d_bits.weak;
+    found.clear = !found.flags;
+    if (wanted && found.touch == 1) {
+        invert(of, found, work);
+        if (!(found.force_std_n <= d_limits.weak_force_n))
+            found.flags |= d_bits.weak;
+    }
+    return found;
+}
+
+void press_reading::invert(const group& of,
+                           reading& to,
+                           press_posterior::workspace& work) const
+{
+    struct solution {
+        double weight, mean[2], variance[2];
+    };
+    std::vector<solution> solutions;
+    solutions.reserve(3 * of.count);
+    double total = 0;
+    for (std::size_t i = 0; i < of.count; i++) {
+        const auto& each = of.first[i];
+        if (i && !(each.is == press_filter::pressed && each.known &&
+                   each.weight > least_weight))
+            continue;
+        const double common = std::sqrt(each.common_variance + of.common_variance);
+        for (int node = 0; node < 3; node++) {
+            const auto phases = phases_of(each, level(each, common * nodes[node]), 0);
+            press_fit::press press;
+            const auto code = d_posterior.invert(
+                { phases.deg.data(), phases.std_deg.data(), nullptr }, work, press);
+            // Flags are those of the likeliest explanation, at the middle of its common
+            // phase. Phases that changed inside the group are those of no press.
+            if (!i && !node && each.is != press_filter::mixed)
+                to.flags |= (code & ambiguous ? d_bits.ambiguous : 0) |
+                            (code & force_unobservable ? d_bits.force_unobservable : 0) |
+                            (code & inconsistent ? d_bits.inconsistent : 0) |
+                            (code & extrapolated ? d_bits.extrapolated : 0);
+            if (!std::isfinite(press.force) || !std::isfinite(press.location))
+                continue;
+            const double weight = each.weight * shares[node];
+            total += weight;
+            solutions.push_back({ weight,
+                                  { press.force, press.location },
+                                  { press.force_variance,
+                                    press.location_variance + d_sensor.ruler_mm2 } });
+        }
+    }
+    double means[2], stds[2];
+    std::vector<char> outside(solutions.size());
+    for (int column = 0; column < 2; column++) {
+        double first = 0, second = 0;
+        for (const auto& each : solutions)
+            first += each.weight * each.mean[column];
+        first /= total;
+        for (const auto& each : solutions) {
+            const double away = each.mean[column] - first;
+            const double own = each.variance[column];
+            second += each.weight * ((std::isnan(own) ? 0 : own) + away * away);
+        }
+        means[column] = first;
+        stds[column] = std::sqrt(second / total);
+        for (std::size_t i = 0; i < solutions.size(); i++)
+            outside[i] |=
+                std::abs(solutions[i].mean[column] - first) > far * stds[column];
+    }
+    double beyond = 0;
+    for (std::size_t i = 0; i < solutions.size(); i++)
+        beyond += outside[i] ? solutions[i].weight : 0;
+    if (beyond > d_limits.doubt * total)
+        to.flags |= d_bits.ambiguous;
+    to.force_n = means[0];
+    to.force_std_n = stds[0];
+    to.location_mm = means[1];
+    to.location_std_mm = stds[1];
+}
+
+} // namespace gr::wiforce::kernel

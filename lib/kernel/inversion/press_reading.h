@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "../press/press_filter.h"
+#include "press_posterior.h"
+
+#include <array>
+#include <complex>
+#include <cstddef>
+#include <cstdint>
+
+namespace gr::wiforce::kernel {
+
+/*!
+ * \brief Touch, force, location and flags of a sensor's group: the mean over all that may
+ * have happened to it.
+ *
+ * Every explanation that holds a press is inverted, at three values of the phase that
+ * both ends have in common, which stand for its normal distribution.
+ */
+class press_reading
+{
+public:
+    using complex = std::complex<double>;
+    using pair = std::array<double, 2>;
+
+    //! What is known of the sensor.
+    struct sensor {
+        pair untouched_rad;
+        std::array<complex, 2> off; // G_off / rho of both switches
+        // Whether phases are those of arg R alone, on the circle of |G| = rho: what turns
+        // the tag changes |R| of both ends as well.
+        bool on_circle;
+        double off_std;   // of the real and the imaginary part of each off state
+        double tag_ratio; // amplitude of the tag over the static path; 0 for one antenna
+        double ruler_mm2; // variance of all locations by the ruler
+    };
+
+    //! Bits of the flags.
+    struct bits {
+        std::int64_t transition, weak, ambiguous, force_unobservable, inconsistent,
+            extrapolated, moved;
+    };
+
+    //! Standard deviations that are flagged, and the probability that is.
+    struct limits {
+        double weak_phase_deg, weak_force_n, doubt;
+    };
+
+    press_reading(const press_posterior& posterior,
+                  const sensor& of,
+                  const bits& flags,
+                  const limits& at);
+
+    using explanation = press_filter::outcome;
+
+    //! A group, and what may have happened in it: the likeliest explanation first.
+    struct group {
+        const explanation* first;
+        std::size_t count;
+        bool readable, overlapping, disturbed;
+        double common_variance; // of a rotation in this group alone, rad^2
+        std::int64_t flags;     // by the stages before
+    };
+
+    //! NaN is unknown. `level` is R against the untouched line, `clear` whether nothing
+    //! but the inversion flags the group.
+    struct reading {
+        int touch; // 1, 0 or, where it is unknown, -1
+        pair phases_deg, std_deg;
+        double force_n, force_std_n, location_mm, location_std_mm;
+        std::int64_t flags;
+        std::array<complex, 2> level;
+        bool clear;
+    };
+
+    //! Force and location only where they are `wanted`.
+    reading read(const group& of, bool wanted, press_posterior::workspace& work) const;
+
+private:
+    struct phases {
+        pair deg, std_deg;
+    };
+    std::array<complex, 2> level(const explanation& of, double common) const;
+    phases phases_of(const explanation& of,
+                     const std::array<complex, 2>& level,
+                     double common_variance) const;
+    void invert(const group& of, reading& to, press_posterior::workspace& work) const;
+
+    const press_posterior& d_posterior;
+    const sensor d_sensor;
+    const bits d_bits;
+    const limits d_limits;
+};
+
+} // namespace gr::wiforce::kernel
