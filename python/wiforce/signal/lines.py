@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -116,6 +117,7 @@ def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float
     return min(int(np.ceil(2 * half_bandwidth)) + _EXTRA_SEQUENCES, group_length)
 
 
+@lru_cache(maxsize=4)  # a plan asks for the same one up to seven times
 def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float) -> np.ndarray:
     """Orthonormal basis (N, order) of everything slower than B = ``clutter_hz`` in a phase group.
 
@@ -126,11 +128,14 @@ def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float
     within the band.
     """
     if clutter_hz == 0:
-        return np.full((group_length, 1), group_length**-0.5)
-    half_bandwidth = clutter_hz * group_length * snapshot_period_s
-    order = clutter_order(group_length, snapshot_period_s, clutter_hz)
-    # In very short groups NW would round to nothing.
-    return slepian_sequences(group_length, max(half_bandwidth, 0.1), order).T
+        basis = np.full((group_length, 1), group_length**-0.5)
+    else:
+        half_bandwidth = clutter_hz * group_length * snapshot_period_s
+        order = clutter_order(group_length, snapshot_period_s, clutter_hz)
+        # In very short groups NW would round to nothing.
+        basis = slepian_sequences(group_length, max(half_bandwidth, 0.1), order).T
+    basis.flags.writeable = False
+    return basis
 
 
 @dataclass(frozen=True, eq=False)
