@@ -169,6 +169,8 @@ class StreamReader:
             if self._kept is None:
                 continue
             self._kept.add(group)
+            if not (self._in_tare or self._kept.complete):
+                continue  # what they are read as can only make the survey end later
             ready, waiting = self._read(waiting), []
             self._kept.check(ready)
             readings += ready
@@ -178,7 +180,10 @@ class StreamReader:
                 self._kept.end_survey()
                 if len(self._kept.groups) >= self._acquisition_groups:
                     readings += self._adapt(self._kept)
-        return readings + self._read(waiting)
+        ready = self._read(waiting)
+        if self._kept is not None:
+            self._kept.check(ready)
+        return readings + ready
 
     @property
     def state(self) -> str:
