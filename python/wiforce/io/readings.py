@@ -197,6 +197,17 @@ class SurfaceReading(Reading):
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)
+
+
+def reading_of(fields: tuple[Any, ...]) -> Reading:
+    """A reading of all its fields in order: a frozen class would set them one by one, in a call
+    each.
+    """
+    reading = object.__new__(Reading)
+    reading.__dict__.update(zip(COLUMNS, fields, strict=True))
+    return reading
+
+
 # Columns that follow where a scene has a surface.
 SURFACE_COLUMNS = tuple(SurfaceReading.__dataclass_fields__)[len(COLUMNS) :]
 NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "flags", "group"))

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
-from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words
+from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words, reading_of
 from ..wiforce_kernels import receiver_steps
 from .explanations import later
-from .sensor_readout import SensorReadout, as_arrays
+from .sensor_readout import SensorReading, SensorReadout, as_arrays
 from .surface_readout import SurfaceReadout
 
 # Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
@@ -59,10 +58,10 @@ class Readout:
             groups.static, groups.ratios, groups.reference_power, groups.locked
         )
         taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
-        flags = np.concatenate([self._flags, np.stack([f for _, f in taken], axis=1)])
-        begins = self._waiting is None
-        before = groups[:-1] if len(groups) > 1 else groups[:0]
-        given = before if self._waiting is None else Groups.concatenate([self._waiting, before])
+        flags = np.concatenate([self._flags, np.array([f for _, f in taken]).T])
+        given, begins = groups[:-1], self._waiting is None
+        if self._waiting is not None:
+            given = Groups.concatenate([self._waiting, given]) if len(given) else self._waiting
         self._waiting, self._flags = groups[-1:], flags[-1:]
         found = [later(f[f["row"] > 0], -1) if begins else f for f, _ in taken]
         return self._read(given, found, flags[:-1])
@@ -74,10 +73,11 @@ class Readout:
             sensor.read(groups, i, found[i], flags[:, i])
             for i, sensor in enumerate(self.sensors.values())
         ]
-        groups = groups.having(**as_arrays(read))
+        if self.on_groups is not None or self._surface is not None:
+            groups = groups.having(**as_arrays(read))
         if self.on_groups is not None:
             self.on_groups(groups)
-        return self._rows(groups)
+        return self._rows(groups, read)
 
     def flush(self, groups: int = 0) -> list[Reading]:
         """Give the last group's readings, and those of groups that were not received after it.
@@ -94,20 +94,19 @@ class Readout:
         self._next = max(self._next, groups)
         return readings
 
-    def _rows(self, groups: Groups) -> list[Reading]:
+    def _rows(self, groups: Groups, read: list[SensorReading]) -> list[Reading]:
         """Readings of groups, and of the groups before them that were not received."""
-        if not len(groups):
-            return []
         readings: list[Reading] = []
-        columns = [self._columns(groups, i) for i in range(len(self.sensors))]
+        columns = [self._columns(groups, i, each) for i, each in enumerate(read)]
         of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
         for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
                 continue
-            readings += self._fill(index)
+            if index > self._next:
+                readings += self._fill(index)
             time_s = (index + 0.5) * self._period_s
             own: list[Reading] = [
-                Reading(time_s, name, *column[row])
+                reading_of((time_s, name, *column[row]))
                 for name, column in zip(self.sensors, columns, strict=True)
             ]
             if of_surface is not None:
@@ -118,22 +117,15 @@ class Readout:
         return readings
 
     @staticmethod
-    def _columns(groups: Groups, sensor: int) -> list[tuple]:
+    def _columns(groups: Groups, sensor: int, read: SensorReading) -> list[tuple]:
         """The fields of one sensor's readings behind its name, row by row."""
-        touch = groups.touch[:, sensor]
         snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
-        arrays = [
-            groups.force_n[:, sensor],
-            groups.force_std_n[:, sensor],
-            groups.location_mm[:, sensor],
-            groups.location_std_mm[:, sensor],
-            groups.phases_deg[:, sensor, 0],
-            groups.phases_deg[:, sensor, 1],
-            np.where(touch >= 0, snr_db, np.nan),
-        ]
-        touches = [None if value < 0 else value for value in touch.tolist()]
-        numbers = [[None if math.isnan(v) else v for v in a.tolist()] for a in arrays]
-        words = map(flag_words, groups.flags[:, sensor].tolist())
+        snr_db[read.touch < 0] = np.nan
+        touches = [None if value < 0 else value for value in read.touch.tolist()]
+        columns = *read.values.T.tolist(), *read.phases_deg.T.tolist(), snr_db.tolist()
+        # NaN is the number that differs from itself.
+        numbers = [[v if v == v else None for v in column] for column in columns]
+        words = map(flag_words, read.flags.tolist())
         index, interference = groups.index.tolist(), groups.interference.tolist()
         return list(zip(touches, *numbers, words, index, interference, strict=True))
 

@@ -39,7 +39,7 @@ _FLAGS = (
 )
 
 
-class Readout(NamedTuple):
+class SensorReading(NamedTuple):
     """What a group says of a press: by the names of the arrays in Groups."""
 
     touch: Array
@@ -107,7 +107,7 @@ class SensorReadout:
         found, retuned = self.state.take(groups, sensor, self._period_s, receiver)
         return found, stage_flags(groups, sensor) | retuned * Flag.MOVED.value
 
-    def read(self, groups: Groups, sensor: int, found: Array, flags: Array) -> Readout:
+    def read(self, groups: Groups, sensor: int, found: Array, flags: Array) -> SensorReading:
         """Read groups by their outcomes and the flags (G,) of the stages before."""
         touch, phases, std, values, flags, level, clear = self._reading.read(
             found,
@@ -128,7 +128,7 @@ class SensorReadout:
             flags[against] |= Flag.INCONSISTENT.value
         if touched.any():
             self.force_n, _, self.location_mm, _ = values[touched][-1].tolist()
-        return Readout(touch, phases, std, values, flags)
+        return SensorReading(touch, phases, std, values, flags)
 
     def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
         """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
@@ -151,7 +151,7 @@ class SensorReadout:
                 flags[row] |= flag_bits(words)
 
 
-def as_arrays(readouts: list[Readout]) -> dict[str, Array]:
+def as_arrays(readouts: list[SensorReading]) -> dict[str, Array]:
     """Arrays of :class:`Groups` from what the groups say of each sensor."""
     arrays = {
         name: np.array([getattr(each, name) for each in readouts]).swapaxes(0, 1)

@@ -25,6 +25,8 @@ RETUNED = "the device was opened or tuned again"
 UNCLEAR = "it may have been touched while its reference was measured or forced"
 # Time after which no other receiver reads a group again: surveys and references are shorter.
 _REMEMBERED_S = 20.0
+# R of an end that was not received is 0, and has no logarithm.
+_LEAST_RATIO = np.finfo(float).tiny
 
 
 class SensorState:
@@ -56,8 +58,9 @@ class SensorState:
         phases since the reference, bool, shape (G,). Groups that were taken before, with other
         weights, only show how R is counted now.
         """
-        again = int(np.searchsorted(groups.index, self._last, side="right"))
-        if again:
+        again = 0
+        if groups.index[0] <= self._last:
+            again = int(np.searchsorted(groups.index, self._last, side="right"))
             self._read_again(groups[:again], sensor)
         parts, retuned = [NOTHING], np.full(len(groups), self.retuned)
         if again == len(groups):
@@ -124,9 +127,9 @@ class SensorState:
         ratios = groups.ratios[:, ends]
         rows = np.zeros(len(groups), press_observation)
         rows["time_s"] = (groups.index + 0.5) * period_s
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rows["phase"], rows["amplitude"] = np.angle(ratios), np.log(np.abs(ratios))
-            rows["variance"] = np.radians(groups.phase_std_deg[:, ends]) ** 2
+        rows["phase"] = np.arctan2(ratios.imag, ratios.real)
+        rows["amplitude"] = np.log(np.maximum(np.abs(ratios), _LEAST_RATIO))
+        rows["variance"] = np.radians(groups.phase_std_deg[:, ends]) ** 2
         rows["common_variance"] = np.radians(groups.common_std_deg) ** 2
         for name, column in zip(("phase", "amplitude", "variance"), receiver.T, strict=True):
             rows[f"receiver_{name}"] = column
@@ -166,12 +169,10 @@ class SensorState:
                 former, now = (np.array(each) for each in zip(*self._again, strict=True))
                 steps[first] = [(former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0)]
             self._again = None
-        renewed = groups.new_reference.copy()
-        renewed[:first] = False
-        renewed[first] &= self._last >= 0
-        for row in np.flatnonzero(renewed).tolist():
-            step = groups.reference_step[row, 2 * sensor : 2 * sensor + 2]
-            steps.setdefault(row, []).append(step)
+        for row in groups.new_reference.nonzero()[0].tolist():
+            if row > first or (row == first and self._last >= 0):
+                step = groups.reference_step[row, 2 * sensor : 2 * sensor + 2]
+                steps.setdefault(row, []).append(step)
         return steps
 
     def _renew(self, step: Array) -> None:

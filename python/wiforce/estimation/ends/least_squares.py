@@ -124,7 +124,8 @@ class ToneModel:
         if not locked:
             return np.empty((len(groups), len(self.table.tones), 0), complex)
         rates = clocks.rate + [tag.rate for tag in locked]
-        windows = rates * [tag.averaging_s / 2 for tag in locked]
+        # Of all tags, since it is that of the waveform.
+        windows = rates * (locked[0].averaging_s / 2)
         switching = np.array([clocks.phase, rates, windows]).transpose(1, 2, 0)
         pulses = [(tag.clock2_delay, *tag.duty) for tag in locked]
         parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
