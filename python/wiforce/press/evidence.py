@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
 # Readings of a press that are compared, spread evenly over it, and the presses that are remembered.
-_READINGS, _PRESSES = 32, 12
-# Readings that are kept of a press that lasts; of a longer one every second, fourth, ... is.
-_KEPT = 1024
+_READINGS, _PRESSES = 64, 12
 _LEAST_READINGS = 6
 # Time beside the beginning and the end of a press that is not used.
 _MARGIN_S = 0.036
@@ -84,7 +82,7 @@ class _OpenPress:
             # Copies, because a row of a batch would keep all of it in memory.
             self._kept.append(tuple(values.copy() for values in group))
         self._seen += 1
-        if len(self._kept) > _KEPT:
+        if len(self._kept) > _READINGS:
             self._kept, self._stride = self._kept[::2], 2 * self._stride
 
     def inner(self, margin: int) -> list[_Group]:
@@ -215,10 +213,7 @@ class PressEvidence:
 
     def _compare(self, press: list[_Group]) -> None:
         record = self._record
-        chosen = np.unique(np.linspace(0, len(press) - 1, _READINGS).astype(int))
-        ratios, phases, std = (
-            np.array(each) for each in zip(*(press[i] for i in chosen), strict=True)
-        )
+        ratios, phases, std = (np.array(each) for each in zip(*press, strict=True))
         record.ratios.append(ratios)
         swapped = self._untouched + (phases - self._untouched)[:, ::-1]
         now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
