@@ -192,7 +192,12 @@ double press_filter::contact_phases(const explanation& of) const
     const double explained = density(of, d_group.phase);
     if (of.is == pressed)
         return std::log(explained + 1e-12);
-    return log_any_phases - std::log1p(explained / outside);
+    double near = 0;
+    const auto at = baseline(of);
+    for (int e = 0; e < 2; e++)
+        near += squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
+    near = 0.99 * std::exp(-squared(near) / 2);
+    return log_any_phases - std::log1p(explained / outside) + std::log1p(-near);
 }
 
 double press_filter::compare_contact(const explanation& with, double spread) const

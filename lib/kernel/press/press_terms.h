@@ -27,6 +27,8 @@ constexpr std::size_t turning_speeds = 3, near_speeds = 2; // of tags, and of ha
 constexpr double least_turn_s = 0.05;
 // A sudden change that takes no more than this of a group is not seen to be inside it.
 constexpr double unseen_s = 0.004;
+// Contacts change the phases by more.
+constexpr double least_contact_deg = 10;
 // By how much a press at one location changes the phases, at once.
 constexpr double jump_deg = 10, least_jump_deg = 2;
 // Presses that slide, of those that change steadily.
