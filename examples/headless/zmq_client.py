@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Print the touches that `gr-wiforce live --zmq 5555` publishes.
+"""Print the touches without a doubt that `gr-wiforce live --zmq 5555` publishes.
 
 With `--zmq-keys`, the client needs keys: NAME.key_secret, with server.key beside it.
 """
@@ -27,7 +27,7 @@ subscriber.connect(endpoint)
 subscriber.subscribe('{"message": "reading"')
 while True:
     reading = json.loads(subscriber.recv_string())
-    if reading["touch"]:
+    if reading["touch"] and not reading["flags"]:
         print(
             reading["sensor"], reading["force_n"], "N at", reading["location_mm"], "mm", flush=True
         )

@@ -104,7 +104,10 @@ class usrp(Kept, gr.hier_block2):
             text = str(error)
             absent = "No devices found" in text
             reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
-            rule = f"must be a USRP that answers ({reason}); without one, run `gr-wiforce emulate`"
+            rule = (
+                f"must be a USRP that answers ({reason}); a B210 needs `uhd_images_downloader` "
+                "once; without a USRP, run `gr-wiforce emulate`"
+            )
             # The trace of UHD's own error would hide this sentence.
             raise InputError("device", rule, device) from None
         for direction, end, antenna in (

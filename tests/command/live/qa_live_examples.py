@@ -49,7 +49,7 @@ def test_readme_live_line_reads_from_the_device_that_emulate_starts(device, scen
     """The first command that a user with a radio types."""
     lines = re.findall(r"^build/run gr-wiforce (emulate|live) (.+)$", README, re.MULTILINE)
     assert [name for name, _ in lines] == ["emulate", "live"]
-    assert lines[0][1].startswith("demo &") and "--scene demo" in lines[1][1]
+    assert lines[0][1].startswith("demo ") and "--scene demo" in lines[1][1]
     words = shlex.split(lines[1][1], comments=True)
     (port,) = free_ports(1)
     here = {"demo": str(scene), "addr=127.0.0.1": f"{device.args},{FRAMES}", "8080": str(port)}

@@ -131,7 +131,9 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
     ):
         done = run_command("calibrate", tmp_path / "vna.csv", "-o", path, *options)
         first = done.stdout.splitlines()[0]
-        assert re.match(r"verdict: 0\.\d+ N and [\d.]+ mm between \d+ and \d+ mm, ", first)
+        assert re.match(
+            r"verdict: 0\.\d+ N and [\d.]+ mm \(medians\) between \d+ and \d+ mm, ", first
+        )
         assert f"limited by {limit} (" in first
     (found,) = verdict(load_sensor(path))
     assert found.location_std_mm == pytest.approx(1.0, abs=0.05)
