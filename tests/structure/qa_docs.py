@@ -317,7 +317,7 @@ def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
     )
     (tmp_path / "demo").mkdir()  # where the demo writes such a table
     sensor.write_vna_csv(table, line[1])
-    (columns,) = re.findall(r"calibrate .*# or your table of (\S+)", README)
+    (columns,) = re.findall(r"calibrate .*# or (\S+) of yours", README)
     assert (tmp_path / line[1]).read_text().startswith(columns)
     assert run_command(*line).returncode == 0
     assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
@@ -410,8 +410,8 @@ waiting = Waiting()
 
 
 def test_tutorial_code_reads_the_press(capsys):
-    """The blocks form one program; the last one connects a source of the user's own."""
-    first, *others = code_blocks("tutorial.md", "python")[:-1]
+    """The blocks form one program."""
+    first, *others = code_blocks("tutorial.md", "python")
     program = "\n".join([first, WAITING, *others])
     for shown, put in (
         ("sounder, head, tag", "sounder, head, waiting, tag"),

@@ -295,8 +295,8 @@ def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -
     if estimate.length_mm is not None and abs(estimate.length_mm - length_mm) > _LENGTH_MM:
         return [
             f"{at}touched and untouched phases are those of a line of about "
-            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: check --length-mm, and that the far "
-            "end was open while untouched (50 ohm there reflects nothing)"
+            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: check --length-mm, and that the "
+            "far end was open while untouched (50 ohm there reflects nothing)"
         ]
     return []
 

@@ -186,9 +186,9 @@ class Verdict:
     def __str__(self) -> str:
         low, high = self.location_span_mm
         text = (
-            f"{self.force_std_n:.2g} N and {self.location_std_mm:.2g} mm (medians) between {low:g} and "
-            f"{high:g} mm, {self.force_span_n[0]:.3g} to {self.force_span_n[1]:.3g} N; limited by "
-            f"{self.limit}"
+            f"{self.force_std_n:.2g} N and {self.location_std_mm:.2g} mm (medians) between {low:g} "
+            f"and {high:g} mm, {self.force_span_n[0]:.3g} to {self.force_span_n[1]:.3g} N; "
+            f"limited by {self.limit}"
         )
         return text + (f"; {self.flagged:.0%} of this span is flagged" if self.flagged else "")
 
