@@ -12,6 +12,7 @@ import resource
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
@@ -195,7 +196,7 @@ class PageServer:
     def _take_answer(self, forced: bool, answer: dict[str, Any]) -> None:
         text = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
         for viewer in self._asking.pop(forced):
-            viewer.answer = text
+            viewer.answers.append(text)
 
     def _tick(self, final: bool = False) -> None:
         self.source.poll(self.page_state)
@@ -326,9 +327,9 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """
 
     sent: "asyncio.Future[None] | None" = None
-    answer: str | None = None
 
     def open(self, *_: str) -> None:
+        self.answers: deque[str] = deque()
         self._position, self._sent_s = _NEW, 0.0
         if len(self.page.viewers) >= _MOST_VIEWERS:
             self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
@@ -358,9 +359,8 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         if self._waits:
             if time.monotonic() - self._sent_s > STALLED_S:
                 self.drop()
-        elif self.answer is not None:
-            self._send(self.answer)
-            self.answer = None
+        elif self.answers:
+            self._send(self.answers.popleft())
         elif self._position != page_state.position or status:
             text = page_state.message(self._position, status or self._position == _NEW)
             self._position = page_state.position_after(self._position)
