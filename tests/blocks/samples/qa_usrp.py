@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block USRP with the software N210: gains, antennas, and the common start."""
 
-import os
-import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -151,24 +149,3 @@ def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
     assert frames == pytest.approx(round(frames), abs=1e-6) and frames > 0
     assert 0 <= begun_s - late - 0.25 <= frame / rate + 1e-9
     assert timed.skipped_s == pytest.approx(round(frames) * frame / rate)
-
-
-def test_usrp_is_read_again_after_the_host_stood_still(running, device, scene):
-    """One underflow ended a run for good: the device dropped 114 471 packets as late."""
-    readings = []
-    flowgraph = gr.top_block()
-    usrp = wiforce.usrp(scene, device)
-    reader = wiforce.reader(scene, input_type="sc16", on_reading=readings.append)
-    flowgraph.connect(usrp, reader)
-    flowgraph.start()
-    wait_until(lambda: sum(reading.touch is not None for reading in readings) > 10)
-    underflows = running.command("status")["tx_underflows"]
-    # All of this process, which UHD's threads belong to.
-    subprocess.run(["sh", "-c", f"kill -STOP {os.getpid()}; sleep 1.5; kill -CONT {os.getpid()}"])
-    wait_until(lambda: running.command("status")["tx_underflows"] > underflows)
-    before = len(readings)
-    wait_until(lambda: sum(r.touch is not None for r in readings[before + 20 :]) > 20)
-    flowgraph.stop()
-    flowgraph.wait()
-    clear = [r for r in readings[before + 20 :] if r.touch is not None]
-    assert all(reading.touch == 0 for reading in clear)
