@@ -36,25 +36,6 @@ def later(found: Array, groups: int) -> Array:
     return found
 
 
-def ratios_of(found: Array) -> Array:
-    """R, averaged over the groups for as long as nothing has changed; complex, shape (m, 2)."""
-    mean = found["mean"]
-    ratios: Array = np.exp(mean["amplitude"] + 1j * mean["phase"])
-    return ratios
-
-
-def probability(found: Array, which: Array, groups: int) -> Array:
-    """Sum of the weights of some outcomes, by mask (m,), in each group; shape (G,)."""
-    return np.bincount(found["row"], found["weight"] * which, minlength=groups)[:groups]
-
-
-def likeliest(found: Array, groups: int) -> tuple[Array, Array]:
-    """Index of the likeliest outcome of each group, and whether there is one; shape (G,)."""
-    there = np.zeros(groups, bool)
-    there[found["row"]] = True
-    return np.where(there, np.searchsorted(found["row"], np.arange(groups)), 0), there
-
-
 def filter_of(
     model: SensorModel,
     frequency_hz: float,

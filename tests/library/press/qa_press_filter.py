@@ -11,9 +11,6 @@ from gnuradio.wiforce.press.explanations import (
     UNTOUCHED,
     filter_of,
     later,
-    likeliest,
-    probability,
-    ratios_of,
 )
 from gnuradio.wiforce.wiforce_kernels import press_observation
 
@@ -21,6 +18,24 @@ PERIOD_S, NOISE_DEG, SMOOTHING_S = 0.0072, 0.2, 0.036
 MODEL = wiforce.load_sensor("line-900mhz")
 PRESS = np.asarray(MODEL.phases_deg(4.0, 30.0)) - MODEL.untouched_deg()
 MIDDLE = np.asarray(MODEL.phases_deg(4.0, 40.0)) - MODEL.untouched_deg()
+
+
+def ratios_of(found):
+    """R, averaged over the groups for as long as nothing has changed; complex, shape (m, 2)."""
+    mean = found["mean"]
+    return np.exp(mean["amplitude"] + 1j * mean["phase"])
+
+
+def probability(found, which, groups):
+    """Sum of the weights of some outcomes, by mask (m,), in each group; shape (G,)."""
+    return np.bincount(found["row"], found["weight"] * which, minlength=groups)[:groups]
+
+
+def likeliest(found, groups):
+    """Index of the likeliest outcome of each group, and whether there is one; shape (G,)."""
+    there = np.zeros(groups, bool)
+    there[found["row"]] = True
+    return np.where(there, np.searchsorted(found["row"], np.arange(groups)), 0), there
 
 
 def filter_for(off=0.0, period_s=PERIOD_S, **parameters):
