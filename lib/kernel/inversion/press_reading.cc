@@ -13,7 +13,7 @@ namespace {
 using complex = std::complex<double>;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double degrees = 180 / 3.14159265358979323846;
+constexpr double degrees = 180 / M_PI;
 // Phase std above which a disturbance of the tag's own lines is flagged: most of it may
 // be hidden.
 constexpr double disturbed_deg = 1.0;

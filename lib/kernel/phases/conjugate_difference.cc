@@ -17,7 +17,7 @@ constexpr double reshaped_share = 0.2, reshaped_noise = 3.0;
 // Smallest share of the reference's power that is left when its noise is subtracted: R
 // stays finite where the reference is mostly noise.
 constexpr double least_power = 0.05;
-constexpr double degrees = 180 / 3.14159265358979323846;
+constexpr double degrees = 180 / M_PI;
 
 // a conj(b), without the special cases of infinite values.
 complex times_conj(complex a, complex b)

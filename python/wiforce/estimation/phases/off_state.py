@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...wiforce_kernels import press_parameters
 from ..groups import Array
 
 # Arc of R below which the centre of its circle is not determined: with 40 deg and a noise of 1 deg
@@ -20,8 +21,8 @@ from ..groups import Array
 _SMALLEST_ARC_DEG = 40.0
 # Step of an off state for derivatives.
 _STEP = 1e-4
-# Loss of contacts, Np, as contact_np in lib/kernel/press/press_parameters.h.
-_CONTACT_NP = 0.05
+# Loss of contacts, Np.
+_CONTACT_NP = float(press_parameters["contact_np"].item())
 # An off state that is wrong by this causes phase errors of up to 1.7 deg.
 _LARGEST_STD = 0.03
 
