@@ -112,16 +112,16 @@ class GroupedHelp(click.Command):
 
     def _format(self, ctx, formatter, everything):
         known = {name: each for each in self.get_params(ctx) for name in each.opts}
-        usual = next(iter(self._groups))
+        first = next(iter(self._groups))
         grouped = {*" ".join(self._groups.values()).split(), *_HELP}
         for heading, names in self._groups.items():
             listed = [known[name] for name in names.split()]
-            if heading == usual:
+            if heading == first:
                 options = (each for each in self.params if isinstance(each, click.Option))
                 listed += [each for each in options if grouped.isdisjoint(each.opts)]
                 listed += [known[name] for name in _HELP if name in known]
             shown = [each.get_help_record(ctx) for each in listed]
-            if everything or heading == usual:
+            if everything or heading == first:
                 with formatter.section(heading):
                     formatter.write_dl(shown)
         if not everything and len(self._groups) > 1:

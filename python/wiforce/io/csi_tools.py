@@ -429,11 +429,11 @@ def _intel(path: str) -> _Packets:
     found = Intel(path, nrxnum=4, ntxnum=4, if_report=False)
     found.read()
     wide = (found.rate & _INTEL_WIDE > 0).astype(int)
-    usual = _most_frequent(np.stack([found.Nrx, found.Ntx, wide], axis=1))
-    subcarriers = _INTEL_40 if wide[usual].any() else _INTEL_20
+    kept = _most_frequent(np.stack([found.Nrx, found.Ntx, wide], axis=1))
+    subcarriers = _INTEL_40 if wide[kept].any() else _INTEL_20
     time_s = unwrapped(found.timestamp_low) * 1e-6
-    lost = ((_OTHER, int(np.count_nonzero(~usual))),)
-    return _Packets(time_s[usual], _used(found.csi[usual][..., 0]), subcarriers, lost)
+    lost = ((_OTHER, int(np.count_nonzero(~kept))),)
+    return _Packets(time_s[kept], _used(found.csi[kept][..., 0]), subcarriers, lost)
 
 
 def _atheros(path: str) -> _Packets:
@@ -443,16 +443,16 @@ def _atheros(path: str) -> _Packets:
     found = Atheros(path, nrxnum=3, ntxnum=3, tones=114, if_report=False, bufsize=most)
     found.read()
     filled = found.csi_len > 0
-    usual = filled.copy()
+    kept = filled.copy()
     settings = np.stack([found.num_tones, found.nr, found.nc], axis=1)
-    usual[filled] = _most_frequent(settings[filled])
-    tones = int(np.max(found.num_tones[usual], initial=56))
+    kept[filled] = _most_frequent(settings[filled])
+    tones = int(np.max(found.num_tones[kept], initial=56))
     subcarriers = sent_subcarriers(64 if tones == 56 else 128)
-    channel = _used(found.csi[usual][:, : len(subcarriers), :, 0])
-    time_s = (found.timestamp[usual] - found.timestamp[:1]).astype(float) * 1e-6
+    channel = _used(found.csi[kept][:, : len(subcarriers), :, 0])
+    time_s = (found.timestamp[kept] - found.timestamp[:1]).astype(float) * 1e-6
     lost = (
         ("packet without CSI", int(np.count_nonzero(~filled))),
-        (_OTHER, int(np.count_nonzero(filled & ~usual))),
+        (_OTHER, int(np.count_nonzero(filled & ~kept))),
     )
     return _Packets(time_s, channel, subcarriers, lost)
 
@@ -488,7 +488,7 @@ def _grouped(core: np.ndarray, sequence: np.ndarray, time_s: np.ndarray) -> np.n
     """Number of the packet of each core's frame, shape (n,).
 
     Some versions of the firmware report the sequence number 0 throughout. A packet is therefore new
-    as well where a core reports again, or after half of the usual time between two of its reports.
+    as well where a core reports again, or after half of the median time between two of its reports.
     """
     latest = np.diff(time_s[core == core[0]]) if len(core) else np.zeros(0)
     apart_s = 0.5 * float(np.median(latest)) if latest.size else np.inf

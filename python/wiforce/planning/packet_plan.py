@@ -51,8 +51,8 @@ class PacketPlans:
         groups = int(scene.reference_s / period_s)
         bounds = np.searchsorted(time_s, np.arange(groups + 1) * period_s)
         counts = np.diff(bounds)
-        usual = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
-        order = usual[np.argsort(counts[usual], kind="stable")]
+        filled = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
+        order = filled[np.argsort(counts[filled], kind="stable")]
         if not order.size:
             raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
         typical = int(order[len(order) // 2])

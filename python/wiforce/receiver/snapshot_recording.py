@@ -85,9 +85,9 @@ class SnapshotReader:
             packets = channels.divide(parts)
             fitted = self._fitted(plan, time_s, packets)
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
-            bent = PacketGroups(_table_of(fitted), time_s, packets, mean, bent=True)
+            distorted = PacketGroups(_table_of(fitted), time_s, packets, mean, distorted=True)
             solved = solved_tags(
-                fitted, bent, packets, time_s, self.groups, channels.response, channels.hidden
+                fitted, distorted, packets, time_s, self.groups, channels.response, channels.hidden
             )
             change = solved.change_since(parts)
             states, hidden = channels.states, channels.hidden

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.capture.recordings import Capture
-from ...io.capture.samples import usual_share
+from ...io.capture.samples import plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
@@ -214,9 +214,9 @@ def _resampled(symbol: Array, ratio: float) -> Array:
 # Full scale of both I and Q is 3.01 dBFS. The quantisation noise of 16 bits, 2 (2^-15)^2 / 12, is
 # -98 dBFS, and folding lowers it by 6 dB; what is weaker was not sent by a converter.
 _MOST_DBFS, _LEAST_DBFS = 3.1, -105.0
-# Share of floats of a usual size below which they are integers that are read as floats: these have
-# exponents that are spread evenly, of which a fifth is usual; damaged files of floats have 95 %.
-_USUAL_SHARE = 0.5
+# Share of floats of a plausible size below which they are integers that are read as floats: their
+# exponents are spread evenly, and a fifth is plausible; damaged files of floats have 95 %.
+_FLOAT_SHARE = 0.5
 # Part of the snapshots' power that is the same in all of them, times their number: 1 for noise with
 # a standard deviation of 1/8 over a symbol's 64 samples.
 _COHERENT, _FEWEST = 3.0, 16
@@ -226,14 +226,14 @@ _CLEAR, _SHORT_PATHS = 20.0, 0.7
 
 
 def level_problem(samples: Array) -> str:
-    """Improbable values of samples, or of their means, of full scale 1; empty for usual ones."""
+    """Improbable values of samples, or of their means, of full scale 1; empty otherwise."""
     samples = np.ascontiguousarray(samples, np.complex64).ravel()
     if not len(samples):
         return ""
     finite = samples[np.isfinite(samples)]
     if not len(finite):
         return "all samples are NaN or infinite; check the block that makes them"
-    if usual_share(samples.view(np.float32)) < _USUAL_SHARE:
+    if plausible_share(samples.view(np.float32)) < _FLOAT_SHARE:
         return (
             "the samples have values that 16-bit integers have when they are read as floats; "
             "check the type of the source, and the input type"

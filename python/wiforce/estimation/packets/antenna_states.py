@@ -282,9 +282,9 @@ def _ordered(against: Array, label: Array) -> Array:
     states, count = np.unique(label, return_counts=True)
     order = states[np.argsort(-count, kind="stable")]
     found = np.full(len(label), -1)
-    usual, number = _shape(against[label == order[0]]), 0
+    first, number = _shape(against[label == order[0]]), 0
     for state in order:
-        match = np.abs(np.vdot(usual, _shape(against[label == state])))
+        match = np.abs(np.vdot(first, _shape(against[label == state])))
         if 1 - match**2 <= _SAME_PATHS**2:
             found[label == state] = number
             number += 1

@@ -55,9 +55,9 @@ def state_gains(
         own, other = _well_known(counts[state]), _well_known(known_count)
         near = other[np.argmin(np.abs(own[:, None] - other), axis=1)]
         mean = means[state][own] / counts[state][own, None, None]
-        usual = known_sums[near] / known_count[near, None, None]
+        known_mean = known_sums[near] / known_count[near, None, None]
         weight = 1 / (1 / counts[state][own] + 1 / known_count[near])
-        product = np.einsum("p,pka,pka->ka", weight, mean.conj(), usual)
+        product = np.einsum("p,pka,pka->ka", weight, mean.conj(), known_mean)
         power = np.einsum("p,pka->ka", weight, np.abs(mean) ** 2)
         gain = np.divide(product, power, out=np.ones_like(product), where=power > 0)
         gains[states.label == state] = gain
@@ -99,12 +99,12 @@ def drift_gains(
     against = against_reference(channel[rows], reference)
     for antenna in range(channel.shape[2]):
         products = against[:, :, antenna]
-        usual = products[untouched[rows]].mean(axis=0)
+        untouched_mean = products[untouched[rows]].mean(axis=0)
         mean = (np.add.reduceat(products, first, axis=0) / count[:, None])[usable]
-        power = max(float(np.sum(np.abs(usual) ** 2)), 1e-300)
-        gain = mean @ usual.conj() / power
+        power = max(float(np.sum(np.abs(untouched_mean) ** 2)), 1e-300)
+        gain = mean @ untouched_mean.conj() / power
         change = np.abs(gain - 1) ** 2
-        own = np.sum(np.abs(mean - gain[:, None] * usual) ** 2, axis=1) / power
+        own = np.sum(np.abs(mean - gain[:, None] * untouched_mean) ** 2, axis=1) / power
         drifts = change.max() > LEAST_STEP**2 and own.sum() < OWN_SHARE * change.sum()
         if antenna == reference or not drifts or np.abs(gain).min() < _FAILED:
             continue
@@ -341,7 +341,7 @@ class DividedPackets:
 
     # (n, K (A - 1)), combinations without a static path, in units of the static paths
     combined: Array
-    bent: Array  # the same divided by all that packets hold along the static paths, tags included
+    distorted: Array  # the same divided by what packets hold along the static paths with tags
     static: Array  # the same without the tags, as far as they are known
     level: Array  # (n, K), logarithm of the magnitude along the static paths
     state: Array  # (n,), of the receiver chains
@@ -400,11 +400,11 @@ class PacketChannels:
             former = self._combination
             self._combination = self._calibrated(free, states, tags.known, former)
         channel = self._received * self._gain
-        combined = bent = self._combination.process(channel)
+        combined = distorted = self._combination.process(channel)
         if along is not None:
             combined = self._combination.process(channel, along)
         level = np.log(np.maximum(np.abs(self._combination.direct(channel)), 1e-30))
-        return DividedPackets(combined, bent, combined - across, level, self.states.label)
+        return DividedPackets(combined, distorted, combined - across, level, self.states.label)
 
     @property
     def hidden(self) -> float:

@@ -12,7 +12,7 @@ from .packet_channels import DividedPackets, rotation_std_deg
 # A packet is left out whose channel deviates from the median by this many times the power that one
 # packet in ten exceeds. Switches are closed in half of the packets, so that one in ten shows a tag
 # of any strength; a second tag, or a press, raises its power by a factor of 6 at most.
-_OUTLIER, _USUAL_SHARE = 10.0, 0.9
+_OUTLIER, _LARGE_QUANTILE = 10.0, 0.9
 # A group is flagged as one with a gap when it lacks this share of the packets of a typical group,
 # or when none came for this share of its time. Exponential gaps exceed 1 % of a group of 500
 # packets now and then, 10 % never.
@@ -33,7 +33,7 @@ class PacketGroups:
 
     ``time_s`` (n,) rises from the start of the first group. ``untouched`` (K (A - 1),) is the mean
     of the packets of the reference without tags where packets were divided by static paths: a
-    change of these paths rotates all tags. ``bent`` leaves the tags' part in what packets are
+    change of these paths rotates all tags. ``distorted`` leaves the tags' part in what packets are
     divided by. ``hidden`` is the power of a change of the static paths that is not seen, over that
     in a combination.
     """
@@ -44,10 +44,10 @@ class PacketGroups:
         time_s: Array,
         packets: DividedPackets,
         untouched: Array | None = None,
-        bent: bool = False,
+        distorted: bool = False,
         hidden: float = 1.0,
     ) -> None:
-        self._untouched, self._bent, self._hidden = untouched, bent, hidden
+        self._untouched, self._distorted, self._hidden = untouched, distorted, hidden
         self._table, self._time_s, self._packets = table, time_s, packets
         self._period_s = table.group_period_s
 
@@ -56,7 +56,7 @@ class PacketGroups:
         bounds = np.searchsorted(self._time_s, np.arange(first, stop + 1) * self._period_s)
         found = [i for i in range(stop - first) if bounds[i + 1] > bounds[i]]
         packets = self._packets
-        channel = packets.bent if self._bent else packets.combined
+        channel = packets.distorted if self._distorted else packets.combined
         shape = len(found), len(self._table.tones), packets.combined.shape[1]
         tones, timed = np.zeros(shape, complex), np.empty(len(found), object)
         missing, rejected = np.zeros(len(found), np.int64), np.zeros(len(found))
@@ -64,7 +64,7 @@ class PacketGroups:
         for row, i in enumerate(found):
             rows = np.arange(bounds[i], bounds[i + 1])
             times_s = self._time_s[rows] - (first + i + 0.5) * self._period_s
-            kept = _usual(packets, rows)
+            kept = _inliers(packets, rows)
             rejected[row] = np.mean(~kept)
             timed[row] = self._table.at(times_s[kept], packets.state[rows[kept]])
             if timed[row] is not None:
@@ -98,7 +98,7 @@ class PacketGroups:
         return float(rotation_std_deg(np.array([change]), others)[0])
 
 
-def _usual(packets: DividedPackets, rows: Array) -> Array:
+def _inliers(packets: DividedPackets, rows: Array) -> Array:
     """Packets that do not deviate from the others; ndarray of bool, shape (n,)."""
     own = packets.state[rows] >= 0
     if not own.any():
@@ -106,5 +106,6 @@ def _usual(packets: DividedPackets, rows: Array) -> Array:
     static = packets.static[rows].astype(complex)
     center = np.median(static[own].real, axis=0) + 1j * np.median(static[own].imag, axis=0)
     power = np.mean(np.abs(static - center) ** 2, axis=1)
-    usual: Array = power <= _OUTLIER * max(float(np.quantile(power[own], _USUAL_SHARE)), 1e-300)
-    return usual & own
+    large = float(np.quantile(power[own], _LARGE_QUANTILE))
+    inliers: Array = power <= _OUTLIER * max(large, 1e-300)
+    return inliers & own

@@ -259,9 +259,9 @@ class _Solution:
         share = share / max(float(share.sum()), 1e-300)
         # Of the ratio v = R b(1) / b(R) that is measured, with the response b(R) = 1 + R M U.
         along = self.direct @ self._follows
-        bent, usual = share / (1 + reflection * along), share / (1 + along)
-        turns = (reflection**2 * bent - reflection * usual) @ self._follows.T
-        turns /= bent.sum(axis=2, keepdims=True)
+        touched, untouched = share / (1 + reflection * along), share / (1 + along)
+        turns = (reflection**2 * touched - reflection * untouched) @ self._follows.T
+        turns /= touched.sum(axis=2, keepdims=True)
         return reflection / (1 + part), self.direct / (1 + part), turns
 
     def _step(self) -> Array:

@@ -24,7 +24,7 @@ class ItemType(NamedTuple):
 
 # Bytes that a type is found by; floats of samples, whose full scale is 1 or 32768, and the share of
 # them that a damaged file still has.
-_LOOKED_AT, _SMALLEST, _LARGEST, _USUAL_SHARE = 1 << 16, 1e-9, 1e6, 0.95
+_LOOKED_AT, _SMALLEST, _LARGEST, _FLOAT_SHARE = 1 << 16, 1e-9, 1e6, 0.95
 _KINDS = (
     ItemType("fc32", "cf32_le", 8, np.complex64),
     ItemType("sc16", "ci16_le", 4, (np.int16, 2)),
@@ -59,10 +59,10 @@ def likely_datatype(path: str | Path) -> str | None:
     if len(start) < 8 or not start.translate(None, string.printable.encode()):
         return None
     values = np.frombuffer(start[: len(start) // 4 * 4], "<f4")
-    return "cf32_le" if usual_share(values) > _USUAL_SHARE else "ci16_le"
+    return "cf32_le" if plausible_share(values) > _FLOAT_SHARE else "ci16_le"
 
 
-def usual_share(values: ArrayLike) -> float:
+def plausible_share(values: ArrayLike) -> float:
     """Share of floats that have a size which samples have."""
     sizes = np.abs(np.asarray(values))
     with np.errstate(invalid="ignore"):
