@@ -226,6 +226,8 @@ def rounded(key: str, value: float) -> float | None:
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
 
+# Flags of groups that are counted apart.
+_REFERENCE, _CHANGING = Flag.REFERENCE.word, Flag.TRANSITION.word
 # Words for what the counts below are called in messages to programs.
 _OUTCOMES = {"clear": "usable", "flagged": "flagged", "dropped": "lost"}
 
@@ -252,19 +254,21 @@ class GroupCounts:
 
     def note(self, readings: Iterable[Reading]) -> None:
         """Count one group by its readings, one per sensor."""
-        readings = list(readings)
-        self.interfered += any(reading.interference for reading in readings)
-        flags = {flag for reading in readings for flag in reading.flags}
-        if Flag.REFERENCE.word in flags:
+        flags, interfered = set[str](), False
+        for reading in readings:
+            flags.update(reading.flags)
+            interfered |= bool(reading.interference)
+        self.interfered += interfered
+        if not flags:
+            self.clear += 1
+            return
+        self.flagged += 1
+        if _REFERENCE in flags:
             self.reference += 1
-        elif Flag.TRANSITION.word in flags:
+        elif _CHANGING in flags:
             self.changing += 1
         else:
             self.flags.update(flags)
-        if flags:
-            self.flagged += 1
-        else:
-            self.clear += 1
 
     def add(self, other: "GroupCounts") -> None:
         """Add the counts of another run."""

@@ -66,6 +66,14 @@ class _Press(NamedTuple):
     moves: bool
 
 
+class _OffState(NamedTuple):
+    """Another off state than that stated: of an end, by how much, and its size."""
+
+    end: int
+    apart: float
+    size: float
+
+
 class _OpenPress:
     """Readings of a press that has not ended, thinned evenly where it lasts."""
 
@@ -97,6 +105,10 @@ class _Record:
 
     presses: deque[_Press] = field(default_factory=lambda: deque(maxlen=_PRESSES))
     ratios: deque[Array] = field(default_factory=lambda: deque(maxlen=_PRESSES))
+    # Largest change of |G| by each of these presses, of both ends.
+    changes: deque[float] = field(default_factory=lambda: deque(maxlen=_PRESSES))
+    change: float = 0.0  # what most of them stay below; 0 where the off state is right
+    off_states: list[_OffState] = field(default_factory=list)
     readings: int = 0
     unexplained: int = 0
     swapped: bool = False
@@ -187,19 +199,18 @@ class PressEvidence:
                 "is not the model of this sensor"
             )
             suspicions.append(Suspicion("moving location", text))
-        other_off = self._off_states()
-        for end, _, size in other_off:
+        for other in record.off_states:
             text = (
-                f"the amplitude of end {end} changes as with an off state of {size:.2f} instead of "
-                f"{abs(self._off[end - 1]):.2f}, or beside a second tag on the same clock: see "
-                "gr-wiforce off-reflection"
+                f"the amplitude of end {other.end} changes as with an off state of "
+                f"{other.size:.2f} instead of {abs(self._off[other.end - 1]):.2f}, or beside a "
+                "second tag on the same clock: see gr-wiforce off-reflection"
             )
             suspicions.append(Suspicion("off state", text))
-        if not other_off and (change := self._amplitude_change()) > _AMPLITUDE:
+        if not record.off_states and record.change > _AMPLITUDE:
             text = (
-                f"pressing changes the amplitude by {100 * change:.0f} %: the contact loses some "
-                "of the signal, or the scene states another off state than that of the switches "
-                "(gr-wiforce off-reflection)"
+                f"pressing changes the amplitude by {100 * record.change:.0f} %: the contact loses "
+                "some of the signal, or the scene states another off state than that of the "
+                "switches (gr-wiforce off-reflection)"
             )
             suspicions.append(Suspicion("amplitude", text))
         return suspicions
@@ -215,13 +226,19 @@ class PressEvidence:
         record = self._record
         ratios, phases, std = (np.array(each) for each in zip(*press, strict=True))
         record.ratios.append(ratios)
+        start = np.exp(1j * np.radians(self._untouched)) - self._off
+        sizes = np.abs(self._off + ratios * start).mean(axis=0)
+        record.changes.append(float(np.abs(sizes - 1).max()))
+        if len(record.changes) >= _LEAST_PRESSES:
+            record.change = float(np.quantile(record.changes, _MOST))
         swapped = self._untouched + (phases - self._untouched)[:, ::-1]
         now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
         if now is not None:
             other = math.inf if then is None else then[0]
             record.presses.append(_Press(now[0], other, now[1]))
             record.swapped |= self._fits_swapped()
-        record.other_off |= any(apart > _CONTRADICTED_OFF for _, apart, _ in self._off_states())
+        record.off_states = self._off_states()
+        record.other_off |= any(other.apart > _CONTRADICTED_OFF for other in record.off_states)
 
     def _movement(self, phases: Array, std: Array) -> tuple[float, bool] | None:
         """Movement of the location with the force, and whether it is more than noise."""
@@ -256,11 +273,9 @@ class PressEvidence:
         now = sum(abs(press.moved_mm) for press in presses)
         return sum(abs(press.swapped_mm) for press in presses) < _STILL * now
 
-    def _off_states(self) -> list[tuple[int, float, float]]:
-        """Ends with another off state: their number, the distance from what is stated, the size."""
-        found: list[tuple[int, float, float]] = []
-        if not self._record.ratios:
-            return found
+    def _off_states(self) -> list[_OffState]:
+        """Ends with another off state."""
+        found = []
         ratios = np.concatenate(list(self._record.ratios))
         for end in (0, 1):
             circle = off_circle(ratios[:, end], float(self._untouched[end]))
@@ -268,15 +283,6 @@ class PressEvidence:
                 continue
             apart = abs(circle.off - self._off[end])
             # An off state changes the amplitude by about its size; noise only the circle.
-            if min(2 * self._amplitude_change(), apart) > max(_OFF, _OFF_STDS * circle.std):
-                found.append((end + 1, apart, abs(circle.off)))
+            if min(2 * self._record.change, apart) > max(_OFF, _OFF_STDS * circle.std):
+                found.append(_OffState(end + 1, apart, abs(circle.off)))
         return found
-
-    def _amplitude_change(self) -> float:
-        """Largest change of |G| by a press, of both ends; 0 where the off state is right."""
-        presses = self._record.ratios
-        if len(presses) < _LEAST_PRESSES:
-            return 0.0
-        start = np.exp(1j * np.radians(self._untouched)) - self._off
-        sizes = [np.abs(self._off + ratios * start).mean(axis=0) - 1 for ratios in presses]
-        return float(np.quantile(np.max(np.abs(sizes), axis=1), _MOST))
