@@ -18,21 +18,23 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
 
     Bits of ``io.readings.Flag``, shape (G,).
     """
-    ends = slice(2 * sensor, 2 * sensor + 2)
-    late = groups.late_reference[:, ends].any(axis=1)
     flagged = [
-        groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
+        _either(groups.in_reference, sensor) | groups.in_tare,
         groups.missing > 0,
         groups.saturated,
-        groups.reshaped[:, ends].any(axis=1),
-        groups.overlapping[:, sensor] | late,
+        _either(groups.reshaped, sensor),
+        groups.overlapping[:, sensor] | _either(groups.late_reference, sensor),
     ]
     return np.asarray(_BITS @ np.array(flagged, np.int64))
 
 
 def has_phases(groups: Groups, sensor: int) -> Array:
     """Whether the groups determine the phases of a sensor; bool, shape (G,)."""
-    ends = slice(2 * sensor, 2 * sensor + 2)
-    received = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
-    known = np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
-    return np.asarray(received & known & groups.ratios[:, ends].all(axis=1))
+    lost = groups.overlapping[:, sensor] | ~groups.locked[:, sensor]
+    lost |= _either(~np.isfinite(groups.phase_std_deg), sensor)
+    return np.asarray(~(lost | _either(groups.ratios == 0, sensor)))
+
+
+def _either(ends: Array, sensor: int) -> Array:
+    """Whether it is so at one of both ends of a sensor; (G,) of (G, 2S)."""
+    return np.asarray(ends[:, 2 * sensor] | ends[:, 2 * sensor + 1])
