@@ -230,7 +230,7 @@ class PressEvidence:
         sizes = np.abs(self._off + ratios * start).mean(axis=0)
         record.changes.append(float(np.abs(sizes - 1).max()))
         if len(record.changes) >= _LEAST_PRESSES:
-            record.change = float(np.quantile(record.changes, _MOST))
+            record.change = float(np.quantile(list(record.changes), _MOST))
         swapped = self._untouched + (phases - self._untouched)[:, ::-1]
         now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
         if now is not None:
