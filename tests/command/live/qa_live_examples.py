@@ -181,25 +181,28 @@ def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, softwa
     assert not any("touch=1" in line for line in second)
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    "name", ["live_uhd", pytest.param("chain_from_usrp", marks=pytest.mark.long)]
-)
-def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
-    """As shipped but for its scene, which takes a fifth of the time."""
+def of_companion(name, scene, folder):
+    """Program of a flowgraph as shipped but for its scene, which takes a fifth of the time."""
     shipped = (EXAMPLES / f"{name}.grc").read_text()
     assert shipped.count("    file: demo\n") == 1
-    flowgraph = tmp_path / f"{name}.grc"
+    flowgraph = folder / f"{name}.grc"
     flowgraph.write_text(shipped.replace("    file: demo\n", f"    file: {scene}\n"))
     subprocess.run(
-        ["grcc", "-o", str(tmp_path), str(flowgraph)],
+        ["grcc", "-o", str(folder), str(flowgraph)],
         check=True,
         capture_output=True,
         timeout=300,
     )
-    screenless = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-    words = (tmp_path / f"{name}.py", "--device", args_of(device))
-    process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=screenless)
+    return folder / f"{name}.py"
+
+
+SCREENLESS = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+
+
+@pytest.mark.timeout(300)
+def test_example_live_uhd_flowgraph_reads_the_press(device, scene, tmp_path):
+    words = (of_companion("live_uhd", scene, tmp_path), "--device", args_of(device))
+    process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=SCREENLESS)
     readings = tmp_path / "readings.csv"
 
     def pressed():
@@ -212,3 +215,17 @@ def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
         assert process.wait(timeout=300) == 0
     finally:
         process.kill()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_example_chain_from_usrp_flowgraph_gives_the_readings_of_the_reader(
+    device, scene, tmp_path
+):
+    script = Path(__file__).with_name("chain_beside_reader.py")
+    program = of_companion("chain_from_usrp", scene, tmp_path)
+    words = (script, args_of(device), scene, program)
+    with running(*words, cwd=tmp_path, env=SCREENLESS) as process:
+        read(process, 1.2 / SLOW_GROUP_S)
+    assert_pressed(process.lines)
+    assert any(row["touch"] == "1" for row in rows_of(tmp_path / "readings.csv"))
