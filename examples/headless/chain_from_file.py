@@ -6,6 +6,8 @@ The same as chain_from_file.grc, without a window:
 
     gr-wiforce simulate tabletop press
     chain_from_file.py press.sigmf-data readings.csv
+
+Two words that follow are the scene and the type of raw samples: demo ci16_le.
 """
 
 import sys
@@ -78,10 +80,10 @@ def steps_to_force(plan, on_reading):
 SAMPLES = {"ci16_le": (2 * gr.sizeof_short, "sc16"), "cf32_le": (gr.sizeof_gr_complex, "fc32")}
 
 
-def main(capture, output):
-    capture = open_capture(capture)
+def main(capture, output, scene=None, datatype=None):
+    capture = open_capture(capture, datatype)
     # The settings of all steps: those of the capture's scene, adapted to the room.
-    plan = wiforce.plan_for_capture(capture)
+    plan = wiforce.plan_for_capture(capture, scene)
     flowgraph = gr.top_block("chain_from_file", catch_exceptions=False)
     with wiforce.open_writer(output, capture.files) as writer:
         size, item_type = SAMPLES[capture.datatype]
@@ -100,6 +102,6 @@ def main(capture, output):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: chain_from_file.py CAPTURE READINGS.csv")
+    if len(sys.argv) not in (3, 5):
+        sys.exit("usage: chain_from_file.py CAPTURE READINGS.csv [SCENE ci16_le|cf32_le]")
     main(*sys.argv[1:])

@@ -21,6 +21,7 @@ import pmt
 import pytest
 from chain_runs import assert_equal_readings
 from gnuradio import gr, wiforce
+from gnuradio.wiforce.io.readings import as_reading
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FLOWGRAPHS = sorted(EXAMPLES.glob("*.grc"))
@@ -282,7 +283,9 @@ def test_read_recording_writes_every_reading(generated, capture, tmp_path):
 
 
 def test_chain_simulated_shows_lines_clock_and_phases_of_both_estimators(generated, running):
-    flowgraph = generated("chain_simulated").chain_simulated()
+    flowgraph, expected = generated("chain_simulated").chain_simulated(), []
+    reader = wiforce.reader(flowgraph.scene, on_reading=expected.append)
+    flowgraph.connect(flowgraph.tag, reader)
     collector = running(flowgraph, flowgraph.inversion)
     ours, paper = (block.widget for block in (flowgraph.phases, flowgraph.paper_phases))
     count = 40
@@ -304,6 +307,12 @@ def test_chain_simulated_shows_lines_clock_and_phases_of_both_estimators(generat
     assert flowgraph.clock_plot.widget.series(0)[1][-1] == pytest.approx(40.0, abs=2.0)
     flowgraph.set_force_n(4.0)
     assert_follows(settled(collector, flowgraph, flowgraph.tag), 4.0, 45.0)
+    flowgraph.stop()
+    flowgraph.wait()
+    both = min(len(collector.readings), len(expected)) - 1
+    found = [as_reading(reading) for reading in collector.readings[:both]]
+    expected = [as_reading(reading.row()) for reading in expected[:both]]
+    assert_equal_readings(found, expected, last_digit=1)
 
 
 def rows_of(path):
@@ -395,6 +404,12 @@ def test_headless_chain_from_file_writes_the_readings_of_the_reader(
     capture, of_the_reader, tmp_path
 ):
     headless("chain_from_file.py", capture[0], tmp_path / "out.csv")
+    assert_equal_files(tmp_path / "out.csv", of_the_reader)
+
+
+def test_headless_chain_from_file_reads_raw_samples(capture, of_the_reader, tmp_path):
+    shutil.copy(f"{capture[0]}.sigmf-data", tmp_path / "raw")
+    headless("chain_from_file.py", tmp_path / "raw", tmp_path / "out.csv", "tabletop", "ci16_le")
     assert_equal_files(tmp_path / "out.csv", of_the_reader)
 
 
