@@ -23,7 +23,7 @@ CHAPTERS = (
     ({"io": "files and sockets"}, "#f4f4f4"),
     ({"signal": "frames, switches, weights, bound"}, "#f4f4f4"),
 )
-KERNELS = "lib/kernel (C++): fold, timing, doppler, fourier, screening, recording, inversion, press"
+KERNELS = "lib/kernel (C++): from folding samples to weighing presses"
 # Of the stages: name, what leaves it, its rate, where it is.
 STAGES = (
     ("samples", "from the radio", "12.5 M/s", "io, blocks"),
@@ -32,8 +32,8 @@ STAGES = (
     ("separation", "channels of the ends", "27.8/s", "estimation/ends"),
     ("reference", "change of each end", "27.8/s", "estimation/phases"),
     ("average", "ratio R of each end", "27.8/s", "estimation/phases"),
-    ("press", "what happened", "27.8/s", "press/sensor_state"),
-    ("readout", "force, location, flags", "27.8/s", "press/readout"),
+    ("press", "what happened", "27.8/s", "press, lib/kernel/press"),
+    ("readout", "force, location, flags", "27.8/s", "press, lib/kernel/inversion"),
 )
 
 
@@ -94,7 +94,7 @@ def signal_path():
         element("path", d=path, fill="none", stroke=INK, stroke_width=2.5, marker_end="url(#head)")
     )
     parts.append(
-        label(20, 268, "grey: C++ kernels; coloured: NumPy, in batches", FAINT, 13, "start")
+        label(20, 268, "grey: C++; blue: arrays of a batch, in NumPy and C++; red: group after group", FAINT, 13, "start")
     )
     return svg(width, 282, parts)
 

@@ -30,7 +30,7 @@ SHOWN_AS = {
 }
 
 
-# Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
+# Readers leave their buffers behind: see "What GNU Radio 3.10 requires" in docs/architecture.md.
 PER_PROCESS = 100
 
 

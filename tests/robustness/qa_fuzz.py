@@ -14,7 +14,7 @@ CASES, LONG_CASES = 10, 10_000
 LONG_RADIO_CASES = 500
 # Reading a capture takes longer than all else.
 FEWER = {"metadata": 4, "samples": 4, "radio": 3}
-# Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
+# Readers leave their buffers behind: see "What GNU Radio 3.10 requires" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES = 100
 
