@@ -94,7 +94,14 @@ def signal_path():
         element("path", d=path, fill="none", stroke=INK, stroke_width=2.5, marker_end="url(#head)")
     )
     parts.append(
-        label(20, 268, "grey: C++; blue: arrays of a batch, in NumPy and C++; red: group after group", FAINT, 13, "start")
+        label(
+            20,
+            268,
+            "grey: C++; blue: arrays of a batch, in NumPy and C++; red: group after group",
+            FAINT,
+            13,
+            "start",
+        )
     )
     return svg(width, 282, parts)
 

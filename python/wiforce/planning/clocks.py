@@ -453,7 +453,7 @@ def lamp_multiples(mains_hz: Sequence[float]) -> str:
 
 # Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
 # gain nothing where packets are irregular, and meet their own aliases where they are regular.
-_LOWEST_HZ, _HIGHEST_HZ, _STEP_HZ = 50.0, 200.0, 1.0
+_LOWEST_HZ, _HIGHEST_HZ, _PACKET_STEP_HZ = 50.0, 200.0, 1.0
 # Clocks that leave the worst end this much of the best one's information have about the same
 # expected error, 2.5 % of a standard deviation; among them lamps decide.
 _NEARLY_ALL = 0.95
@@ -486,7 +486,7 @@ def _best(scene: Scene, chosen: Sequence[TagClock], clock: TagClock) -> TagClock
     others_hz = np.array([other.clock_hz for other in chosen])
     apart_hz = _APART_BINS / scene.group_period_s
     found: list[tuple[float, float, TagClock]] = []
-    for hertz in np.arange(_LOWEST_HZ, _HIGHEST_HZ + _STEP_HZ / 2, _STEP_HZ).tolist():
+    for hertz in np.arange(_LOWEST_HZ, _HIGHEST_HZ + _PACKET_STEP_HZ / 2, _PACKET_STEP_HZ).tolist():
         trial = replace(clock, clock_hz=hertz)
         if np.any(line_distances_hz(np.array(hertz), others_hz) < apart_hz):
             continue
