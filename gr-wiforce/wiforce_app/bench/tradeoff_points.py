@@ -25,8 +25,8 @@ from gnuradio.wiforce.simulation.truth import read_truth, score, write_truth
 
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases
-from ..plan.measure import measure_steps
 from .rooms import survey_of_room
+from .step_times import measure_steps
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)

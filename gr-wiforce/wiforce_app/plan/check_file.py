@@ -22,6 +22,7 @@ from gnuradio.wiforce.io.capture.channel_snapshots import CLOCK_STEP_S, ChannelS
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.capture.samples import likely_datatype
 from gnuradio.wiforce.io.csi_tools import tool_of
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 
 from ..plan import check_capture
@@ -138,9 +139,8 @@ def _db(power):
     return float(10 * np.log10(max(power, 1e-30)))
 
 
-# Length of a reading that errors are stated for, in s, and the error at which readings are flagged
-# (`weak`), in degrees.
-_READING_S, _WEAK_DEG = 0.5, 3.0
+# Length of a reading that errors are stated for.
+_READING_S = 0.5
 # Tag that the error of a single antenna is stated for, in dB below the direct path: the weakest one
 # that the paper could decode.
 _FAR_TAG_DB = -60.0
@@ -276,7 +276,7 @@ def _notes(recording, states):
 
 def _snapshot_advice(found):
     timing, antennas, tag = found["timing"], found["antennas"], found["tag"]
-    if antennas["count"] == 1 and (tag or found["one_antenna"])["phase_error_deg"] > _WEAK_DEG:
+    if antennas["count"] == 1 and (tag or found["one_antenna"])["phase_error_deg"] > WEAK_PHASE_DEG:
         yield (
             "use a receiver with two antennas on one oscillator, or a wider band: with one "
             "antenna, what varies over the subcarriers as the direct path does is lost"
@@ -291,7 +291,7 @@ def _snapshot_advice(found):
             f"{tag['clock_hz']:.1f} Hz is a multiple of 100 or 120 Hz: switch the tag off to "
             "see whether it is a lamp, and use a clock between these multiples"
         )
-    elif tag["phase_error_deg"] > _WEAK_DEG:
+    elif tag["phase_error_deg"] > WEAK_PHASE_DEG:
         yield "the tag is weak: bring it nearer, send more packets, or read longer groups"
     if timing["rounded_to_s"]:
         yield (

@@ -27,7 +27,7 @@ from ..shell.options import IntegerRange, sample_type, scene_names
 
 @click.command(
     cls=GroupedHelp,
-    groups={"Options": "--improve --steps --plot --capture --datatype --measure --clocks --json"},
+    groups={"Options": "--improve --steps --plot --capture --datatype --clocks --json"},
     examples=("plan demo --improve", "plan scene.yaml --capture press", "plan demo --clocks 4"),
 )
 @click.argument("scene", metavar="SCENE.yaml", shell_complete=scene_names)
@@ -46,14 +46,13 @@ from ..shell.options import IntegerRange, sample_type, scene_names
     type=click.Path(),
     help="Write a map of the errors over force and location (PNG, PDF or SVG).",
 )
-@click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
 @click.option(
     "--clocks",
     type=IntegerRange(1, MAX_SENSORS),
     help="Propose clocks for so many sensors in this scene, and show nothing else.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-def plan(scene, capture_path, datatype, improve, with_steps, plot_path, measure, clocks, as_json):
+def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, as_json):
     """Show which errors to expect of a SCENE, what limits them, and what would improve it.
 
     Noise, clutter and presses are taken from the section simulation of the scene.
@@ -89,12 +88,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, measure,
         report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
     if capture_path is not None:
         report["room"] = _room(capture_path, datatype, settings)
-    if measure:
-        from .measure import measure_steps
-
-        took = measure_steps(settings)
-        for step in report["steps"]:
-            step["seconds_per_s"] = took[step["name"]]
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if plot_path is not None:
@@ -106,7 +99,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, measure,
         click.echo(json.dumps(report, indent=2))
     else:
         lines = [*link_lines(settings, reaches), *judged]
-        _print(report, scene, str(settings), lines, with_steps or measure)
+        _print(report, scene, str(settings), lines, with_steps)
 
 
 def _propose_clocks(scene, count, as_json):
@@ -250,18 +243,12 @@ def _print_room(room, steps):
 
 
 def _print_steps(steps):
-    measured = "seconds_per_s" in steps[0]
-    click.echo(f"\n{'step':<28}{'needed':<8}{' Mflop/s'}{'    ms/s' if measured else ''}  why")
+    click.echo(f"\n{'step':<28}{'needed':<8}{' Mflop/s'}  why")
     for step in steps:
         cost = f"{step['operations'] / 1e6:8.3g}"
-        if measured:
-            cost += f"{1e3 * step['seconds_per_s']:8.3g}"
         click.echo(
             f"{step['name']:<28}{'yes' if step['needed'] else 'skipped':<8}{cost}  {step['reason']}"
         )
     for needed, label in ((True, "needed"), (False, "skipped")):
-        own = [step for step in steps if step["needed"] == needed]
-        total = f"{label}: {sum(step['operations'] for step in own) / 1e6:.3g} Mflop"
-        if measured:
-            total += f" and {1e3 * sum(step['seconds_per_s'] for step in own):.3g} ms"
-        click.echo(f"{total} per second of signal")
+        cost = sum(step["operations"] for step in steps if step["needed"] == needed) / 1e6
+        click.echo(f"{label}: {cost:.3g} Mflop per second of signal")

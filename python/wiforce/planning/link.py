@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..io.readings import WEAK_PHASE_DEG
 from ..scene import Scene
 from ..scene.link import Link
 from ..signal.bands import BANDS, occupied_band_hz
 from .expected import line_amplitude, phase_std_deg, radio_noise_share, receive_levels
 from .plan import Plan
 
-# Phases above this standard deviation flag readings `weak` (docs/sensors.md, flags).
-WEAK_DEG = 3.0
 # Standard deviation of an angle of which nothing is known: 360 deg / sqrt(12).
 _UNKNOWN_DEG = 104.0
 # Factors of the depth that are searched: from a thousandth to a thousand times that of the scene.
@@ -59,7 +58,7 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
         return snr_db, static_db, float(unit_deg * np.sqrt(noise))
 
     def reach(carrier_hz: float) -> float:
-        limit_deg = WEAK_DEG * min(1.0, carrier_hz / own_hz)
+        limit_deg = WEAK_PHASE_DEG * min(1.0, carrier_hz / own_hz)
         low, high = np.log(_FACTORS)
         if found(_deeper(link, _FACTORS[0]), carrier_hz)[2] > limit_deg:
             return 0.0

@@ -9,7 +9,8 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.expected import phase_std_deg, receive_levels
-from gnuradio.wiforce.planning.link import WEAK_DEG, carrier_reaches, link_lines
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
+from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 
@@ -42,7 +43,7 @@ def test_5_m_in_air_are_read_at_900_mhz_and_where_readings_become_weak_is_found(
     own, *_ = carrier_reaches(plan_with(link=AIR))
     assert own.phase_std_deg < 0.1 and own.reach > 5
     far = AIR | {"transmitter_m": own.reach, "receiver_m": own.reach}
-    assert phase_std_deg(plan_with(link=far)).max() == pytest.approx(WEAK_DEG, rel=0.01)
+    assert phase_std_deg(plan_with(link=far)).max() == pytest.approx(WEAK_PHASE_DEG, rel=0.01)
 
 
 def test_tissue_reads_deepest_at_the_lower_carrier():

@@ -311,15 +311,6 @@ def test_command_json_holds_results_of_functions():
     assert report["proposals"] and report["warnings"] == warnings(plan(scene))
 
 
-def test_command_measure_gives_time_of_each_step():
-    report = json.loads(command("tabletop", "--measure", "--json").stdout)
-    took = {step["name"]: step["seconds_per_s"] for step in report["steps"]}
-    assert [step.name for step in steps(plan("tabletop"))] == [*took]
-    # times themselves depend on the machine
-    assert all(0 <= seconds < 1 for seconds in took.values())
-    assert took["separation"] > 0 and took["tones"] > 0
-
-
 def test_command_bad_scene_fails_with_one_line(tmp_path):
     (tmp_path / "bad.yaml").write_text("sensors: []\n")
     done = command(tmp_path / "bad.yaml")
@@ -350,7 +341,7 @@ def test_plan_clock_without_own_line_names_sensor():
 
 
 def test_more_lines_are_offered_only_where_weights_for_them_exist():
-    """`plan --measure` of a scene with a wide clutter band must not end with an error."""
+    """A scene with a wide clutter band must not end with an error."""
     fan = plan(load_scene("fan"))
     assert fan.clutter_hz == 200
     with pytest.raises(InputError, match="too short to separate the lines from clutter of 200 Hz"):
