@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.expected import phase_std_deg, receive_levels
-from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
