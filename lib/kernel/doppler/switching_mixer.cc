@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "switching_mixer.h"
 
-#include "../inversion/clones.h"
+#include "../clones.h"
 #include "../require.h"
 
 #include <algorithm>

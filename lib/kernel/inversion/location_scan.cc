@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "location_scan.h"
 
-#include "clones.h"
+#include "../clones.h"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "press_fit.h"
 
-#include "clones.h"
+#include "../clones.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "press_posterior.h"
 
-#include "clones.h"
+#include "../clones.h"
 #include "normal_integrals.h"
 
 #include <algorithm>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tabulated_model.h"
 
+#include "../clones.h"
 #include "../require.h"
-#include "clones.h"
 
 #include <algorithm>
 #include <cmath>

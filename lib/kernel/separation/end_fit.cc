@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "end_fit.h"
 
-#include "../inversion/clones.h"
+#include "../clones.h"
 #include "complex_rows.h"
 #include "hermitian.h"
 
