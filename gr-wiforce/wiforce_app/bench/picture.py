@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of the benchmarks: loss to the bound over SNR; run time against error; scaling."""
-
-from pathlib import Path
+"""Pictures of the benchmarks: loss to the bound over SNR, and scaling."""
 
 import numpy as np
-from gnuradio.wiforce.io.palette import FAINT, INK, SERIES, series_style
+from gnuradio.wiforce.io.palette import SERIES, series_style
 
 from ..shell.plots import legend_below, save_picture
 from .snapshots.cases import ESTIMATORS
-from .tradeoff_points import front
 
 
 def plot_losses(rows, wanted, path):
@@ -42,58 +39,6 @@ def plot_losses(rows, wanted, path):
     lines, labels = panels[0].get_legend_handles_labels()
     legend_below(canvas, lines, labels, ncols=len(ESTIMATORS))
     save_picture(canvas, path)
-
-
-def plot_tradeoffs(results, path):
-    """Plot phase and force errors of every setting over processor time, one panel per scene."""
-    from matplotlib.figure import Figure
-
-    columns = min(4, len(results))
-    rows = -(-len(results) // columns)
-    canvas = Figure(figsize=(4 * columns, 3.2 * rows + 0.6), layout="constrained")
-    panels = canvas.subplots(rows, columns, squeeze=False).ravel()
-    for axis, result in zip(panels, results, strict=False):
-        _plot_tradeoff(axis, result["points"])
-        axis.set_title(Path(result["scene"]).stem, fontsize=9)
-    for axis in panels[len(results) :]:
-        axis.set_visible(False)
-    for axis in panels[max(0, len(results) - columns) : len(results)]:
-        axis.set_xlabel("processor time for a second (ms)", fontsize=8)
-    canvas.supylabel("median error: phase (deg, filled), force (N, open)", fontsize=9)
-    # No single panel has all labels, because some scenes are not readable.
-    known = {}
-    for axis in panels:
-        known |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    legend_below(canvas, list(known.values()), list(known), ncols=len(known))
-    save_picture(canvas, path, dpi=80)
-
-
-def _plot_tradeoff(axis, points):
-    from matplotlib.ticker import LogLocator
-
-    marks = {
-        "plan": ("*", SERIES[1], 13),
-        "paper": ("s", SERIES[2], 6),
-        "stock blocks": ("D", SERIES[3], 6),
-    }
-    for point in points:
-        mark, color, size = marks.get(point["setting"], ("o", SERIES[0], 4))
-        label = point["setting"] if point["setting"] in marks else None
-        for key, fill in (("phase_deg", color), ("force_n", "none")):
-            if point[key] is not None:
-                axis.plot(1e3 * point["cpu_s_per_s"], point[key], mark, color=color, ms=size,
-                          mfc=fill, label=label if key == "phase_deg" else None)  # fmt: skip
-    kept = front(points)
-    axis.step([1e3 * p["cpu_s_per_s"] for p in kept], [p["phase_deg"] for p in kept], FAINT,
-              where="post", lw=1, label="Pareto front")  # fmt: skip
-    axis.axhline(points[0]["bound_deg"], color=INK, lw=0.8, ls=":", label="bound")
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    # The times of a scene often span less than a decade, which leaves one label or too many.
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.xaxis.set_minor_formatter("")
-    axis.grid(alpha=0.3)
 
 
 def plot_scaling(result, path, labels):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shipped rooms read with and without a survey, as rows of ``bench accuracy`` and ``tradeoff``."""
+"""Shipped rooms read with and without a survey, as rows of ``bench accuracy``."""
 
 import tempfile
 import time
@@ -9,23 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.estimation.capture.compression import Compression, image_operator
-from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.report import (
-    COMPRESSION,
-    NOISE_WEIGHTS,
-    UNLISTED_TAGS,
-    changes_of,
-    skipped_of,
-)
+from gnuradio.wiforce.planning.room.report import changes_of, skipped_of
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.signal.lines import room_noise
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, steady_rows
 
@@ -46,9 +37,6 @@ ROOMS = (
 _RUNS, _FULL_RUNS = 4, 12
 # A reading is wrong if it is unflagged and its error exceeds all of these: std, N, mm.
 _WRONG = (5.0, 0.3, 1.0)
-# Clock of a tag that is not there, relative to the highest of the scene: none of its lines should
-# meet theirs.
-_CLOCK_RATIOS = (1.73, 1.31, 2.27)
 
 
 @dataclass(frozen=True)
@@ -119,58 +107,6 @@ def read_room(recording, settings, survey):
     readings += receiver.finish(reader.groups)
     ended = time.process_time()
     return RoomReading(readings, reader.plan, started - began, folded - started, ended - folded)
-
-
-def survey_of_room(recording, settings):
-    """What the survey adds to the plan of a capture of one antenna and skips, and what both cost.
-
-    Gives plain values (texts that were added and skipped; tones before and after; processor time of
-    the survey, of reading without and with what it adds, and what each skipped step would add), and
-    a `RoomReading` with and one without the survey.
-    """
-    read_room(recording, settings, True)  # tables and imports of the first run
-    plain, surveyed = (_quicker(recording, settings, survey) for survey in (False, True))
-    saved = {
-        name: max(_quicker(recording, forced, False).groups_s - plain.groups_s, 0.0)
-        for name, forced in _forced(settings).items()
-        if name in skipped_of(surveyed.plan)
-    }
-    row = {
-        "added": changes_of(settings, surveyed.plan),
-        "skipped": skipped_of(surveyed.plan),
-        "tones": [len(each.table.tones) for each in (settings, surveyed.plan)],
-        "survey_s": max(surveyed.start_s - plain.start_s, 0.0),
-        "plain_s": plain.samples_s + plain.groups_s,
-        "surveyed_s": surveyed.samples_s + surveyed.groups_s,
-        "saved_s": saved,
-    }
-    return row, surveyed, plain
-
-
-def _quicker(recording, settings, survey):
-    """The quicker one of two runs."""
-    runs = [read_room(recording, settings, survey) for _ in range(2)]
-    return min(runs, key=lambda run: run.start_s + run.samples_s + run.groups_s)
-
-
-def _forced(settings):
-    """The plan with each step that only some rooms need."""
-    forced = {}
-    for ratio in _CLOCK_RATIOS:
-        more = replace(settings, others=(TagClock(ratio * max(settings.clocks_hz)),))
-        if more.separable:
-            forced[UNLISTED_TAGS] = more
-            break
-    # One line, as strong as the noise of a snapshot, between the first two of the first tag.
-    line_hz = np.array([1.5 * settings.clocks_hz[0]])
-    noise = room_noise(
-        line_hz, np.ones(1), settings.group_length, settings.waveform.snapshot_period_s
-    )
-    forced[NOISE_WEIGHTS] = replace(settings, room=noise)
-    waveform = settings.waveform
-    image = image_operator(np.zeros(waveform.symbol_length), 0.0, waveform)
-    forced[COMPRESSION] = replace(settings, compression=Compression(image, 0.0))
-    return forced
 
 
 def _result(scene, found, truth):

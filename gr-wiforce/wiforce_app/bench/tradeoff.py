@@ -9,7 +9,7 @@ import click
 from gnuradio.wiforce.errors import InputError
 
 from ..shell.progress import progress
-from ..shell.tables import Column, echo, table, table_of_cells
+from ..shell.tables import Column, echo, table
 from .tradeoff_points import beat_the_plan, front, measure_scene
 
 _RUNS, _QUICK_RUNS = 2, 1
@@ -27,8 +27,7 @@ _RUNS, _QUICK_RUNS = 2, 1
     help="Where results are kept; existing results are not measured again.",
 )
 @click.option("--fresh", is_flag=True, help="Measure everything again.")
-@click.option("--plot", "plot_path", type=click.Path(), help="Write a picture of all scenes (PNG).")
-def tradeoff(scenes, as_json, quick, folder, fresh, plot_path):
+def tradeoff(scenes, as_json, quick, folder, fresh):
     """Compare processor time with phase and force error for SCENES (default: all shipped).
 
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
@@ -46,11 +45,6 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path):
         if load_scene(name).packets is not None:
             raise InputError(name, "is a scene of packets; only scenes of samples are compared")
     fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
-    inputs = [file for name in names for file in load_scene(name).files]
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, inputs)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results = {
@@ -63,12 +57,7 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path):
             keep_result(folder, name, fingerprints[name], results[name])
             step(1)
     results = [results[name] for name in names]
-    if plot_path is not None:
-        from .picture import plot_tradeoffs
-
-        plot_tradeoffs(results, plot_path)
-    parts = (points_table, verdicts, room_table, skip_table)
-    echo({"scenes": results}, as_json, *(lambda _, part=part: part(results) for part in parts))
+    echo({"scenes": results}, as_json, lambda _: points_table(results), lambda _: verdicts(results))
 
 
 def _measured(name, folder, runs):
@@ -120,44 +109,3 @@ def verdicts(results):
             f"{'; '.join(beaten) or 'none'}."
         )
     return "\n\n".join(sentences)
-
-
-_ROOM_HEAD = (
-    "scene", "added by the survey", "skipped, and what it would take (ms per s)", "tones",
-    "survey (ms)", "ms per s without", "with", "phase (deg) without", "with",
-)  # fmt: skip
-
-
-def room_table(results):
-    """What the survey of each room adds and skips, and its processor time."""
-    rows = []
-    for result in results:
-        room, signal_s = result["room"], result["signal_s"]
-        if room is None:
-            continue
-        saved = {name: f": {_ms(took / signal_s)}" for name, took in room["saved_s"].items()}
-        before, after = room["tones"]
-        rows.append(
-            [
-                Path(result["scene"]).stem,
-                "; ".join(room["added"]) or "nothing",
-                "; ".join(name + saved.get(name, "") for name in room["skipped"]),
-                f"{before}" if before == after else f"{before} -> {after}",
-                f"{1e3 * room['survey_s']:.0f}",
-                _ms(room["plain_s"] / signal_s),
-                _ms(room["surveyed_s"] / signal_s),
-                *("" if value is None else f"{value:.3g}" for value in room["phase_deg"]),
-            ]
-        )
-    return table_of_cells(_ROOM_HEAD, rows)
-
-
-def skip_table(results):
-    """Processor time in ms per second of signal that each skipped step saves."""
-    names = list(dict.fromkeys(name for result in results for name in result["skips"]))
-    rows = []
-    for result in results:
-        times = [result["skips"].get(name) for name in names]
-        shown = ["" if t is None else f"{1e3 * t:.2g}" for t in times]
-        rows.append([Path(result["scene"]).stem, *shown])
-    return table_of_cells(["scene", *names], rows)

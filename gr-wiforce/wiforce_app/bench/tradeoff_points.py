@@ -2,10 +2,8 @@
 """One scene with many settings: processor time and errors of each, and those that are best."""
 
 import dataclasses
-import multiprocessing
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +13,6 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.planning.plan import HARMONICS, plan
-from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -25,8 +22,6 @@ from gnuradio.wiforce.simulation.truth import read_truth, score, write_truth
 
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases
-from .rooms import survey_of_room
-from .step_times import measure_steps
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
@@ -105,8 +100,7 @@ def _thinned(waveform, step):
 def measure_scene(name, folder, runs):
     """Simulate a scene in a folder and read it with all its settings; times are the least of runs.
 
-    Gives plain values: ``scene``, ``signal_s``, ``points`` (a dict per setting), ``skips`` (time of
-    each step that the plan leaves out) and ``room`` (what the survey adds; None for two antennas).
+    Gives plain values: ``scene``, ``signal_s`` and ``points`` (a dict per setting).
     """
     from gnuradio import gr
 
@@ -120,31 +114,7 @@ def measure_scene(name, folder, runs):
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
         scene_run = _SceneRun(recordings, place / "truth.csv", signal_s, runs)
         points = scene_run.measure(settings_of(scene))
-        room = None
-        if len(captures) == 1:
-            room = _room(captures[0], scene, place / "truth.csv")
-    return {
-        "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
-        "room": room,
-    }  # fmt: skip
-
-
-def _room(capture, scene, truth_path):
-    """What the survey adds and skips (`survey_of_room`), with errors without and with it."""
-    settings = plan(scene)
-    row, *runs = survey_of_room(capture, settings)
-    truth = _truth(scene, truth_path)
-    errors = [_errors(scene, run.readings, truth)["phase_deg"] for run in reversed(runs)]
-    return row | {"phase_deg": errors}
-
-
-def _skips(scene):
-    """Processor time per second of signal of each skipped step."""
-    chosen = plan(scene)
-    # GNU Radio measures the time of blocks only if configured before its import.
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        took = pool.submit(measure_steps, chosen).result()
-    return {step.name: took[step.name] for step in steps(chosen) if not step.needed}
+    return {"scene": str(name), "signal_s": signal_s, "points": points}
 
 
 def _both_types(capture):

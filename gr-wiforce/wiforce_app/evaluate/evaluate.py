@@ -55,21 +55,11 @@ def scenes(scenes, folder, jobs, scheduler, fresh):
 @click.option(
     "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
 )
-@click.option(
-    "--plot",
-    "plot_path",
-    type=click.Path(),
-    help="Write a picture of the error distributions (PNG, PDF or SVG).",
-)
 @click.option("--all", "in_full", is_flag=True, help="Print the other forms of the curves as well.")
-def paper(output, plot_path, in_full):
+def paper(output, in_full):
     """Score the models on the paper's wireless trials, and print its other series."""
     if output is not None:
         check_output(output)
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path)
     vna = published.FOLDER / "vna.csv"
     presses = published.published_presses()
     with progress("evaluating", published.models_scored()) as step:
@@ -88,10 +78,6 @@ def paper(output, plot_path, in_full):
     click.echo("Limits of these data")
     for limit in published.LIMITS:
         click.echo(f"- {limit}")
-    if plot_path is not None:
-        from .pictures import plot_error_distributions
-
-        plot_error_distributions(scores, forms, plot_path)
 
 
 def _print_frequency(frequency, scores, form, in_full):

@@ -7,7 +7,6 @@ import re
 import pytest
 from command_runs import run_command
 from gnuradio import gr
-from gnuradio.wiforce.planning.room.report import UNLISTED_TAGS
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench import tradeoff, tradeoff_points
 from wiforce_app.bench.tradeoff_points import beat_the_plan, front, rated_error, settings_of
@@ -99,7 +98,7 @@ def few_settings(monkeypatch, long_run):
 @pytest.mark.timeout(400)
 def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_path, long_run):
     (tmp_path / "short.yaml").write_text(LONG if long_run else SHORT)
-    words = "bench tradeoff short.yaml --quick --json --plot p.png".split()
+    words = "bench tradeoff short.yaml --quick --json".split()
     done = run_command(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     (result,) = json.loads(done.stdout)["scenes"]
@@ -111,17 +110,8 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_pat
     # the same samples by another way are the same readings
     for same in ("file-fc32", "stream-sc16", "stream-fc32", "block by block"):
         assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
-    assert set(result["skips"]) >= {"guard and first repetition", "channel per snapshot"}
-    assert all(seconds >= 0 for seconds in result["skips"].values())
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
-    # a quiet room needs nothing: the survey leaves the readings as they are
-    room = result["room"]
-    assert room["added"] == [] and set(room["saved_s"]) == set(room["skipped"])
-    assert UNLISTED_TAGS in room["skipped"] and room["tones"][0] == room["tones"][1]
-    assert room["phase_deg"][0] == room["phase_deg"][1] == pytest.approx(plan["phase_deg"], rel=0.1)
-    assert room["surveyed_s"] < 1.5 * room["plain_s"]
-    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
-    again = run_command(*words[: words.index("--plot")], cwd=tmp_path)
+    again = run_command(*words, cwd=tmp_path)
     assert json.loads(again.stdout)["scenes"] == [result]
     text = re.sub(" +", " ", run_command("bench", "tradeoff", "short.yaml", cwd=tmp_path).stdout)
-    assert "| short | plan |" in text and "| short | nothing |" in text
+    assert "| short | plan |" in text
