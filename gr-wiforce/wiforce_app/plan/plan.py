@@ -111,7 +111,7 @@ def _propose_clocks(scene, count, as_json):
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(found), indent=2))
         return
-    click.echo("\n".join(f"clock_hz: {hz:g}" for hz in found.clocks_hz))
+    click.echo("\n".join(f"clock_hz: {hz:.9g}" for hz in found.clocks_hz))
     if found.line_distance_hz is not None:
         click.echo(
             f"lines 1, 2 and 4 of different sensors lie {found.line_distance_hz:.3g} Hz or more "

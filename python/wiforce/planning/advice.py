@@ -11,6 +11,7 @@ from ..scene import Scene, accepted_suspicions
 from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
 from .clocks import (
+    FARTHER,
     ClockReport,
     assess_clocks,
     clocks_for,
@@ -18,7 +19,7 @@ from .clocks import (
     lines_lie,
     lines_near_lamps,
 )
-from .expected import phase_std_deg, receive_levels, why_not_readable
+from .expected import other_sensors_pressed, phase_std_deg, receive_levels, why_not_readable
 from .plan import Plan
 from .plan import plan as plan_of
 
@@ -127,8 +128,6 @@ _LEVELS_APART_DB = 20
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
 # Clocks are assessed in groups of at most this length: longer ones only resolve more.
 _LONGEST_ASSESSED = 1250
-# Another clock is worth a warning when it lies half as far again from the lamps' lines.
-_FARTHER = 1.5
 # A reference of so many groups adds 1/12 to the variance of a reading.
 _REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
 # A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
@@ -158,6 +157,7 @@ def warnings(plan: Plan) -> list[str]:
             *_motion_warnings(scene, plan),
             *_receiver_warnings(scene),
             *_sensor_warnings(scene),
+            *other_sensors_pressed(plan),
         ]
     return [
         *outside_band(scene),
@@ -167,6 +167,7 @@ def warnings(plan: Plan) -> list[str]:
         *_receiver_warnings(scene),
         *_spur_warnings(scene, plan),
         *_sensor_warnings(scene),
+        *other_sensors_pressed(plan),
     ]
 
 
@@ -223,7 +224,7 @@ def _lamp_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
     for found in near:
         hz = clocks_hz[found.tag]
         distance_hz = float(lamp_distances_hz(hz, mains_hz).min())
-        if distance_hz < _FARTHER * found.distance_hz or distance_hz == 0:
+        if distance_hz < FARTHER * found.distance_hz or distance_hz == 0:
             continue
         if not _is_planned(scene.with_clocks({found.tag: hz})):
             continue
@@ -344,12 +345,15 @@ def improve(plan: Plan) -> list[Proposal]:
 
 def _farther_from_lamps(plan: Plan, changed: Plan) -> bool:
     """Whether a change moves lines of tags away from those of lamps, and no others near them."""
-    near, still = (
-        {found.tag: found.distance_hz for found in lines_near_lamps(chosen)}
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    now_hz, then_hz = (
+        np.array([lamp_distances_hz(hz, mains_hz).min() for hz in chosen.clocks_hz])
         for chosen in (plan, changed)
     )
-    farther = [still.get(tag, np.inf) >= _FARTHER * hz for tag, hz in near.items()]
-    return any(farther) and all(hz >= near.get(tag, np.inf) for tag, hz in still.items())
+    near = [found.tag for found in lines_near_lamps(plan)]
+    still = [found.tag for found in lines_near_lamps(changed)]
+    farther = np.any(then_hz[near] >= FARTHER * now_hz[near])
+    return bool(farther and np.all(then_hz[still] >= now_hz[still]))
 
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
@@ -410,12 +414,12 @@ def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
     others = [i for i, hz in enumerate(clocks_hz) if hz != scene.sensors[i].clock_hz]
     for i in others:
         yield (
-            f"sensors[{i}].clock_hz: {clocks_hz[i]:g}",
+            f"sensors[{i}].clock_hz: {clocks_hz[i]:.9g}",
             f"lines of '{scene.sensors[i].name}' are {_clock_reason(scene, [i], clocks_hz)}",
             scene.with_clocks({i: clocks_hz[i]}),
         )
     if len(others) > 1:
-        shown = ", ".join(f"{hz:g}" for hz in clocks_hz)
+        shown = ", ".join(f"{hz:.9g}" for hz in clocks_hz)
         yield (
             f"sensors[0..{len(clocks_hz) - 1}].clock_hz: {shown}",
             f"lines of all tags are {_clock_reason(scene, others, clocks_hz)}",

@@ -536,6 +536,8 @@ _CANDIDATES = 1000
 # Clocks that cost the weakest end so much more than the best one have about the same expected
 # error: 5 % of the variance, 2.5 % of the standard deviation. Among them lamps decide.
 _ABOUT_EQUAL = 0.05
+# A tag changes its clock for one that lies half as far again from the lamps' lines, not for less.
+FARTHER = 1.5
 # Sets that are assessed before the search gives up.
 _ATTEMPTS = 8
 
@@ -556,18 +558,19 @@ def propose_clocks(
     Each costs the weakest end of all tags hardly more than the best candidate would. Among such
     candidates, it is the one whose strong lines lie farthest from the lines of lamps (``mains_hz``
     is empty without any); among equals of these, the one nearest to the clock that the tag has now
-    (``near_hz``, in whose order clocks are returned). Strong lines keep a bin from ``avoid_hz``.
+    (``near_hz``, in whose order clocks are returned), which stays unless another one lies half as
+    far again from lamps. Strong lines keep a bin from ``avoid_hz``.
 
     Every end is readable. At the worst errors of the clocks, lines 1, 2 and 4 of different tags are
     at least two bins apart, a bin being the inverse of the length of a phase group; 1.5 bins or one
     where nothing else fits. When so many do not fit, an InputError states how many do.
 
-    Candidates are multiples of 5 Hz, or of half a bin where that is less. As far as the distances
+    Candidates are ``near_hz`` and multiples of 5 Hz, or of half a bin where that is less. As far as the distances
     of lines decide, as many tags as can be found among them are found.
     """
     settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)
-    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm)
+    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm, near_hz)
     apart_hz = np.multiply.outer(candidates, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
     candidates = candidates[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= bin_hz]
     search = _Search(candidates, taken, settings, mains_hz, near_hz)
@@ -777,7 +780,10 @@ class _Search:
         good = cost <= cost[free].min() + _ABOUT_EQUAL
         apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
         moved_hz = apart_hz.min(axis=1) if len(near_hz) else np.zeros(len(free))
-        order = np.lexsort((cost, *np.where(good, (moved_hz, -self._lamps_hz), 0.0), ~good))
+        # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
+        own = (moved_hz == 0) & (len(near_hz) > 0)
+        lamps_hz = self._lamps_hz * np.where(own, FARTHER * (1 - 1e-9), 1.0)
+        order = np.lexsort((cost, *np.where(good, (moved_hz, -lamps_hz), 0.0), ~good))
         yield from (int(i) for i in order if free[i])
 
     def _separable(self, tags: Sequence[int]) -> bool:
@@ -809,9 +815,13 @@ class _Search:
 
 
 def _candidates(
-    waveform: Waveform, bin_hz: float, clutter_hz: float, tolerance_ppm: float
+    waveform: Waveform,
+    bin_hz: float,
+    clutter_hz: float,
+    tolerance_ppm: float,
+    near_hz: Sequence[float] = (),
 ) -> np.ndarray:
-    """Frequencies within three octaves, in Hz, ascending; at most _CANDIDATES.
+    """Frequencies within three octaves, in Hz, ascending; at most _CANDIDATES beside ``near_hz``.
 
     Strong lines of clocks further apart than three octaves cannot coincide.
     """
@@ -827,4 +837,5 @@ def _candidates(
     decade = 10 ** np.floor(np.log10(wanted_hz))
     step = decade * max(s for s in (1, 2, 5) if s * decade <= wanted_hz * (1 + 1e-9))
     found = np.arange(np.ceil(lowest_hz / step), np.floor(highest_hz / step) + 1) * step
-    return np.round(found, 9)
+    own = [hz for hz in near_hz if lowest_hz <= hz <= highest_hz]
+    return np.unique(np.round([*found, *own], 9))

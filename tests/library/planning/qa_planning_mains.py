@@ -73,6 +73,14 @@ def test_plan_warning_improve_and_proposal_name_the_same_clocks(name, clocks_hz)
         assert improved.get(f"sensors[{i}].", [hz]) == [hz]
 
 
+def test_clock_that_a_firmware_makes_stays_where_another_gains_little():
+    """`design` makes 1033.0579 Hz; 4 Hz farther from lamps are not worth another crystal."""
+    scene = scene_of(1033.0579)
+    assert clocks_for(scene, 1).clocks_hz == [1033.0579]
+    assert named_by_improve(scene) == {}
+    assert not any(text.startswith("lamps") for text in warnings(plan(scene)))
+
+
 def test_improve_of_packets_names_the_recommended_clocks():
     """Packets have times of their own, but a scene with them has one recommendation as well."""
     scene = scene_of(120.0, packets={}, phase_group={"snapshots": 300})

@@ -101,7 +101,8 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
             return None
         clocks = list(plan.clocks)
         clocks[tag] = replace(own, clock_hz=clock_hz)
-        if replace(plan, clocks=tuple(clocks), room=None).separable:
+        other = clock_hz != own.clock_hz
+        if other and replace(plan, clocks=tuple(clocks), room=None).separable:
             return clock_hz
         avoid_hz += [line * clock_hz for line in STRONG_LINES]
     return None
