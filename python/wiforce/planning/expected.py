@@ -7,7 +7,7 @@ passing such phases through the reader's sensor model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -246,6 +246,40 @@ def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndar
     points = np.stack(grid, axis=-1).reshape(-1, 2)
     spread = _spread(planned.model, plan.center_frequency_hz, points, std)
     return spread.reshape(len(force_n), len(location_mm), 2)
+
+
+# Readings are flagged `inconsistent` beyond so many standard deviations.
+_UNEXPLAINED_STDS = 3.0
+
+
+def other_sensors_pressed(plan: Plan) -> Iterator[str]:
+    """Sensors of a simulation whose calibration does not explain what is pressed, a sentence each.
+
+    Strips of a surface are left out: two presses at once have the phases of none.
+    """
+    scene, carrier_hz = plan.require_scene(), plan.center_frequency_hz
+    if scene.surface is not None:
+        return
+    tags = scene.simulation.tags
+    for sensor, tag, points in zip(plan.sensors, tags, _pressed_points(scene), strict=True):
+        if points is None:
+            continue
+        model, (force_n, location_mm) = sensor.model, points[:, :2].T
+        changes = model.phases_deg(force_n, location_mm, carrier_hz)
+        apart = points[:, 2:4] - points[:, 4:6] - changes + model.untouched_deg(carrier_hz)
+        apart = np.remainder(apart + 180, 360) - 180
+        std = model.model_std_deg(force_n, location_mm, carrier_hz)
+        if _rms(apart / np.hypot(std, _NOISELESS_DEG)) > _UNEXPLAINED_STDS:
+            yield (
+                f"simulation.truth_model {tag.truth_model} is another sensor than the model of "
+                f"'{sensor.name}': in the scene's presses their phases differ by "
+                f"{_rms(apart):.2g} deg, where the calibration states {_rms(std):.2g}; readings "
+                "will be wrong or flagged (remove truth_model if this is not meant)"
+            )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def phase_std_deg(plan: Plan) -> np.ndarray:
