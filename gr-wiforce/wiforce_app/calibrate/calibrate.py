@@ -239,7 +239,7 @@ def _verdict(sensor, model, suspected):
         yield f"not to be trusted: {text}"
     for each in sensor.verdict(model):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
-        yield f"verdict{at}: {each} (standard deviations, without the noise of a radio)"
+        yield f"verdict{at}: {each} (median standard deviations, without a radio's noise)"
     yield ""
 
 

@@ -171,13 +171,14 @@ _CURVE_FORCES = 25
 class Verdict:
     """Errors that a calibration leaves when the phases have no noise.
 
-    ``force_std_n``, ``location_std_mm``: standard deviations: medians over the calibrated span;
-    ``limit``: their largest cause; ``flagged``: share of the span in which readings are flagged.
+    ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
+    the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
+    former; ``flagged``: share of the span in which readings are flagged.
     """
 
     frequency_hz: float
-    force_std_n: float
-    location_std_mm: float
+    force_std_n: tuple[float, float]
+    location_std_mm: tuple[float, float]
     force_span_n: tuple[float, float]
     location_span_mm: tuple[float, float]
     limit: str
@@ -185,12 +186,15 @@ class Verdict:
 
     def __str__(self) -> str:
         low, high = self.location_span_mm
+        (force_n, most_n), (location_mm, most_mm) = self.force_std_n, self.location_std_mm
         text = (
-            f"{self.force_std_n:.2g} N and {self.location_std_mm:.2g} mm (medians) between {low:g} "
-            f"and {high:g} mm, {self.force_span_n[0]:.3g} to {self.force_span_n[1]:.3g} N; "
-            f"limited by {self.limit}"
+            f"{force_n:.2g} N (at most {most_n:.2g}) and {location_mm:.2g} mm (at most "
+            f"{most_mm:.2g}) between {low:g} and {high:g} mm, {self.force_span_n[0]:.3g} to "
+            f"{self.force_span_n[1]:.3g} N"
         )
-        return text + (f"; {self.flagged:.0%} of this span is flagged" if self.flagged else "")
+        if self.flagged:
+            text += f", without the {self.flagged:.0%} of this span where readings are flagged"
+        return f"{text}; limited by {self.limit}"
 
 
 def verdict(model: CurveModel) -> list[Verdict]:
@@ -219,13 +223,17 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     largest = max(parts, key=lambda name: float(np.mean(parts[name])))
     return Verdict(
         frequency_hz,
-        float(np.median(found.force_std_n[used])),
-        float(np.median(found.location_std_mm[used])),
+        _median_and_largest(found.force_std_n[used]),
+        _median_and_largest(found.location_std_mm[used]),
         model.force_span_n,
         model.location_span_mm,
         _LIMITS[largest],
         float(1 - clear.mean()),
     )
+
+
+def _median_and_largest(std: np.ndarray) -> tuple[float, float]:
+    return float(np.median(std)), float(std.max())
 
 
 def calibration_warnings(model: CurveModel) -> list[str]:
