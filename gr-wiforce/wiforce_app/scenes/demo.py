@@ -160,7 +160,7 @@ def _run_library(capture, scene, on_reading):
 def _show(readings, truth):
     """Print each stretch of untouched readings in a line, and every third reading of a press."""
     rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
-    click.echo("\n     time (s)      force (N)  truth     location (mm)  truth    flags")
+    click.echo("\n     time (s)      force (N)  truth     location (mm)  truth    flags    (+-: two standard deviations)")
     for (touch, flags), alike in groupby(
         readings, lambda each: (each.touch, () if each.touch else each.flags)
     ):
@@ -179,7 +179,7 @@ def _pressed(reading, row):
         return f"  {reading.time_s:14.3f}   {'no value':<44}{' '.join(reading.flags)}"
     known = row["force_n"], row["location_mm"] if row["touch"] else float("nan")
     return (
-        f"  {reading.time_s:14.3f}   {reading.force_n:5.2f} +-{reading.force_std_n:4.2f}"
-        f" {known[0]:6.2f}   {reading.location_mm:6.2f} +-{reading.location_std_mm:4.2f}"
+        f"  {reading.time_s:14.3f}   {reading.force_n:5.2f} +-{2 * reading.force_std_n:4.2f}"
+        f" {known[0]:6.2f}   {reading.location_mm:6.2f} +-{2 * reading.location_std_mm:4.2f}"
         f" {known[1]:6.2f}  {' '.join(reading.flags)}"
     ).rstrip()

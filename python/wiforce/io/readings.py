@@ -119,7 +119,7 @@ class Reading:
     >>> reading.row()["force_n"], reading.row()["flags"]
     (4.1235, 'gap')
     >>> print(reading)
-    0.018 s arm: 4.12 +- 0.05 N at 45.00 +- 0.10 mm (gap)
+    0.018 s arm: 4.12 +- 0.10 N at 45.00 +- 0.20 mm (gap)
     """
 
     time_s: float
@@ -161,9 +161,10 @@ class Reading:
 
 
 def _with_std(value: float | None, std: float | None, unit: str) -> str:
+    """A value with two standard deviations, as displays and plots show it."""
     if value is None:
         return f"unknown {unit}"
-    return f"{value:.2f} {unit}" if std is None else f"{value:.2f} +- {std:.2f} {unit}"
+    return f"{value:.2f} {unit}" if std is None else f"{value:.2f} +- {2 * std:.2f} {unit}"
 
 
 @dataclass(frozen=True)

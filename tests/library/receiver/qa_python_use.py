@@ -125,11 +125,11 @@ def test_survey_prints_what_the_command_does(folder):
         (Reading(1.5, "arm", 1), "1.500 s arm: touched"),
         (
             Reading(1.5, "arm", 1, None, None, 45.0, 0.1, flags=("force-unobservable",)),
-            "1.500 s arm: unknown N at 45.00 +- 0.10 mm (force-unobservable)",
+            "1.500 s arm: unknown N at 45.00 +- 0.20 mm (force-unobservable)",
         ),
         (
             SurfaceReading(1.5, "skin", 1, 4.0, 0.1, 45.0, 0.2, y_mm=12.0, y_std_mm=0.4),
-            "1.500 s skin: 4.00 +- 0.10 N at x 45.00 +- 0.20 mm, y 12.00 +- 0.40 mm",
+            "1.500 s skin: 4.00 +- 0.20 N at x 45.00 +- 0.40 mm, y 12.00 +- 0.80 mm",
         ),
     ],
 )

@@ -107,7 +107,7 @@ class GaugeComparison:
     def __str__(self) -> str:
         r = self.report()
         lines = [
-            f"offset          {r['offset_s']:.4f} +- {r['offset_std_s']:.4f} s (time of the "
+            f"offset          {r['offset_s']:.4f} +- {2 * r['offset_std_s']:.4f} s (time of the "
             f"gauge at time 0 of the readings; correlation {r['correlation']:.3f})",
             f"gauge           zero {r['gauge_zero_n']:.3f} N, subtracted"
             + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else ""),
