@@ -160,7 +160,8 @@ def _run_library(capture, scene, on_reading):
 def _show(readings, truth):
     """Print each stretch of untouched readings in a line, and every third reading of a press."""
     rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
-    click.echo("\n     time (s)      force (N)  truth     location (mm)  truth    flags    (+-: two standard deviations)")
+    click.echo("\n+-: two standard deviations")
+    click.echo("     time (s)      force (N)  truth     location (mm)  truth    flags")
     for (touch, flags), alike in groupby(
         readings, lambda each: (each.touch, () if each.touch else each.flags)
     ):

@@ -565,8 +565,8 @@ def propose_clocks(
     at least two bins apart, a bin being the inverse of the length of a phase group; 1.5 bins or one
     where nothing else fits. When so many do not fit, an InputError states how many do.
 
-    Candidates are ``near_hz`` and multiples of 5 Hz, or of half a bin where that is less. As far as the distances
-    of lines decide, as many tags as can be found among them are found.
+    Candidates are ``near_hz`` and multiples of 5 Hz, or of half a bin where that is less. As far as
+    the distances of lines decide, as many tags as can be found among them are found.
     """
     settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)

@@ -132,8 +132,8 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
         done = run_command("calibrate", tmp_path / "vna.csv", "-o", path, *options)
         first = done.stdout.splitlines()[0]
         assert re.match(
-            r"verdict: 0\.\d+ N \(at most 0\.\d+\) and [\d.]+ mm \(at most [\d.]+\) between \d+ and "
-            r"\d+ mm, ",
+            r"verdict: 0\.\d+ N \(at most 0\.\d+\) and [\d.]+ mm \(at most [\d.]+\) between "
+            r"\d+ and \d+ mm, ",
             first,
         )
         assert f"limited by {limit} (" in first
