@@ -30,4 +30,7 @@ def main(capture, scene, output):
 if __name__ == "__main__":
     if len(sys.argv) != 4:
         sys.exit("usage: read_recording.py CAPTURE SCENE READINGS.csv")
-    main(*sys.argv[1:])
+    try:
+        main(*sys.argv[1:])
+    except ValueError as error:  # no such capture, or not of this scene: a sentence says which
+        sys.exit(str(error))

@@ -11,7 +11,7 @@ The same as record_uhd.grc, without a window:
 import sys
 
 from gnuradio import gr, wiforce
-from live_uhd import run
+from live_uhd import run, usrp_of
 
 
 def main(device, scene, name):
@@ -24,7 +24,7 @@ def main(device, scene, name):
         item_type="sc16",
         fields={"core:hw": device},
     )
-    flowgraph.connect(wiforce.usrp(scene, device), recorder)
+    flowgraph.connect(usrp_of(scene, device), recorder)
     run(flowgraph)
 
 

@@ -24,7 +24,10 @@ def main(device, scene):
         item_type="sc16",
     )
     stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
-    transmitter = uhd.usrp_sink(device, stream)
+    try:
+        transmitter = uhd.usrp_sink(device, stream)
+    except (RuntimeError, LookupError) as error:
+        sys.exit(f"no USRP answers to {device!r}: {error}")
     transmitter.set_samp_rate(scene.radio.sample_rate_hz)
     transmitter.set_center_freq(scene.radio.center_frequency_hz)
     transmitter.set_gain(GAIN_DB)

@@ -12,7 +12,7 @@ from functools import partial
 from threading import Lock
 
 from gnuradio import gr, wiforce
-from live_uhd import run
+from live_uhd import run, usrp_of
 
 printing = Lock()
 
@@ -27,7 +27,7 @@ def main(*devices_and_scenes):
     flowgraph = gr.top_block("two_readers_uhd", catch_exceptions=False)
     for device, scene in zip(devices_and_scenes[::2], devices_and_scenes[1::2], strict=True):
         reader = wiforce.reader(scene, input_type="sc16", on_reading=partial(show, device))
-        flowgraph.connect(wiforce.usrp(scene, device), reader)
+        flowgraph.connect(usrp_of(scene, device), reader)
     run(flowgraph)
 
 

@@ -81,6 +81,24 @@ def test_flowgraph_compiles_and_is_documented(generated, path):
     assert (HEADLESS / f"{path.stem}.py").is_file()
 
 
+def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
+    """Who runs it before the radio is connected would look for a fault in generated Python."""
+    command = [sys.executable, compiled[0] / "live_uhd.py"]
+    command += ["--device", "type=usrp2,addr=127.255.255.254"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("device: must be a USRP that answers (")
+
+
+def test_read_recording_of_another_scene_ends_with_one_sentence(capture, tmp_path):
+    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], "demo"]
+    done = subprocess.run(
+        [*command, tmp_path / "out.csv"], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
+    assert "sample rate must be radio.sample_rate_hz of the scene" in done.stderr
+
+
 def overlap(first, second):
     """Whether two boxes (left, top, right, bottom) have common points."""
     return all(first[i] < second[i + 2] and second[i] < first[i + 2] for i in (0, 1))

@@ -105,8 +105,8 @@ class usrp(Kept, gr.hier_block2):
             absent = "No devices found" in text
             reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
             rule = (
-                f"must be a USRP that answers ({reason}); a B210 needs `uhd_images_downloader` "
-                "once; without a USRP, run `gr-wiforce emulate`"
+                f"must be a USRP that answers ({reason}): `uhd_find_devices` lists those that do, "
+                "a B210 needs `uhd_images_downloader` once, and `gr-wiforce emulate` stands in"
             )
             # The trace of UHD's own error would hide this sentence.
             raise InputError("device", rule, device) from None
