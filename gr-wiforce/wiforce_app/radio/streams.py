@@ -199,7 +199,7 @@ class RadioStreams:
         else:
             for antenna in range(antennas):
                 self._reception.connect((radio.source, antenna), (self._sender, antenna))
-        self._received, self._sent = _Progress(), _Progress()
+        self._received, self._sent = Progress(), Progress()
         self._ended_before = False
         self._reported_s = 0.0
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))
@@ -297,21 +297,30 @@ class RadioStreams:
         self._transmission.wait()
 
 
-class _Progress:
-    """How long a count has not changed."""
+class Progress:
+    """How long a count has not changed while this process ran.
 
-    def __init__(self):
-        self._count, self._changed_s = None, 0.0
+    A process that was stopped, or a machine that is too busy to run it, says nothing of a device:
+    of the time since the last look, ten looks count at most.
+    """
 
-    def still_s(self, count):
+    def __init__(self, now: Callable[[], float] = time.monotonic):
+        self._now = now
+        self._count: int | None = None
+        self._still_s, self._looked_s = 0.0, now()
+
+    def still_s(self, count: int) -> float:
+        """Seconds since the count was another one, or :meth:`moved` was called."""
+        passed_s, self._looked_s = self._now() - self._looked_s, self._now()
         if count != self._count:
             self._count = count
             self.moved()
-            return 0.0
-        return time.monotonic() - self._changed_s
+        else:
+            self._still_s += min(passed_s, 10 * _LOOK_S)
+        return self._still_s
 
-    def moved(self):
-        self._changed_s = time.monotonic()
+    def moved(self) -> None:
+        self._still_s = 0.0
 
 
 def _clock_of(radio, sender, rate_hz):

@@ -7,6 +7,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, uhd
 from long_cases import cases
+from wiforce_app.radio.streams import Progress
 
 RATE = 12.5e6
 DELAY = 64  # samples at RATE: the default delay of the device
@@ -224,3 +225,16 @@ def test_device_time_set_at_the_next_pulse_per_second(software_usrp):
     last = host.source.get_time_last_pps().get_real_secs()
     now = host.source.get_time_now().get_real_secs()
     assert last == round(last) and 100 <= last <= now < last + 1
+
+
+def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
+    """After `kill -STOP`, or on a busy machine, a reader ended although all was well."""
+    now = [0.0]
+    progress = Progress(lambda: now[0])
+    progress.still_s(7)
+    found = []
+    for passed_s in (0.02, 0.02, 6.0, 0.02):
+        now[0] += passed_s
+        found.append(progress.still_s(7))
+    assert found == pytest.approx([0.02, 0.04, 0.24, 0.26])
+    assert progress.still_s(8) == 0
