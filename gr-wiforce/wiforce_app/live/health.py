@@ -127,7 +127,18 @@ class RunHealth:
         if not tag.silent and reading.time_s - since_s - tag.lost_s > _SILENT_S:
             tag.silent = True
             text = f"{reading.sensor} is not received since {since_s:.2f} s"
-            self._events.append(f"{text}; its readings are empty until it returns")
+            cause = self._never_received() if tag.received_s is None else ""
+            self._events.append(f"{text}; its readings are empty until it returns{cause}")
+
+    def _never_received(self):
+        """What the survey of the room suggests of a tag that was never received."""
+        others = [f"{clock.clock_hz:.6g} Hz" for clock in self._stream.plan.others]
+        if not others:
+            return " (is the tag on, and clock_hz its clock?)"
+        return (
+            f" (on the air is a clock of {' and '.join(others)}, which the scene does not list: "
+            "is it the scene of what is received?)"
+        )
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
 from gnuradio.wiforce.press.evidence import Suspicion
 from gnuradio.wiforce.press.sensor_state import RETUNED
@@ -34,6 +35,7 @@ class Run:
                 group_period_s=0.05,
                 sensors=[sensor],
                 skin=None,
+                others=(),
                 require_scene=lambda: SimpleNamespace(path=Path("arm_scene.yaml")),
             ),
         )
@@ -92,6 +94,21 @@ def test_health_says_when_a_tag_goes_silent_and_returns(run, problem, words):
     assert run.read(0.1)[0] == "reading"
     assert run.said[1].startswith("arm is received again at 5.00 s, after 3.0 s; ")
     assert words in run.said[1] and len(run.said) == 2
+
+
+@pytest.mark.parametrize(
+    "others, words",
+    [
+        ([], "(is the tag on, and clock_hz its clock?)"),
+        ([TagClock(1035.04)], "a clock of 1035.04 Hz, which the scene does not list: is it the sc"),
+    ],
+)
+def test_health_says_why_a_tag_was_never_received(run, others, words):
+    """With the scene of another device all readings were weak, without a word why."""
+    run.stream.plan.others = others
+    run.read(1.2, touch=None)
+    (said,) = run.said
+    assert said.startswith("arm is not received since 0.10 s") and words in said
 
 
 def test_health_names_a_suspicion_once(run):
