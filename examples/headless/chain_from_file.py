@@ -4,10 +4,8 @@
 
 The same as chain_from_file.grc, without a window:
 
-    gr-wiforce simulate tabletop press
-    chain_from_file.py press.sigmf-data readings.csv
-
-Two words that follow are the scene and the type of raw samples: demo ci16_le.
+    build/run gr-wiforce simulate tabletop press
+    build/run python3 examples/headless/chain_from_file.py press readings.csv
 """
 
 import sys
