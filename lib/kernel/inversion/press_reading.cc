@@ -131,7 +131,8 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     found.touch = by_state[press_filter::untouched] <= 0.5;
     if (by_state[press_filter::mixed] > d_limits.doubt)
         found.flags |= d_bits.transition;
-    if (by_state[press_filter::unexplained] > d_limits.doubt)
+    const bool unexplained = by_state[press_filter::unexplained] > d_limits.doubt;
+    if (unexplained)
         found.flags |= d_bits.inconsistent;
     if (std::max(either, doubtful) > d_limits.doubt)
         found.flags |= d_bits.ambiguous;
@@ -147,7 +148,9 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.inconsistent;
     if (larger > d_limits.weak_phase_deg)
         found.flags |= d_bits.weak;
-    found.clear = !found.flags;
+    // What no press explains has a wide deviation, and may show why (press/evidence.py).
+    found.clear = !of.flags && !(found.flags &
+                                 ~(unexplained ? d_bits.inconsistent | d_bits.weak : 0));
     if (wanted && found.touch == 1) {
         invert(of, found, work);
         if (!(found.force_std_n <= d_limits.weak_force_n))

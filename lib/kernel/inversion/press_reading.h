@@ -64,7 +64,7 @@ public:
     };
 
     //! NaN is unknown. `level` is R against the untouched line, `clear` whether nothing
-    //! but the inversion flags the group.
+    //! flags the group but the inversion, or that no press explains it.
     struct reading {
         int touch; // 1, 0 or, where it is unknown, -1
         pair phases_deg, std_deg;

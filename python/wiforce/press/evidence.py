@@ -155,7 +155,8 @@ class PressEvidence:
     ) -> Array:
         """Take the readings of a batch: R against the untouched sensor, phases and their standard
         deviations in degrees, (G, 2); touch decisions, whether no stage before the inversion flags
-        the group, and whether no calibrated press causes its phases, (G,).
+        the group except that no press explains it, and whether no calibrated press causes its
+        phases, (G,).
 
         Gives the groups that are touched while the sensor is ``contradicted``; bool, shape (G,).
         """
