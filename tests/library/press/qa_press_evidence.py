@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.press.evidence import PressEvidence
+from gnuradio.wiforce.receiver.captures import simulate
+from gnuradio.wiforce.scene import load_scene
 from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
 
 PERIOD_S = 0.036
@@ -147,3 +150,16 @@ def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):
     assert kept < 2e6  # 10 000 readings take five times as much
     evidence, _ = judged(model, ratios, touch, batch=500)
     assert [each.kind for each in evidence.suspicions] == (["swapped ends"] if line.lean else [])
+
+
+def test_read_hints_at_an_off_state_that_no_press_explains(tmp_path):
+    """From .2 on all readings are too vague to use, which alone names no cause."""
+    shipped = load_scene("tabletop")
+    (sensor,) = shipped.as_dict()["sensors"]
+    simulate(
+        shipped.as_dict() | {"sensors": [sensor | {"off_reflection": [0.3, 0.0]}]},
+        tmp_path / "press",
+    )
+    done = run_command("read", tmp_path / "press", "--scene", "tabletop", "-o", tmp_path / "p.csv")
+    assert done.returncode == 0
+    assert "the amplitude of end 1 changes as with an off state of 0.30 instead of 0.00" in done.stderr
