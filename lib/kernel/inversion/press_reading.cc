@@ -149,8 +149,8 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     if (larger > d_limits.weak_phase_deg)
         found.flags |= d_bits.weak;
     // What no press explains has a wide deviation, and may show why (press/evidence.py).
-    found.clear = !of.flags && !(found.flags &
-                                 ~(unexplained ? d_bits.inconsistent | d_bits.weak : 0));
+    found.clear = !of.flags &&
+                  !(found.flags & ~(unexplained ? d_bits.inconsistent | d_bits.weak : 0));
     if (wanted && found.touch == 1) {
         invert(of, found, work);
         if (!(found.force_std_n <= d_limits.weak_force_n))
