@@ -162,4 +162,6 @@ def test_read_hints_at_an_off_state_that_no_press_explains(tmp_path):
     )
     done = run_command("read", tmp_path / "press", "--scene", "tabletop", "-o", tmp_path / "p.csv")
     assert done.returncode == 0
-    assert "the amplitude of end 1 changes as with an off state of 0.30 instead of 0.00" in done.stderr
+    assert (
+        "the amplitude of end 1 changes as with an off state of 0.30 instead of 0.00" in done.stderr
+    )
