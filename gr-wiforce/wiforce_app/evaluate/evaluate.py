@@ -55,8 +55,7 @@ def scenes(scenes, folder, jobs, scheduler, fresh):
 @click.option(
     "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
 )
-@click.option("--all", "in_full", is_flag=True, help="Print the other forms of the curves as well.")
-def paper(output, in_full):
+def paper(output):
     """Score the models on the paper's wireless trials, and print its other series."""
     if output is not None:
         check_output(output)
@@ -64,15 +63,11 @@ def paper(output, in_full):
     presses = published.published_presses()
     with progress("evaluating", published.models_scored()) as step:
         scores = published.score_presses(vna, presses, step)
-    forms = {
-        frequency: published.chosen_form(published.read_vna_csv(vna, frequency))
-        for frequency in published.FREQUENCIES_HZ
-    }
     if output is not None:
         _write_scores(output, scores)
     for frequency in published.FREQUENCIES_HZ:
         own = [score for score in scores if score.press.frequency_hz == frequency]
-        _print_frequency(frequency, own, forms[frequency], in_full)
+        _print_frequency(frequency, own)
     for line in series_lines():
         click.echo(line)
     click.echo("Limits of these data")
@@ -80,50 +75,45 @@ def paper(output, in_full):
         click.echo(f"- {limit}")
 
 
-def _print_frequency(frequency, scores, form, in_full):
+def _print_frequency(frequency, scores):
     force, location = published.CLAIMS[frequency]
     presses = len({id(score.press) for score in scores})
     click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
     click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
-    click.echo(f"curves chosen by cross-validation on the VNA data: {form} (marked *)")
+    click.echo(f"curves chosen by cross-validation on the VNA data: {scores[0].form}")
     click.echo()
     errors = f"{'median':>7}{'95 %':>12}{'90th':>8}"
     click.echo(f"{'pooled':40}{'force error (N)':^28}{'location error (mm)':^28}")
     click.echo(f"{'model, method':40}{errors} {errors}{'n':>6}{'in 2 sigma':>11}")
-    forms = sorted({score.form for score in scores}, key=lambda name: (name != form, name))
-    forms = forms if in_full else [form]
     for refined in (False, True):
         click.echo(_title(refined))
-        for name in forms:
-            for method in published.METHODS:
-                label = f" {'*' if name == form else ' '}{name}, {method}"
-                own = _select(scores, name, refined, method)
-                click.echo(f"{label:40}" + _row(own))
-                if method == "single reading":
-                    label = f"  {name}, {method}, not {published.UNOBSERVABLE_MM:g} mm"
-                    away = [s for s in own if s.press.location_mm != published.UNOBSERVABLE_MM]
-                    click.echo(f"{label:40}" + _row(away))
+        for method in published.METHODS:
+            own = _select(scores, refined, method)
+            click.echo(f"  {method:38}" + _row(own))
+            if method == "single reading":
+                label = f"{method}, not {published.UNOBSERVABLE_MM:g} mm"
+                away = [s for s in own if s.press.location_mm != published.UNOBSERVABLE_MM]
+                click.echo(f"  {label:38}" + _row(away))
     click.echo()
-    for name in forms:
-        _print_presses(scores, name)
+    _print_presses(scores)
 
 
 def _title(refined):
     return "VNA and one wireless press per location" if refined else "VNA alone"
 
 
-def _print_presses(scores, form):
+def _print_presses(scores):
     """Print median/90th percentile of the errors, by location and trial."""
     heads = "".join(f"{method:^26}" for method in published.METHODS)
-    click.echo(f"{form + ', median/90th':24}{heads}")
+    click.echo(f"{'median/90th':24}{heads}")
     click.echo(f"{'':24}" + f"{'N':^13}{'mm':^13}" * len(published.METHODS))
     for refined in (False, True):
         click.echo(_title(refined))
-        for first in _select(scores, form, refined, published.METHODS[0]):
+        for first in _select(scores, refined, published.METHODS[0]):
             press = first.press
             cells = ""
             for method in published.METHODS:
-                score = next(s for s in _select(scores, form, refined, method) if s.press is press)
+                score = next(s for s in _select(scores, refined, method) if s.press is press)
                 cells += f"{_pair(score.force_error):^13}"
                 location = "known" if method == "location known" else _pair(score.location_error)
                 cells += f"{location:^13}"
@@ -136,12 +126,8 @@ def _pair(errors):
     return f"{np.median(errors):.2f}/{np.quantile(errors, 0.9):.2f}"
 
 
-def _select(scores, form, refined, method):
-    return [
-        score
-        for score in scores
-        if (score.form, score.refined, score.method) == (form, refined, method)
-    ]
+def _select(scores, refined, method):
+    return [score for score in scores if (score.refined, score.method) == (refined, method)]
 
 
 def _row(scores):

@@ -14,7 +14,6 @@ from gnuradio.wiforce.calibration.refine import refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import PressTracker, smooth_press
-from gnuradio.wiforce.sensor.curves import FORMS
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from .causes import FOLDER
@@ -114,41 +113,33 @@ def published_presses():
     return [press for name in files for press in read_presses(FOLDER / name)]
 
 
-def chosen_form(table):
-    """The form of the curves that VNA data choose: see ``auto-beyond`` of :func:`calibrate`."""
-    return _bench_model(table, "auto-beyond").form
-
-
-def _bench_model(table, form):
+def bench_model(table):
+    """The model of VNA data, whose curves have the form that these choose."""
     name = f"paper-{table.frequency_hz[0] / 1e6:g}mhz"
-    return calibrate(table, name, 80.0, form, ONSET_FORCE_N, location_steps="given")
+    return calibrate(table, name, 80.0, "auto-beyond", ONSET_FORCE_N, location_steps="given")
 
 
-def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
-    """Every model and method on every press.
-
-    ``progress``: called with 1 after each model; ``forms``: forms of the curves.
-    """
+def score_presses(vna_path, presses, progress=lambda steps: None):
+    """Every model and method on every press; ``progress`` is called with 1 after each model."""
     scores = []
     for frequency in FREQUENCIES_HZ:
         table = read_vna_csv(vna_path, frequency)
         own = [press for press in presses if press.frequency_hz == frequency]
-        for form in forms:
-            bench = _bench_model(table, form)
-            for trial, learnt_from in LEARNT_FROM.items():
-                other = [press for press in own if press.trial == learnt_from]
-                scored = [press for press in own if press.trial == trial]
-                for refined in (False, True):
-                    model = refine(bench, _taps(other)) if refined else bench
-                    std = model.noise_deg() if refined else _scatter(bench, other)
-                    scores += _score_model(model, std, scored, form, refined)
-                    progress(1)
+        bench = bench_model(table)
+        for trial, learnt_from in LEARNT_FROM.items():
+            other = [press for press in own if press.trial == learnt_from]
+            scored = [press for press in own if press.trial == trial]
+            for refined in (False, True):
+                model = refine(bench, _taps(other)) if refined else bench
+                std = model.noise_deg() if refined else _scatter(bench, other)
+                scores += _score_model(model, std, scored, bench.form, refined)
+                progress(1)
     return scores
 
 
 def models_scored():
     """How often :func:`score_presses` calls ``progress``."""
-    return len(FREQUENCIES_HZ) * len(FORMS) * len(LEARNT_FROM) * 2
+    return len(FREQUENCIES_HZ) * len(LEARNT_FROM) * 2
 
 
 def _scatter(model, presses):

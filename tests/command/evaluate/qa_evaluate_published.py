@@ -28,7 +28,7 @@ FORM = "power"
 @pytest.fixture(scope="module")
 def scores():
     presses = published.published_presses()
-    return published.score_presses(FOLDER / "vna.csv", presses, forms=(FORM,))
+    return published.score_presses(FOLDER / "vna.csv", presses)
 
 
 def pooled(scores, frequency, method, refined=False, trials="123", without_mm=None):
@@ -80,7 +80,7 @@ def test_results_page_states_the_errors_of_the_published_trials(scores):
 
 @pytest.mark.parametrize("frequency", published.FREQUENCIES_HZ)
 def test_the_form_is_chosen_without_the_trials(frequency):
-    assert published.chosen_form(read_vna_csv(FOLDER / "vna.csv", frequency)) == FORM
+    assert published.bench_model(read_vna_csv(FOLDER / "vna.csv", frequency)).form == FORM
 
 
 @pytest.mark.parametrize("frequency, count, limit", [(900e6, 121, 0.57), (2400e6, 142, 0.40)])
@@ -153,7 +153,7 @@ def test_a_trial_is_never_scored_with_what_was_learnt_from_it(monkeypatch):
 
     monkeypatch.setattr(published, "refine", spied_refine)
     monkeypatch.setattr(published, "_scatter", spied_scatter)
-    scores = published.score_presses(FOLDER / "vna.csv", presses, forms=(FORM,))
+    scores = published.score_presses(FOLDER / "vna.csv", presses)
     read = [score.press.trial for score in scores[:: len(published.METHODS)]]
     assert read == ["1", "1", "2", "2", "3", "3"]
     assert learnt == [{"2"}, {"2"}, {"1"}, {"1"}, {"2"}, {"2"}]
