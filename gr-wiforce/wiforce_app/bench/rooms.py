@@ -13,7 +13,6 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.report import changes_of, skipped_of
-from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -58,14 +57,12 @@ class RoomCase:
         scene = load_scene(self.scene)
         number = zlib.crc32(repr((seed, Path(self.scene).name, run)).encode())
         scene = replace(scene, simulation=replace(scene.simulation, seed=number))
-        settings = plan(scene)
         with tempfile.TemporaryDirectory() as folder:
             simulate(scene, Path(folder) / "capture")
             truth = with_mean_phases(scene, read_truth(f"{folder}/capture.truth.csv"))
             capture = open_capture(Path(folder) / "capture")
             return {
-                name: _result(scene, read_room(capture, settings, name == "surveyed"), truth)
-                for name in self.estimators
+                name: _read(scene, capture, name == "surveyed", truth) for name in self.estimators
             }
 
     def summarise(self, estimator, results):
@@ -78,46 +75,20 @@ def room_cases(full=False):
     return [RoomCase(scene, _FULL_RUNS if full else _RUNS) for scene in ROOMS]
 
 
-@dataclass(frozen=True)
-class RoomReading:
-    """What reading a capture gave, by which plan, and the processor time that it took.
-
-    The times are those until the first group (search of frames and, where wanted, the survey),
-    from samples to tones, and from tones to readings.
-    """
-
-    readings: list
-    plan: object
-    start_s: float
-    samples_s: float
-    groups_s: float
-
-
-def read_room(recording, settings, survey):
-    """Read a recording by the plan of its scene, one step after the other."""
-    began = time.process_time()
-    reader = RecordingReader(recording, settings, frame_offset=0, survey=survey)
-    started = time.process_time()
-    batches = [reader.source.read()]
-    while len(batches[-1]):
-        batches.append(reader.source.read())
-    folded = time.process_time()
-    receiver = Receiver(reader.plan)
-    readings = [reading for batch in batches for reading in receiver.process(batch)]
-    readings += receiver.finish(reader.groups)
-    ended = time.process_time()
-    return RoomReading(readings, reader.plan, started - began, folded - started, ended - folded)
-
-
-def _result(scene, found, truth):
+def _read(scene, recording, survey, truth):
     """One run: errors of the groups whose neighbours are touched as well.
 
     Columns of ``errors`` and ``std`` are force (N) and location (mm).
     """
+    settings, began = plan(scene), time.process_time()
+    reader = RecordingReader(recording, settings, frame_offset=0, survey=survey)
+    started = time.process_time()
+    readings = [reading for batch in reader for reading in batch]
+    ended = time.process_time()
     steady = {round(row["time_s"], 4): row for row in steady_rows(truth)}
     read = [
         (reading, steady[round(reading.time_s, 4)])
-        for reading in found.readings
+        for reading in readings
         if round(reading.time_s, 4) in steady and reading.force_n is not None
     ]
     phases = [
@@ -125,7 +96,6 @@ def _result(scene, found, truth):
     ]
     phases = wrap_deg(np.reshape(phases, (-1, 2)) - calibration_bias_deg(scene, 0))
     errors = [[r.force_n - row["force_n"], r.location_mm - row["location_mm"]] for r, row in read]
-    settings = plan(scene)
     return {
         "phase_deg": phases,
         "errors": np.reshape(errors, (-1, 2)),
@@ -133,10 +103,10 @@ def _result(scene, found, truth):
         "flagged": np.array([bool(r.flags) for r, _ in read], bool),
         "unread": len(steady) - len(read),
         "bound_deg": np.array(expect(settings)[0].phase_std_deg),
-        "added": changes_of(settings, found.plan),
-        "skipped": skipped_of(found.plan),
-        "start_s": found.start_s,
-        "cpu_s": found.samples_s + found.groups_s,
+        "added": changes_of(settings, reader.plan),
+        "skipped": skipped_of(reader.plan),
+        "start_s": started - began,
+        "cpu_s": ended - started,
         "signal_s": scene.simulation.duration_s,
     }
 

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce evaluate``: errors against the truth and against the figures of the paper."""
 
-import csv
 from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.text.textfile import check_output
+from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
 from ..shell.options import scene_names, worker_options
 from ..shell.progress import progress
@@ -152,30 +150,26 @@ def _errors(errors, width=8):
 
 
 def _write_scores(path, scores):
-    header = (
-        "freq_mhz,form,wireless_calibration,method,location_mm,trial,force_n,"
-        "estimated_force_n,force_std_n,estimated_location_mm,location_std_mm,flags"
-    )
-    try:
-        with open(path, "w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(header.split(","))
-            for score in scores:
-                _write_score(writer, score)
-    except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror})") from error
+    """Every reading of the scored presses beside what was applied."""
+    import pandas
 
-
-def _write_score(writer, score):
-    press = score.press
-    start = [f"{press.frequency_hz / 1e6:g}", score.form, int(score.refined), score.method]
-    start += [f"{press.location_mm:g}", press.trial]
-    columns = (
-        press.force_n,
-        score.force_n,
-        score.force_std_n,
-        score.location_mm,
-        score.location_std_mm,
-    )
-    for *numbers, flags in zip(*columns, score.flags, strict=True):
-        writer.writerow([*start, *(f"{number:.4f}" for number in numbers), " ".join(flags)])
+    frames = [
+        pandas.DataFrame(
+            {
+                "freq_mhz": f"{score.press.frequency_hz / 1e6:g}",
+                "form": score.form,
+                "wireless_calibration": int(score.refined),
+                "method": score.method,
+                "location_mm": f"{score.press.location_mm:g}",
+                "trial": score.press.trial,
+                "force_n": score.press.force_n,
+                "estimated_force_n": score.force_n,
+                "force_std_n": score.force_std_n,
+                "estimated_location_mm": score.location_mm,
+                "location_std_mm": score.location_std_mm,
+                "flags": [" ".join(flags) for flags in score.flags],
+            }
+        )
+        for score in scores
+    ]
+    write_whole(path, pandas.concat(frames).to_csv(index=False, float_format="%.4f"))

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.estimation.room.survey import average_spectrum
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
@@ -31,7 +30,7 @@ def run(scene_name, work_folder):
 
     Returns dict: plain values for JSON. Per sensor: the errors of this receiver, of the paper's
     method as published and with the constant clock offset removed, the errors that the plan
-    expects, and for pictures the readings and the Doppler spectrum. ``causes``: errors of both with
+    expects, and for pictures the readings and the truth. ``causes``: errors of both with
     each disturbance that explains a published figure (see `causes`). Phase errors compare the
     change since the untouched state with the mean reflection of the group. Calibration errors of
     the untouched phases and changes of the force within a group are therefore part of the force and
@@ -39,7 +38,6 @@ def run(scene_name, work_folder):
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):
-        hz, level_db = average_spectrum(channels, scene.snapshot_period_s)
         sensors, readings = _read(scene, recording, truth, channels)
     return {
         "scene": str(scene_name),
@@ -49,7 +47,6 @@ def run(scene_name, work_folder):
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
         "causes": _causes(scene_name, scene, sensors[0], work_folder),
-        "spectrum": {"hz": hz.round(2).tolist(), "db": level_db.round(2).tolist()},
     }
 
 
@@ -133,8 +130,8 @@ def _sensor(scene, index, readings, changes, truth, expected):
             "force_n": expected.force_error_n,
             "location_mm": expected.location_error_mm,
         },
-        "readings": [[r.time_s, r.touch, r.force_n, r.location_mm, bool(r.flags)] for r in own],
-        "truth": [[r["time_s"], r["touch"], r["force_n"], r["location_mm"]] for r in rows],
+        "readings": [reading.row() for reading in own],
+        "truth": rows,
     }
 
 

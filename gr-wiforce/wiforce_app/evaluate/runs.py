@@ -16,6 +16,9 @@ from ..shell.workers import run_tasks
 from .causes import other_causes, paper_figures
 from .report import cause_table, table, write_report
 
+# Of the stored results; those of another one are computed again.
+_FORMAT = 2
+
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     """Run the scenes without a stored result, and write ``report.md`` and a picture per scene.
@@ -35,7 +38,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
         if load_scene(name).packets is not None:
             raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
     fingerprints = {
-        name: fingerprint(load_scene(name), other_causes(str(name)), simulated=True)
+        name: fingerprint(load_scene(name), other_causes(str(name)), _FORMAT, simulated=True)
         for name in names
     }
     inputs = [file for name in names for file in load_scene(name).files]

@@ -316,27 +316,3 @@ def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Wavef
             apart = np.maximum(np.abs(bins - center) - reach, 0)
             own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
     return own
-
-
-_LENGTH = 5000  # snapshots per section
-_KAISER_BETA = 14  # side lobes below -100 dB, so that a strong static path hides no line
-
-
-def average_spectrum(channel: Array, snapshot_period_s: float) -> tuple[Array, Array]:
-    """Power over Doppler frequency, averaged over subcarriers and sections (Welch's method).
-
-    From channels (N, K) of consecutive snapshots: frequencies from minus to plus half their rate
-    and levels in dB (5000,), in which a line of amplitude 1 has 0 dB. Both are empty for fewer than
-    5000 snapshots.
-    """
-    sections = len(channel) // _LENGTH
-    if not sections:
-        return np.zeros(0), np.zeros(0)
-    window = np.kaiser(_LENGTH, _KAISER_BETA)[:, None]
-    power = np.zeros(_LENGTH)
-    # Section by section, since the transform of all of them would need several times the memory.
-    for section in channel[: sections * _LENGTH].reshape(sections, _LENGTH, -1):
-        lines = np.fft.fft(section * window, axis=0) / window.sum()
-        power += np.mean(np.abs(lines) ** 2, axis=1) / sections
-    frequency_hz = np.fft.fftshift(np.fft.fftfreq(_LENGTH, snapshot_period_s))
-    return frequency_hz, np.fft.fftshift(10 * np.log10(np.maximum(power, 1e-30)))
