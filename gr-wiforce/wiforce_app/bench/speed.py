@@ -90,9 +90,9 @@ def _run(clock):
         _task.extend(reference)
     chain = CHAINS[row.chain](recording, row.weights)
     seconds = _timed(chain.run, clock)
-    for tones in chain.tones:
+    if (tones := chain.tones) is not None:
         _check(tones, *reference)
-    return max(1, len(chain.tones)) * recording.samples / seconds / 1e6
+    return recording.samples / seconds / 1e6
 
 
 def _peak_memory_mb():

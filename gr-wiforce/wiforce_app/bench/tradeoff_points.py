@@ -170,7 +170,7 @@ class _SceneRun:
                 spent, _ = _timed(flowgraph.run)
                 _least(samples_s, setting.name, spent)
                 receiver = Receiver(setting.plan, derotated=setting.order in _ROTATED)
-                tones = flowgraph.tones[0][:, :, setting.plan.waveform.bins]
+                tones = flowgraph.tones[:, :, setting.plan.waveform.bins]
                 spent, read = _timed(_readings, receiver, tones)
                 _least(groups_s, _group_work(setting), spent)
                 readings[setting.name] = read

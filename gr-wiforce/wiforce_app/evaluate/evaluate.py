@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.errors import unwritable
 from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
 from ..shell.options import scene_names, worker_options
@@ -172,4 +173,7 @@ def _write_scores(path, scores):
         )
         for score in scores
     ]
-    write_whole(path, pandas.concat(frames).to_csv(index=False, float_format="%.4f"))
+    try:
+        write_whole(path, pandas.concat(frames).to_csv(index=False, float_format="%.4f"))
+    except OSError as error:
+        raise unwritable(path, error) from error

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce score``: readings compared with the record of a force gauge."""
 
-import csv
-import io
 import json
 from pathlib import Path
 
@@ -120,13 +118,12 @@ def _rows(capture, scene_path, datatype):
 
 
 def _write(path, found):
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    columns = (getattr(found, name) for name in _COLUMNS)
-    for time_s, *values in zip(*columns, strict=True):
-        writer.writerow([round(float(time_s), 9), *(f"{value:.4f}" for value in values)])
+    import pandas
+
+    frame = pandas.DataFrame({name: getattr(found, name) for name in _COLUMNS})
+    # Times are joined with those of other files.
+    frame["time_s"] = frame["time_s"].round(9).astype(str)
     try:
-        write_whole(path, text.getvalue())
+        write_whole(path, frame.to_csv(index=False, float_format="%.4f"))
     except OSError as error:
         raise unwritable(path, error) from error

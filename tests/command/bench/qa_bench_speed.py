@@ -39,8 +39,7 @@ def test_every_chain_gives_the_tones_of_the_plain_reference(recording, name):
     made = CHAINS[name](recording, weights)
     made.run()
     reference = reference_tones(recording, weights)
-    (tones,) = made.tones
-    _check(tones, reference)
+    _check(made.tones, reference)
 
 
 def test_tones_that_are_off_are_refused(recording):

@@ -29,14 +29,11 @@ def chain(name, **settings):
 
 
 class Flowgraph:
-    """A flowgraph that is run once.
-
-    ``tones`` then holds (groups, M, 64) of each capture that it read.
-    """
+    """A flowgraph that is run once."""
 
     def __init__(self):
         self.top = gr.top_block()
-        self._captures = []
+        self._sinks = []
 
     def row(self, *chain):
         """Connects blocks in a row, of which the last one gives the tones."""
@@ -44,26 +41,24 @@ class Flowgraph:
         self.end(chain[-1])
         self._kept = chain  # Python blocks are freed when no name refers to them
 
-    def end(self, *blocks_of_capture):
-        """Ends a capture's chain, or its chains of some rows each."""
-        sinks = []
-        for block in blocks_of_capture:
+    def end(self, *blocks_of_rows):
+        """Ends the chain, or its chains of some rows each."""
+        for block in blocks_of_rows:
             length = block.output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
-            sinks.append((blocks.vector_sink_c(length), length // 64))
-            self.top.connect(block, sinks[-1][0])
-        self._captures.append(sinks)
+            self._sinks.append((blocks.vector_sink_c(length), length // 64))
+            self.top.connect(block, self._sinks[-1][0])
 
     def run(self):
         self.top.run()
 
     @property
     def tones(self):
-        captures = []
-        for sinks in self._captures:
-            parts = [np.array(s.data(), np.complex64).reshape(-1, m, 64) for s, m in sinks]
-            groups = min(map(len, parts))
-            captures.append(np.concatenate([part[:groups] for part in parts], axis=1))
-        return captures
+        """(groups, M, 64), or None of a chain without."""
+        if not self._sinks:
+            return None
+        parts = [np.array(s.data(), np.complex64).reshape(-1, m, 64) for s, m in self._sinks]
+        groups = min(map(len, parts))
+        return np.concatenate([part[:groups] for part in parts], axis=1)
 
 
 def sample_type(recording, item_type):
@@ -109,7 +104,7 @@ class StreamedTones:
 
     @property
     def tones(self):
-        return [np.array(self._sink.tones)]
+        return np.array(self._sink.tones)
 
 
 @chain("stream-fc32", item_type="fc32")
@@ -168,13 +163,12 @@ class RecordedTones:
         group = weights, WAVEFORM.equalizer(), [], range(length)
         segments = [(0, 0, recording.samples)]
         self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, length, *group)
-        self.tones = []
 
     def run(self):
         reader, batches = self._open(), []
         while len(batch := reader.read(_GROUPS_PER_BATCH)["tones"]):
             batches.append(batch)
-        self.tones = [np.concatenate(batches)]
+        self.tones = np.concatenate(batches)
 
 
 # Larger batches are no faster.
@@ -221,7 +215,6 @@ class NumpyScript:
         self._recording = recording
         self._weights = weights.astype(np.complex64)
         self._equalizer = WAVEFORM.equalizer().astype(np.complex64)
-        self.tones = []
 
     def run(self):
         samples = np.memmap(self._recording.fc32, "<c8", "r")[: self._recording.samples]
@@ -232,7 +225,7 @@ class NumpyScript:
             weighted = self._weights @ group
             folded = weighted.reshape(len(weighted), WAVEFORM.repetitions, 64).mean(axis=1)
             groups.append(np.fft.fft(folded) * self._equalizer)
-        self.tones = [np.array(groups)]
+        self.tones = np.array(groups)
 
 
 CHAINS["numpy"] = NumpyScript
@@ -251,7 +244,7 @@ def file_to_nowhere(recording, weights):
 class MemoryRead:
     """Every byte of the samples read once, in memory that is its own."""
 
-    tones = []
+    tones = None
 
     def __init__(self, recording, weights):
         self._words = np.fromfile(recording.fc32, "<u8", recording.samples)
