@@ -61,7 +61,8 @@ def _draw(axis, name, report):
         lift = 10 * np.log10(end.information / strongest)
         for line in end.lines:
             if line.level_db + lift > LOWEST_DB:
-                _stem(axis, line.seen_hz, line.level_db + lift, SERIES[i], bool(line.shared_with))
+                shared, wide = bool(line.shared_with), end.end == 1
+                _stem(axis, line.seen_hz, line.level_db + lift, SERIES[i], shared, wide)
         axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"tag {end.tag + 1}, end {end.end}")
     _finish(axis, name)
 
@@ -91,9 +92,11 @@ def _stem_line(axis, frequency_hz, amplitude, color):
         _stem(axis, seen, 20 * np.log10(amplitude), color, False)
 
 
-def _stem(axis, hz, level_db, color, shared):
-    axis.plot([hz, hz], [LOWEST_DB, level_db], color=color, lw=1)
-    axis.plot(hz, level_db, "o", color=color, ms=5, mfc="white" if shared else color)
+def _stem(axis, hz, level_db, color, shared, wide=False):
+    """A line; where ends share it, that of end 1 is ``wide``, so that both are seen."""
+    lw, ms = (3, 8) if shared and wide else (1, 5)
+    axis.plot([hz, hz], [LOWEST_DB, level_db], color=color, lw=lw)
+    axis.plot(hz, level_db, "o", color=color, ms=ms, mfc="white" if shared else color)
 
 
 def _finish(axis, name):

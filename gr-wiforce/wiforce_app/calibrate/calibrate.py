@@ -200,7 +200,7 @@ def calibrate(
         model = replace(model, provenance=model.provenance | {"suspicions": suspected})
     if suspected and not accept:
         rule = "correct it, or write the sensor nevertheless with --accept"
-        raise InputError(table, f"{'; '.join(suspected)}; {rule}")
+        raise InputError(table, f"{'; '.join(suspected)} ({rule})")
     sensor.write_sensor(model, output)
     for text in [*_verdict(sensor, model, suspected), *lines]:
         click.echo(text)

@@ -18,7 +18,7 @@ from gnuradio.wiforce.planning.room.report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene import load_scene, simulation_warnings
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
@@ -73,7 +73,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
         "warnings": [*warnings_of(settings), *surface_warnings(settings)],
-        "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
+        "notes": [note for note in _notes(settings) if note],
     }
     if scene.packets is None:
         report["waveform"] = dataclasses.asdict(waveform_limits(settings))
@@ -100,6 +100,15 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
     else:
         lines = [*link_lines(settings, reaches), *judged]
         _print(report, scene, str(settings), lines, with_steps)
+
+
+def _notes(settings):
+    """What is worth knowing beside warnings."""
+    scene = settings.require_scene()
+    if scene.simulation.presses:
+        yield from simulation_warnings(scene)
+    yield licence_note(scene)
+    yield recommendation(settings)
 
 
 def _propose_clocks(scene, count, as_json):
