@@ -191,8 +191,9 @@ class ForceDisplay(Display):
                     self._show_surface(reading.sensor)
                 self._seen[reading.sensor] = now
         for name in self.sensors():
-            age = now - self._seen[name]
-            if age > _FORGET_S and self._late is None:
+            # What a recording ends with stays.
+            age = now - self._seen[name] if self._late is None else 0.0
+            if age > _FORGET_S:
                 self._forget(name)
             else:
                 self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)

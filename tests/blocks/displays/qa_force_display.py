@@ -317,7 +317,7 @@ def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_p
     assert read == 8 and block.widget._time.text() == f"recording ended, {read} readings"
     block.widget._seen["arm"] -= 60
     block.widget.refresh()
-    assert block.widget.sensors() == ["arm"]
+    assert block.widget.sensors() == ["arm"] and not block.widget._views["arm"]._stale
     assert block.start() and block.widget._time.text()
     block.widget.refresh()
     assert "recording ended" not in block.widget._time.text()
