@@ -3,6 +3,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 import pyqtgraph as pg
@@ -50,14 +51,19 @@ class Trend(Display):
         self._count = [0] * len(labels)
         self._plot = time_plot(y_label)
         self._plot.setLabel("bottom", "time (s)")
-        self._plot.setTitle(title or None, color=INK, size="10pt")
-        self._plot.addLegend(offset=(-1, 1), labelTextColor=INK)
+        # Above the plot, where the legend hides no values.
+        names = [
+            f'<b style="color: {SERIES[n % len(SERIES)]}">\u2014</b> {escape(label)}'
+            for n, label in enumerate(labels)
+        ]
+        heading = "&nbsp;&nbsp; ".join(filter(None, [escape(title), *names]))
+        self._plot.setTitle(heading, color=INK, size="10pt")
         self._plot.setMinimumHeight(120)
         if y_range is not None:
             self._plot.setYRange(*y_range)
         self._curves = [
-            self._plot.plot(pen=pg.mkPen(SERIES[n % len(SERIES)]), name=label, connect="finite")
-            for n, label in enumerate(labels)
+            self._plot.plot(pen=pg.mkPen(SERIES[n % len(SERIES)]), connect="finite")
+            for n in range(len(labels))
         ]
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
