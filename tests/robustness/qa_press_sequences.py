@@ -52,6 +52,12 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
     assert_honest(found, family, LONG if long_run else 5e-3)
 
 
+def test_a_turn_that_becomes_steadier_is_followed():
+    """It was taken for force, since what had been as unsteady at first stayed so."""
+    found = score([40], 625, "off states in error")
+    assert not found.wrong, str(found)
+
+
 def test_a_sudden_turn_after_a_silence_is_followed():
     """A silence of two seconds leaves the common phase unknown by radians, beside microradians."""
     readings = by_receiver(Sequence(184, 2500, "mixture"))

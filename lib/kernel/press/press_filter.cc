@@ -143,7 +143,7 @@ void press_filter::branch_untouched(const explanation& from)
                  hands = -std::expm1(-d_set.hands * d_elapsed_s);
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
     if (from.turning) {
-        turn_slowly(from, quiet * goes_on, course::goes_on, from.turn_speed, from.near);
+        go_on_turning(from, quiet * goes_on);
         turn_slowly(
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
@@ -178,11 +178,7 @@ void press_filter::branch_touched(const explanation& from)
         held.motion.move(from.velocity);
         turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
     } else if (from.turning) {
-        turn_slowly(from,
-                    quiet * goes_on * (1 - begins),
-                    course::goes_on,
-                    from.turn_speed,
-                    from.near);
+        go_on_turning(from, quiet * goes_on * (1 - begins));
         turn_slowly(
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
         for (std::size_t i = 0; i < speeds.size(); i++)
@@ -276,6 +272,18 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
         if (i < near_speeds)
             turn_slowly(from, hands / near_speeds, course::begins, i, true);
     }
+}
+
+// A turn that becomes steadier is one turn, as a force that rises ever more slowly. Where
+// amplitudes do not show it, a change of force explains it as well.
+void press_filter::go_on_turning(const explanation& from, double probability)
+{
+    const double slows = d_off.differ() && from.turn_speed > 0 ? 1 - going_on() : 0;
+    turn_slowly(
+        from, probability * (1 - slows), course::goes_on, from.turn_speed, from.near);
+    if (slows > 0)
+        turn_slowly(
+            from, probability * slows, course::goes_on, from.turn_speed - 1, from.near);
 }
 
 double press_filter::turn_probability(const explanation& of) const

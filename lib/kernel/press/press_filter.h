@@ -161,6 +161,7 @@ private:
                      std::size_t speed,
                      bool near);
     void begin_turning(const explanation& from, double turns, double hands);
+    void go_on_turning(const explanation& from, double probability);
     void mix(const explanation& from, double probability, double ends = 0);
 
     std::vector<std::pair<explanation, double>> courses(const explanation& from) const;
