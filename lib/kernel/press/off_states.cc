@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "off_states.h"
+#include "press_parameters.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace gr::wiforce::kernel {
@@ -18,6 +20,12 @@ off_states::off_states(const pair_of_ends& untouched,
 {
     for (int e = 0; e < 2; e++)
         d_end[e] = { std::polar(1.0, untouched[e]), off[e] };
+}
+
+bool off_states::differ() const
+{
+    return std::abs(d_end[0].off - d_end[1].off) >
+           std::max(2 * press_parameters{}.contact_np, 5 * d_std);
 }
 
 // |off + q e^{j (change + arg u)}| = 1 with u = e^{j psi0} - off and q = |u| |R|.

@@ -29,7 +29,11 @@ public:
                const std::array<std::complex<double>, 2>& off,
                double std);
 
-    bool differ() const { return d_end[0].off != d_end[1].off; }
+    //! Whether amplitudes distinguish a turn of the tag from a press. A rotation of both
+    //! ends changes the difference of ln |R| by about that of the off states, which must
+    //! exceed two standard deviations of what a contact loses at one end, and five of its
+    //! own.
+    bool differ() const;
     //! ln |R| of both ends whose phases have changed by this.
     pair_of_ends amplitude(const pair_of_ends& change) const;
     //! By how much their difference grows where both phases do, Np per rad.

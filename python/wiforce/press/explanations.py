@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Array
-from ..estimation.phases.off_state import off_states_differ
-from ..wiforce_kernels import press_filter, press_outcome, press_parameters
+from ..wiforce_kernels import off_states_differ, press_filter, press_outcome, press_parameters
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Array, Groups
-from ..estimation.phases.off_state import off_states_differ
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from ..wiforce_kernels import press_reading
 from .evidence import Suspicion
@@ -80,8 +79,6 @@ class SensorReadout:
             inverter.posterior,
             np.radians(model.untouched_deg(frequency_hz)),
             off,
-            # What turns the tag changes |R| of both ends as well.
-            off_states_differ(off, off_std),
             off_std,
             tag_ratio,
             inverter.ruler_mm2,

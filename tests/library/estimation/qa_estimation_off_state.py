@@ -7,8 +7,6 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.phases.off_state import (
     corrected_phase_deg,
     estimate_off_reflection,
-    off_state_error_deg,
-    phase_on_circle_deg,
 )
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from plain import errors_deg, make_air, make_plan, run_chain
@@ -94,24 +92,3 @@ def test_presses_that_turn_too_little_are_refused():
     psi = 25.0 + np.linspace(2, 20, 30)
     with pytest.raises(InputError, match="needs presses that turn the phase"):
         estimate_off_reflection(ratio(psi, 25.0, 0.1), 25.0)
-
-
-def test_phase_by_the_angle_alone_is_that_of_any_gain():
-    """A tag that turns changes |R| as well, which must not change the phase."""
-    off, untouched, psi = np.array([0.3, -0.2 + 0.2j]), np.array([30.0, -110.0]), (75.0, 100.0)
-    ratios = ratio(np.array(psi), untouched, off) * np.array([[0.5], [1.0], [1.7]])
-    phases, slope = phase_on_circle_deg(ratios, untouched, off)
-    assert phases == pytest.approx(np.tile(psi, (3, 1)))
-    step = 1e-4
-    turned, _ = phase_on_circle_deg(ratios * np.exp(1j * np.radians(step)), untouched, off)
-    assert (turned - phases) / step == pytest.approx(slope, rel=1e-4)
-
-
-def test_error_of_the_off_state_is_that_of_the_phase():
-    off, untouched, psi, wrong = 0.3, -110.0, 75.0, 0.01j
-    ratios = np.full((1, 2), ratio(psi, untouched, off + wrong))
-    read = phase_on_circle_deg(ratios, untouched, off)[0] - psi
-    beside = phase_on_circle_deg(ratios, untouched, off + 0.01)[0]
-    beside = beside - phase_on_circle_deg(ratios, untouched, off)[0]
-    error = 0.01 * off_state_error_deg(ratios, untouched, off)
-    assert error == pytest.approx(np.hypot(read, beside), rel=0.05)

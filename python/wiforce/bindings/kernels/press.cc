@@ -97,6 +97,14 @@ py::tuple read_groups(const press_reading& sensor,
 
 void bind_press(py::module& m)
 {
+    m.def(
+        "off_states_differ",
+        [](const std::array<std::complex<double>, 2>& off, double std) {
+            return off_states({}, off, std).differ();
+        },
+        "off"_a,
+        "std"_a,
+        "Whether amplitudes distinguish a turn of the tag from a press (off_states.h).");
     PYBIND11_NUMPY_DTYPE(press_observation,
                          time_s,
                          phase,
@@ -204,14 +212,12 @@ void bind_press(py::module& m)
         "press_reading",
         "Touch, force, location and flags of a sensor's groups; see "
         "press/sensor_readout.py.\n\n"
-        "on_circle: whether phases are those of arg R alone. bits: of transition, weak, "
-        "ambiguous,\nforce_unobservable, inconsistent, extrapolated, moved. limits: "
-        "standard deviations in deg and\nN above which a reading is weak, and the "
-        "probability of an alternative that is named.")
+        "bits: of transition, weak, ambiguous, force_unobservable, inconsistent, "
+        "extrapolated, moved.\nlimits: standard deviations in deg and N above which a "
+        "reading is weak, and the probability\nof an alternative that is named.")
         .def(py::init([](const press_posterior& posterior,
                          const std::array<double, 2>& untouched_rad,
                          const std::array<std::complex<double>, 2>& off,
-                         bool on_circle,
                          double off_std,
                          double tag_ratio,
                          double ruler_mm2,
@@ -221,7 +227,7 @@ void bind_press(py::module& m)
                      throw std::invalid_argument("posterior must be of one carrier");
                  return press_reading(
                      posterior,
-                     { untouched_rad, off, on_circle, off_std, tag_ratio, ruler_mm2 },
+                     { untouched_rad, off, off_std, tag_ratio, ruler_mm2 },
                      { bits[0], bits[1], bits[2], bits[3], bits[4], bits[5], bits[6] },
                      { limits[0], limits[1], limits[2] });
              }),
@@ -229,7 +235,6 @@ void bind_press(py::module& m)
              "posterior"_a,
              "untouched_rad"_a,
              "off"_a,
-             "on_circle"_a,
              "off_std"_a,
              "tag_ratio"_a,
              "ruler_mm2"_a,

@@ -13,16 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
-from ...wiforce_kernels import press_parameters
 from ..groups import Array
 
 # Arc of R below which the centre of its circle is not determined: with 40 deg and a noise of 1 deg
 # a hundred groups leave a standard deviation of 0.04, three hundred 0.02.
 _SMALLEST_ARC_DEG = 40.0
-# Step of an off state for derivatives.
-_STEP = 1e-4
-# Loss of contacts, Np.
-_CONTACT_NP = float(press_parameters["contact_np"].item())
 # An off state that is wrong by this causes phase errors of up to 1.7 deg.
 _LARGEST_STD = 0.03
 
@@ -45,55 +40,6 @@ def corrected_phase_deg(
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.abs(switched) / np.abs(reflections)
     return phases, slope
-
-
-def phase_on_circle_deg(
-    ratios: Array, untouched_deg: ArrayLike, off_reflection: ArrayLike
-) -> tuple[Array, Array]:
-    """The same by arg R alone, which meets the circle of |G| = rho once.
-
-    |R| may be anything: a tag that turns changes it as well. |G_off| must be below rho.
-    """
-    off = np.asarray(off_reflection)
-    start = np.exp(1j * np.radians(untouched_deg)) - off
-    towards = ratios * start / np.abs(ratios * start)
-    along = (towards * np.conj(off)).real
-    reflections = off + towards * (np.sqrt(along**2 + 1 - np.abs(off) ** 2) - along)
-    switched = reflections - off
-    slope = np.abs(switched) ** 2 / (switched * np.conj(reflections)).real
-    return _wrapped_deg(reflections), slope
-
-
-def off_states_differ(off_reflection: Array, std: float) -> bool:
-    """Whether amplitudes distinguish a turn of the tag from a press: off states (2,), their std.
-
-    A rotation of both ends changes the difference of ln |R| by about the difference of the off
-    states, which must exceed two standard deviations of what a contact loses at one end.
-    """
-    apart = abs(complex(off_reflection[0] - off_reflection[1]))
-    return apart > max(2 * _CONTACT_NP, 5 * std)
-
-
-def off_state_error_deg(
-    ratios: Array, untouched_deg: ArrayLike, off_reflection: ArrayLike
-) -> Array:
-    """Error of psi_i (..., 2) in degrees by errors of 1 in real and imaginary part of G_off / rho,
-    added in squares; of arg R alone, as :func:`phase_on_circle_deg`.
-    """
-    off = np.asarray(off_reflection)
-    here, _ = phase_on_circle_deg(ratios, untouched_deg, off)
-    beside = [
-        phase_on_circle_deg(ratios, untouched_deg, off + step)[0] - here
-        for step in (_STEP, 1j * _STEP)
-    ]
-    return np.hypot(*((each + 180) % 360 - 180 for each in beside)) / _STEP
-
-
-def _wrapped_deg(values: Array) -> Array:
-    """Angles in (-180, 180]."""
-    angles: Array = np.degrees(np.angle(values))
-    angles[angles <= -180] += 360
-    return angles
 
 
 def estimate_off_reflection(

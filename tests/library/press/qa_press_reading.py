@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Phases of an explanation where off states differ, and how exactly they are stated."""
+
+import numpy as np
+import pytest
+from gnuradio import wiforce
+from gnuradio.wiforce.press.explanations import PRESSED
+from gnuradio.wiforce.wiforce_kernels import press_outcome, press_reading
+
+MODEL = wiforce.load_sensor("line-900mhz")
+OFF, UNTOUCHED_DEG, PSI_DEG = np.array([0.3, -0.2 + 0.2j]), (30.0, -110.0), (75.0, 100.0)
+
+
+def ratio(psi_deg, off=OFF):
+    """R of both ends by definition."""
+    untouched, now = np.exp(1j * np.radians([UNTOUCHED_DEG, psi_deg]))
+    return (now - off) / (untouched - off)
+
+
+def read(ratios, std_deg=0.0, off_std=0.0):
+    """Phases and their standard deviations, deg."""
+    reading = press_reading(
+        MODEL.inverter(900e6).posterior,
+        np.radians(UNTOUCHED_DEG),
+        OFF,
+        off_std,
+        0.0,
+        0.0,
+        [1] * 7,
+        [9e9, 9e9, 0.01],
+    )
+    found = np.zeros(1, press_outcome)
+    found["weight"], found["is"], found["known"] = 1, PRESSED, True
+    found["mean"]["phase"], found["mean"]["amplitude"] = np.angle(ratios), np.log(np.abs(ratios))
+    found["mean"]["variance"] = np.radians(std_deg) ** 2
+    no, none = np.zeros(1, bool), np.zeros(1)
+    _, phases, stds, *_ = reading.read(found, ~no, no, no, none, np.zeros(1, int), False)
+    return phases[0], stds[0]
+
+
+def turned_deg(psi_deg, off=OFF):
+    """By how much arg R changes."""
+    return np.degrees(np.angle(ratio(psi_deg, off) / ratio(PSI_DEG)))
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 1.7])
+def test_phase_where_off_states_differ_is_that_of_any_gain(gain):
+    """A tag that turns changes |R| as well, which must not change the phase."""
+    assert read(gain * ratio(PSI_DEG))[0] == pytest.approx(PSI_DEG)
+
+
+def test_phase_std_contains_the_noise_and_the_error_of_the_off_states():
+    step, off_step = 1e-3, 1e-5
+    slope = turned_deg(np.add(PSI_DEG, step)) / step
+    by_off = [turned_deg(PSI_DEG, OFF + off_step * part) / off_step for part in (1, 1j)]
+    assert read(ratio(PSI_DEG), std_deg=0.1)[1] == pytest.approx(0.1 / slope, rel=1e-3)
+    expected = 0.01 * np.hypot(*by_off) / slope
+    assert read(ratio(PSI_DEG), off_std=0.01)[1] == pytest.approx(expected, rel=1e-3)
+    both = read(ratio(PSI_DEG), std_deg=0.1, off_std=0.01)[1]
+    assert both == pytest.approx(np.hypot(0.1 / slope, expected), rel=1e-3)
