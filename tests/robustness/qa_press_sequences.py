@@ -14,17 +14,25 @@ from sequence_readings import by_receiver, by_stream, score
 TURNING = "turns", "turning mixture", "cables"
 # Of unflagged readings, for a few sequences and for 200.
 SHORT, LONG = 1e-3, 2e-4
-SHORT_TURNING, LONG_TURNING = 3e-2, {"turns": 5e-3, "turning mixture": 5e-3, "cables": 2e-2}
+SHORT_TURNING = 3e-2
+LONG_TURNING = {
+    "turns": 5e-3,
+    "turning mixture": 5e-3,
+    "cables": 2e-2,
+    "off states in error": 2e-3,
+}
 LENGTHS = cases(125, 625, long=(63, 2500))
 
 
 def assert_honest(found, family, limit):
-    if family in TURNING:
-        limit = LONG_TURNING[family] if limit == LONG else SHORT_TURNING
+    if limit == LONG:
+        limit = LONG_TURNING.get(family, LONG)
+    elif family in TURNING:
+        limit = SHORT_TURNING
     assert len(found.wrong) <= limit * found.counts["unflagged"], "\n".join(
         [str(found), *found.wrong[:10]]
     )
-    assert not found.far or family in TURNING, "\n".join(found.far[:10])
+    assert not found.far or family in LONG_TURNING, "\n".join(found.far[:10])
 
 
 @pytest.mark.timeout(3000)
@@ -36,6 +44,8 @@ def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshot
     assert_honest(found, family, LONG if long_run else SHORT)
     if family == "off states":
         assert found.share("pressed, read", "pressed") > 0.7
+    if family == "off states in error":
+        assert found.share("pressed, inside", "pressed, read") > 0.95
     if family == "plain":
         assert found.share("pressed, read", "pressed") > 0.75
         assert found.share("untouched, read", "untouched") > 0.95
@@ -52,9 +62,10 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
     assert_honest(found, family, LONG if long_run else 5e-3)
 
 
-def test_a_turn_that_becomes_steadier_is_followed():
-    """It was taken for force, since what had been as unsteady at first stayed so."""
-    found = score([40], 625, "off states in error")
+@pytest.mark.parametrize("seed", [40, 94])
+def test_turns_during_touches_are_followed_by_off_states_in_error(seed):
+    """One that slows, and one that begins while a press slides, were taken for force."""
+    found = score([seed], 625, "off states in error")
     assert not found.wrong, str(found)
 
 

@@ -12,7 +12,9 @@ from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader
 from press_sequences import FAMILIES, OFF_ERROR, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Sequence
 
-CLOCKS_HZ, TURNS_PER_S = (1000.0, 1400.0), 0.3
+CLOCKS_HZ = 1000.0, 1400.0
+# How often a tag turns, as the scene says: at any time, or while it is touched.
+TURNS_PER_S, TOUCHED_TURNS_PER_S = 0.3, 0.5
 # A reading is wrong if it is off by more than each of these, as in tests/soak/judge.py; and far off
 # by so many standard deviations.
 _STDS, _FORCE_N, _LOCATION_MM, _ONSET_MARGIN_N, _FAR_STDS = 5.0, 0.3, 1.0, 0.3, 20.0
@@ -21,10 +23,10 @@ _BATCHES = 1, 3, 16, 28, 100
 
 
 @lru_cache
-def plan_of(sensors, snapshots, turning, effects=()):
+def plan_of(sensors, snapshots, turns_per_s=None, effects=()):
     named = [
         {"name": f"s{i}", "model": "line-900mhz-calibrated", "clock_hz": CLOCKS_HZ[i]}
-        | ({"turns_per_s": TURNS_PER_S} if turning else {})
+        | ({"turns_per_s": turns_per_s} if turns_per_s else {})
         | (
             {"off_reflection": [[off, 0.0] for off in OFF_STATES]}
             if "off states" in effects
@@ -38,8 +40,10 @@ def plan_of(sensors, snapshots, turning, effects=()):
 
 def _plan(sequence):
     effects = FAMILIES.get(sequence.family, ())
-    turning = "turn" in sequence.family or "turned touches" in effects
-    return plan_of(len(sequence.tags), sequence.snapshots, turning, effects)
+    turns = TURNS_PER_S if "turn" in sequence.family else None
+    if "turned touches" in effects:
+        turns = TOUCHED_TURNS_PER_S
+    return plan_of(len(sequence.tags), sequence.snapshots, turns, effects)
 
 
 class _AsSeparated:
@@ -206,6 +210,8 @@ class Score:
             "pressed": seen and pressed,
             "pressed, read": read and pressed and reading.touch == 1,
         }
+        if counted["pressed, read"] and reading.force_n is not None:
+            counted["pressed, inside"] = abs(reading.force_n - force[0]) < 2 * reading.force_std_n
         self.counts.update([what for what, is_so in counted.items() if is_so])
         if not read:
             if pressed and seen:
@@ -246,7 +252,8 @@ class Score:
             f"pressed {100 * self.share('pressed, read', 'pressed'):5.1f} %, "
             f"untouched {100 * self.share('untouched, read', 'untouched'):5.1f} % read; "
             f"{len(self.wrong)} of {self.counts['unflagged']} wrong "
-            f"({len(self.wrong) / max(self.counts['unflagged'], 1):.1e}), {len(self.far)} far off"
+            f"({len(self.wrong) / max(self.counts['unflagged'], 1):.1e}), {len(self.far)} far off, "
+            f"{100 * self.share('pressed, inside', 'pressed, read'):.1f} % inside 2 std"
         )
 
 

@@ -193,7 +193,7 @@ void press_filter::hold(const explanation& from, double probability)
     if (from.steady) {
         next->motion.predict(d_elapsed_s);
         next->motion.stop(d_elapsed_s);
-        give(*next, rest_pressed(*next, from));
+        give(*next, rest_pressed(*next));
         return;
     }
     next->lasts = true;
@@ -238,7 +238,7 @@ void press_filter::change_steadily(const explanation& from,
     double likelihood = next->motion.update(d_group.phase, d_noise);
     if (from.turning)
         part_turn(*next, was, direction);
-    doubt_off_states(*next, from);
+    doubt_off_states(*next);
     likelihood += update_strength(*next);
     give(*next, likelihood);
 }
@@ -295,19 +295,19 @@ void press_filter::jump(const explanation& from, double probability)
     for (int e = 0; e < 2; e++)
         jumped += squared(wrapped(d_group.phase[e] - from.motion.phase()[e]));
     give(*next,
-         rest_pressed(*next, from) +
+         rest_pressed(*next) +
              std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg))));
 }
 
 // Whatever the press did has ended, or a press is another one.
-double press_filter::rest_pressed(explanation& to, const explanation& from) const
+double press_filter::rest_pressed(explanation& to) const
 {
     to.age_s = 0;
     to.steady = false;
     drift(to);
     const double likelihood = to.motion.update(d_group.phase, d_noise);
     hold_level(to);
-    doubt_off_states(to, from);
+    doubt_off_states(to);
     return likelihood + update_strength(to);
 }
 

@@ -98,6 +98,13 @@ private:
         double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
     };
 
+    // By how much the difference of the amplitudes of a contact is not what the off
+    // states cause. They are right about the untouched line, by definition.
+    struct off_error {
+        pair_of_ends at{}; // change of both phases
+        double mean = 0, variance = 0;
+    };
+
     struct explanation {
         double log_weight = 0;
         state is = untouched;
@@ -121,6 +128,7 @@ private:
         drift_bank held_common, held_difference;
         both_amplitudes strength; // where the off states differ, less than they cause
         double with_common = 0;   // its difference's covariance with the common phase
+        off_error shown;          // by the group before
         bool steady = false, slides = false;
         std::size_t speed = 0;
         // A mixture: what was before, what was seen, and the groups it has lasted.
@@ -199,8 +207,8 @@ private:
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;
     pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
-    double rest_pressed(explanation& to, const explanation& from) const;
-    void doubt_off_states(explanation& to, const explanation& from) const;
+    double rest_pressed(explanation& to) const;
+    void doubt_off_states(explanation& to) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
     void begin_press(explanation& to) const;
@@ -228,7 +236,8 @@ private:
     press_observation d_passed; // what the receiver has done since
     double d_elapsed_s = 0;     // since the group before
     phase_covariance d_noise;
-    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
+    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0,
+           d_apart_noise = 0; // of the difference of the amplitudes
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
 };
 

@@ -207,7 +207,7 @@ double press_filter::compare_contact(const explanation& with, double spread) con
     const auto density = [&](double loss) {
         return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
                log_normal(d_amplitude_difference - with.line.difference,
-                          with.line.difference_variance + 4 * d_amplitude_noise +
+                          with.line.difference_variance + d_apart_noise +
                               2 * squared(loss));
     };
     // Good contacts lose nothing.
@@ -219,7 +219,7 @@ double press_filter::update_amplitude(both_amplitudes& own) const
     const double mean = d_amplitude - own.mean,
                  difference = d_amplitude_difference - own.difference;
     const double mean_variance = own.mean_variance + d_amplitude_noise,
-                 difference_variance = own.difference_variance + 4 * d_amplitude_noise;
+                 difference_variance = own.difference_variance + d_apart_noise;
     const double likelihood =
         log_normal(mean, mean_variance) + log_normal(difference, difference_variance);
     const double by_mean = own.mean_variance / mean_variance,
@@ -253,8 +253,7 @@ double press_filter::update_strength(explanation& to) const
     auto& own = to.strength;
     if (!shows_turns(to))
         return update_amplitude(own);
-    // What separation leaves is as large along the amplitudes as along the phases.
-    const double noise = d_difference_noise, known = to.common.estimate().variance;
+    const double known = to.common.estimate().variance;
     const auto seen = change(to, d_group.phase);
     pair_of_ends expected;
     double turn = 0, slope = 0, variance = 1, off = 0, by_turn = 0;
@@ -263,7 +262,7 @@ double press_filter::update_strength(explanation& to) const
         expected = d_off.amplitude(at);
         slope = -d_off.slope(at);
         variance = slope * slope * known + 2 * slope * to.with_common +
-                   own.difference_variance + noise;
+                   own.difference_variance + d_apart_noise;
         by_turn = (slope * known + to.with_common) / variance;
         off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
               slope * turn;
@@ -277,6 +276,9 @@ double press_filter::update_strength(explanation& to) const
     to.with_common -= by_turn * by_loss * variance;
     to.common.turn(turn);
     to.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
+    to.shown = { change(to, to.motion.phase()),
+                 own.difference - to.line.difference,
+                 own.difference_variance };
     const double mean = d_amplitude - (expected[0] + expected[1]) / 2 - own.mean,
                  mean_variance = own.mean_variance + d_amplitude_noise,
                  by_mean = own.mean_variance / mean_variance;
@@ -291,34 +293,43 @@ void press_filter::touch_with_strength(const explanation& from,
                                        explanation& next,
                                        double spread)
 {
+    // What the press before or the untouched line showed of the off states, whichever
+    // says more of this press.
+    const auto at = change(next, d_group.phase);
+    off_error error;
+    error.variance = d_off.variance(error.at, at);
+    const double since = from.shown.variance + d_off.variance(from.shown.at, at);
+    const bool pressed_before = (from.is == mixed ? from.before : from.is) == pressed,
+               goes_on = pressed_before && since < error.variance;
+    if (goes_on)
+        error = { at, from.shown.mean, since };
     // A press is one resistance that both ends see; unexplained contacts may be more.
     for (const bool alike : { true, false }) {
         if (!alike && next.is == pressed)
             break;
         auto contact = next;
         contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
-        contact.with_common = 0;
+        contact.with_common = goes_on ? from.with_common : 0;
         // What a hand nearby turns is a turn as well, which the amplitudes show.
         contact.common.widen(from.near_square / 2);
         contact.near_square = 0;
-        contact.strength = {
-            from.line.mean,
-            from.line.difference,
-            from.line.mean_variance + from.near_square / 2 + squared(spread) / 2,
-            from.line.difference_variance + (alike ? 0 : 2 * squared(spread)) +
-                d_off.variance({ 0, 0 }, change(next, d_group.phase))
-        };
+        contact.strength = { from.line.mean,
+                             from.line.difference + error.mean,
+                             from.line.mean_variance + from.near_square / 2 +
+                                 squared(spread) / 2,
+                             from.line.difference_variance +
+                                 (alike ? 0 : 2 * squared(spread)) + error.variance };
         const double likelihood = update_strength(contact);
         give(contact, likelihood + contact_phases(contact));
     }
 }
 
 // The amplitudes of another press, by off states that are not quite known.
-void press_filter::doubt_off_states(explanation& to, const explanation& from) const
+void press_filter::doubt_off_states(explanation& to) const
 {
     if (shows_turns(to))
-        to.strength.difference_variance += d_off.variance(
-            change(from, from.motion.phase()), change(to, to.motion.phase()));
+        to.strength.difference_variance +=
+            d_off.variance(to.shown.at, change(to, to.motion.phase()));
 }
 
 press_filter::both_amplitudes press_filter::seen_strength(const explanation& of) const
@@ -344,9 +355,7 @@ void press_filter::begin_press(explanation& to) const
 
 press_filter::both_amplitudes press_filter::seen_amplitude() const
 {
-    return {
-        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
-    };
+    return { d_amplitude, d_amplitude_difference, d_amplitude_noise, d_apart_noise };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
