@@ -19,7 +19,7 @@ LONG_TURNING = {
     "turns": 5e-3,
     "turning mixture": 5e-3,
     "cables": 2e-2,
-    "off states in error": 2e-3,
+    "off states in error": 5e-3,
 }
 LENGTHS = cases(125, 625, long=(63, 2500))
 
