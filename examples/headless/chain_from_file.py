@@ -4,8 +4,8 @@
 
 The same as chain_from_file.grc, without a window:
 
-    build/run gr-wiforce simulate tabletop press
-    build/run python3 examples/headless/chain_from_file.py press readings.csv
+    build/run gr-wiforce simulate tabletop table
+    build/run python3 examples/headless/chain_from_file.py table readings.csv
 
 Two words that follow are the scene and the type of raw samples: demo ci16_le.
 """

@@ -4,8 +4,8 @@
 
 The same as read_recording.grc, without a window:
 
-    build/run gr-wiforce simulate tabletop press
-    build/run python3 examples/headless/read_recording.py press tabletop readings.csv
+    build/run gr-wiforce simulate tabletop table
+    build/run python3 examples/headless/read_recording.py table tabletop readings.csv
 """
 
 import sys

@@ -20,6 +20,13 @@ _LINE_S = 0.5
 _WARN_S = 1.0
 _SEARCHES = 8  # of 0.12 s each, after which missing frames are reported
 _MANY_GAPS = 3  # within a second: more than chance
+# What somebody who is about to press must know, by the state of a run.
+_UNTOUCHED = "the untouched reference is measured: touch no sensor"
+_BEGINS = {
+    "acquiring": _UNTOUCHED,
+    "reference": _UNTOUCHED,
+    "reading": "reading: sensors may be pressed",
+}
 _BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
 _WANTED_BUFFER = 50_000_000  # what UHD asks for
 
@@ -44,6 +51,7 @@ class SessionMonitor:
         self._latest_gaps = 0  # when it was looked at last
         self._moved = self._ignored = 0
         self._no_frames_reported = self._recording_reported = False
+        self._begun = set()
         self._terminal = log.line_in_use = line and sys.stderr.isatty() and not log.journal
         self._last = {}
         self._room = RoomNews(lambda text: log.info(f"room: {text}"))
@@ -57,6 +65,10 @@ class SessionMonitor:
     def look(self) -> None:
         """Update the status line, and warn."""
         now = self._now()
+        state = "" if self.health is None else self.health.state[0]
+        if (begins := _BEGINS.get(state)) is not None and begins not in self._begun:
+            self._begun.add(begins)
+            log.info(begins)
         if now - self._warn_s >= _WARN_S:
             self._warn_s = now
             self._warn()

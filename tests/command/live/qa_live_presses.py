@@ -105,7 +105,9 @@ class SideBySide:
         assert np.allclose(np.diff(clean.time_s), self.group_s)
         assert not any("gap" in flags for flags in clean.flags)
         clean.check(10 * self.seconds)
-        assert self.said[0].count("\n") == 1 and "gaps" not in self.said[0]
+        # When nobody may press, when anybody may, and the summary.
+        assert self.said[0].count("\n") == 3 and "gaps" not in self.said[0]
+        assert self.said[0].index("touch no sensor") < self.said[0].index("may be pressed")
 
     def check_faulty(self):
         """Faults cost no more than their groups; nothing restarts."""
