@@ -12,6 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.groups import Array
+from ..estimation.packets.antenna_noise import without_shared_noise
 from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
 from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, undivided
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
@@ -91,8 +92,8 @@ class SnapshotReader:
             )
             change = solved.change_since(parts)
             states, hidden = channels.states, channels.hidden
-            kept_db = channels.kept_db
-            return _Round(fitted, packets, mean, solved, change, states, hidden, kept_db)
+            kept_db, shared = channels.kept_db, channels.shared
+            return _Round(fitted, packets, mean, solved, change, states, hidden, kept_db, shared)
 
         # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
         # the tags best is followed, once they are known.
@@ -115,7 +116,9 @@ class SnapshotReader:
         now = max(rounds, key=lambda each: (each.settled, each.solved.snr))
         self._states, self._kept_db = now.states, now.kept_db
         table = _table_of(now.plan)
-        self.source = PacketGroups(table, time_s, now.packets, now.untouched, hidden=now.hidden)
+        known = now.solved.parts.known
+        packets = without_shared_noise(now.packets, now.shared, known, time_s, table)
+        self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=now.hidden)
         ratios = np.hypot(now.solved.uncertain, now.change)
         self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
 
@@ -206,6 +209,7 @@ class _Round:
     states: AntennaStates
     hidden: float
     kept_db: float
+    shared: Array
 
     @property
     def settled(self) -> bool:

@@ -9,13 +9,18 @@ import pandas as pd
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_noise
+from gnuradio.wiforce.estimation.packets.antenna_noise import without_shared_noise
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
     _without_tags,
     find_states,
 )
-from gnuradio.wiforce.estimation.packets.packet_channels import PacketChannels, rotation_std_deg
+from gnuradio.wiforce.estimation.packets.packet_channels import (
+    DividedPackets,
+    PacketChannels,
+    rotation_std_deg,
+)
 from gnuradio.wiforce.estimation.packets.packet_survey import (
     find_tag,
     phase_std_deg,
@@ -25,6 +30,7 @@ from gnuradio.wiforce.estimation.packets.tag_parts import _Solution
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.signal.timed_weights import timed_table
 from packet_simulator import PacketCapture, PacketTag, card_settings
 
 PERIOD_S = 0.25
@@ -60,6 +66,43 @@ def readings_of(capture, folder):
     clear = steady[steady["flags"] == ""]
     stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
     return readings, steady, clear, stds.to_numpy()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp_path):
+    """At the lines of a tag it exceeds the noise of all subcarriers, which share it."""
+    tag, settings = PacketTag(134.0), card_settings("fast", 29, wander=0.009, ripple=0.0)
+    settings |= {"seed": seed, "duration_s": 1.5, "touched_s": (0.6, 1.5)}
+    capture = PacketCapture([tag], **settings)
+    capture.save(tmp_path / "p.npz")
+    interval_s = float(np.mean(np.diff(capture.time_s)))
+    scene = scene_of() | {"packets": {"interval_s": interval_s}, "reference_s": 0.5}
+    scene["phase_group"] = {"snapshots": round(0.1 / interval_s)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        readings = wiforce.read(tmp_path / "p.npz", scene)
+    steady = readings[(readings["time_s"] > 0.7) & (readings["time_s"] < 1.4)]
+    clear = steady[steady["flags"] == ""]
+    error_n = (clear["force_n"] - FORCE_N).abs()
+    assert len(clear) >= 0.75 * len(steady)
+    assert error_n.max() < 0.4 and (error_n / clear["force_std_n"]).max() < 3
+
+
+def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
+    """A tag along the shared direction would be lost where nothing is shared."""
+    rng = np.random.default_rng(3)
+    times_s = np.arange(4000) * 1e-3
+    state, known = np.zeros(len(times_s), int), np.ones(len(times_s), bool)
+    table = timed_table([120.0], times_s[:200] - 0.1, 0.2)
+    shared = rng.normal(size=(16, 2)) @ [1, 1j]
+    noise = rng.normal(size=(len(times_s), 16, 2)) @ [1, 1j]
+    for size, factor in ((0.0, 1.0), (3.0, 1 / np.sqrt(1 + 9 * np.sum(np.abs(shared) ** 2)))):
+        wander = size * (rng.normal(size=(len(times_s), 2)) @ [1, 1j])
+        static = noise + np.multiply.outer(wander, shared)
+        packets = DividedPackets(shared[None], shared[None], static, static.real, state)
+        white = without_shared_noise(packets, shared[:, None], known, times_s, table)
+        # Of 20 groups, in which the loud half counts as the median one.
+        assert white.combined[0] == pytest.approx(factor * shared, rel=0.25)
 
 
 def readings_of_rooms(line_db, seeds, folder, **effects):

@@ -253,6 +253,14 @@ class AntennaCombination:
         combined = np.divide(others, common, out=np.zeros_like(others), where=np.abs(common) > 0)
         return combined.reshape(len(channel), -1)
 
+    @property
+    def shared(self) -> Array:
+        """Changes (C, A - 1) of the combinations with gain and phase of each antenna but one."""
+        if self._single:
+            return np.zeros((len(self.static), 0))
+        each = np.einsum("ka,kab->kba", self.static, self._others.conj())[:, :, 1:]
+        return np.asarray(each.reshape(-1, each.shape[2]))
+
     def response(self, tag: Array) -> Array:
         """What :meth:`process` divides packets by because of tags (n, K) that it does not know."""
         level = np.abs(self._profile)
@@ -415,6 +423,11 @@ class PacketChannels:
     def kept_db(self) -> float:
         """See :class:`AntennaCombination`."""
         return self._combination.kept_db
+
+    @property
+    def shared(self) -> Array:
+        """See :class:`AntennaCombination`."""
+        return self._combination.shared
 
     def response(self, tag: Array) -> Array:
         """What packets are divided by because of tags that are not known (n, K) along them."""
