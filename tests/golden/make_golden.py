@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "robustness")]
+TESTS = Path(__file__).parent.parent
+sys.path[:0] = [str(TESTS / name) for name in ("golden", "robustness", "helpers")]
 import cases  # noqa: E402
 
 with tempfile.TemporaryDirectory() as folder:
