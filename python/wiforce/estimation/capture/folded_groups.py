@@ -250,7 +250,15 @@ class RecordedGroups:
 
     def read(self) -> Groups:
         """Give the next groups; none at the end."""
-        found = self._kernel.read(self._batch)
+        while len((found := self._kernel.read(self._batch))["index"]):
+            groups = self._groups(found)
+            groups = groups[np.flatnonzero(~self._slips.elsewhere(groups.index))]
+            if len(groups):
+                self._slips.mark(groups)
+                return groups
+        return Groups(np.zeros(0, np.int64))
+
+    def _groups(self, found: dict[str, Any]) -> Groups:
         static = found["tones"][:, -1]
         groups = Groups(
             found["index"],
@@ -260,17 +268,13 @@ class RecordedGroups:
             interference=found["rejected"] / self._length,
             static=static,
         )
-        elsewhere = self._slips.elsewhere(groups.index)
-        if found["incomplete"] or elsewhere.any():
+        if found["incomplete"]:
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
                 solved = self._folded.solve(present, folded)
                 groups.tones[row], static[row], weights[row] = solved
-            groups.tones[elsewhere] = static[elsewhere] = 0
-            weights[elsewhere] = False
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
-        self._slips.mark(groups)
         return groups
 
 
@@ -301,15 +305,15 @@ class RecordedRatio:
 
         A group ends with its last frame, or before a frame of a later one.
         """
-        while len(self._kept[0]) and self._kept[0][0] // self._length == (
+        while not len(self._kept[0]) or self._kept[0][0] // self._length == (
             self._kept[0][-1] // self._length
         ):
             more = self._read_frames()
+            if not len(more[0]) and not len(self._kept[0]):
+                return Groups(np.zeros(0, np.int64))
             if not len(more[0]):
                 return self._groups(self._frames_before(self._kept[0][-1] + 1))
             self._kept = self._in_place(map(np.concatenate, zip(self._kept, more, strict=True)))
-        if not len(self._kept[0]):
-            return Groups(np.zeros(0, np.int64))
         return self._groups(self._frames_before(self._kept[0][-1]))
 
     def _in_place(self, frames: Iterable[Array]) -> tuple[Array, ...]:
