@@ -25,6 +25,8 @@ IMAGES = ROOT / "docs" / "images"
 FLOWGRAPH = ROOT / "examples" / "press_simulation.grc"
 DISPLAY = ":97"
 WIDTH, HEIGHT = 1680, 900
+# Of the flowgraph, without menus, tools and the list of blocks: x, y, width, height.
+CANVAS = (0, 66, 1420, 630)
 # GRC spells the last one so.
 PREFERENCES = f"""[main]
 main_window_width = {WIDTH}
@@ -40,7 +42,7 @@ application = QApplication(sys.argv)
 image = application.primaryScreen().grabWindow(0).toImage()
 places = [(x, y) for x in range(0, image.width(), 7) for y in range(0, image.height(), 7)]
 colors = {image.pixel(*place) for place in places}
-image.save(sys.argv[1])
+image.copy(*map(int, sys.argv[2:])).save(sys.argv[1])
 print(len(colors))
 """
 PRESS = """
@@ -216,7 +218,7 @@ def grab_when_drawn(environment, path, timeout_s=180):
     while time.monotonic() < end:
         time.sleep(3)
         done = subprocess.run(
-            [sys.executable, "-c", GRAB, str(path)],
+            [sys.executable, "-c", GRAB, str(path), *map(str, CANVAS)],
             env=environment,
             capture_output=True,
             text=True,
