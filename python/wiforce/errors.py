@@ -4,7 +4,9 @@
 import difflib
 import errno
 import re
+import sys
 from collections.abc import Iterable, Mapping
+from types import TracebackType
 from typing import Any
 
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
@@ -113,3 +115,21 @@ def _short(value: object) -> str:
         value = value.item()  # NumPy 2 shows the types of its numbers
     text = " ".join(repr(value).split())
     return text if len(text) <= _MOST_CHARACTERS else text[: _MOST_CHARACTERS - 3] + "..."
+
+
+def end_in_one_line() -> None:
+    """Let bad input end the program with its sentence, not a traceback.
+
+    For flowgraphs of Companion: whoever runs one has not written its Python, and would look for a
+    fault there. What Companion can check it does before, but a device that does not answer is known
+    on opening only. Other programs keep their tracebacks, which say which line to correct.
+    """
+    sys.excepthook = _show
+
+
+def _show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """As ``sys.excepthook``; other errors are faults, whose trace is needed."""
+    if isinstance(error, InputError):
+        print(error, file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
