@@ -20,7 +20,12 @@ from .data import (
 from .fit import fit_carrier, force_knots
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
-from .validation import leave_locations_out, validate_forms
+from .validation import (
+    find_wrong_location,
+    leave_locations_out,
+    validate_forms,
+    wrong_location_text,
+)
 
 LOCATION_STEPS = ("nearest", "given", "line")
 FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)
@@ -75,8 +80,8 @@ def calibrate(
     Returns
     -------
     CurveModel
-        Likely mistakes in the table (:func:`suspicions`) are in its ``provenance``, and repeated
-        by whatever reads with it.
+        Likely mistakes in the table (:func:`suspicions`), and a location that the others
+        contradict, are in its ``provenance``, and repeated by whatever reads with it.
 
     Raises
     ------
@@ -116,11 +121,16 @@ def calibrate(
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = force_knots(form, forces)
     carriers = [fit_carrier(d, form, knots) for d in data]
-    validation["locations"] = [
-        row
-        for d, c in zip(data, carriers, strict=True)
-        for row in leave_locations_out(d, c, form, knots, ruler_std_mm)
-    ]
+    validation["locations"], wrong = [], []
+    for each in zip(data, carriers, strict=True):
+        rows = leave_locations_out(*each, form, knots, ruler_std_mm)
+        validation["locations"] += rows
+        if row := find_wrong_location(*each, form, knots, rows, ruler_std_mm):
+            wrong.append(row)
+    suspected = suspicions(table, length_mm, permittivity)
+    if wrong:
+        validation["wrong"] = wrong
+        suspected = suspected or [wrong_location_text(row) for row in wrong]
     if ruler_std_mm:
         assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")
     onset = _onset(data, forces, onset_force_n, assumed)
@@ -139,7 +149,7 @@ def calibrate(
             "source": source or f"calibration of {table.source}",
             "date": date or datetime.date.today().isoformat(),
             "assumed": list(dict.fromkeys(assumed)),
-            **stated_suspicions(suspicions(table, length_mm, permittivity)),
+            **stated_suspicions(suspected),
         },
         form=form,
         carriers=tuple(carriers),

@@ -9,7 +9,7 @@ a2 of the short are alike on average along the line (line.py).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -171,7 +171,8 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
         return found
     for frequency in carriers_of(touched):
         rows = touched.take(same_carrier(touched.frequency_hz, frequency))
-        found += _direction(rows, line.round_trip_deg_per_mm(frequency, permittivity))
+        slope = line.round_trip_deg_per_mm(frequency, permittivity)
+        found += _radians_at_places(rows, slope) or _direction(rows, slope)
     if found:
         return list(dict.fromkeys(found))
     for estimate in estimate_line(table, length_mm, permittivity):
@@ -230,6 +231,29 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
+    return found
+
+
+def _radians_at_places(rows: CalibrationTable, slope: float) -> list[str]:
+    """Locations whose phases are in radians, where others are in degrees."""
+    found = []
+    for place in np.unique(rows.location_mm):
+        here = rows.location_mm == place
+        widest = float(np.max(np.abs(rows.phase_deg[here])))
+        if widest > TURN_RAD:
+            continue
+        # Phases of a press may be as small; in degrees these would fit the other locations better.
+        degrees = replace(
+            rows, phase_deg=np.where(here, np.degrees(rows.phase_deg), rows.phase_deg)
+        )
+        before, after = (
+            float(concentrations(each, slope * _SLOPES).max()) for each in (rows, degrees)
+        )
+        if after > before:
+            found.append(
+                f"all phases at location {place:g} mm lie within +-{widest:.1f}: are they in "
+                "radians there instead of degrees?"
+            )
     return found
 
 

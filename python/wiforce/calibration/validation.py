@@ -2,14 +2,16 @@
 """Errors of a calibration: of what was left out, of all readings, and what it does not support."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..sensor import curves, line
 from ..sensor.curves import Carrier, CurveModel
-from ..signal.carrier import same_carrier
+from ..sensor.inversion import Inversion
+from ..sensor.model import SensorModel
+from ..signal.carrier import same_carrier, wrap_deg
 from .data import CarrierData, ContactCurve, compared_forces
 from .fit import CurveFitter, force_knots, interpolate
 
@@ -148,6 +150,111 @@ def leave_locations_out(
     return rows
 
 
+# What a location that is left out may differ from what the others predict, in standard deviations.
+_UNEXPECTED = 3.0
+# Fewest locations of which one can be left out while the others still predict one of them.
+_LEAST_TESTED = 4
+# Places at which a press is sought, closer than a ruler is read.
+_PLACE_STEP_MM = 0.1
+
+
+def find_wrong_location(
+    data: CarrierData,
+    carrier: Carrier,
+    form: str,
+    knots: np.ndarray | None,
+    rows: Sequence[Mapping[str, Any]],
+    ruler_std_mm: float = 0.0,
+) -> dict[str, Any] | None:
+    """The one location that the others contradict, while they agree among each other.
+
+    A wrong location also spoils the predictions of its neighbours. It is the one without which the
+    others are predicted best.
+
+    Returns dict or None: ``frequency_mhz``, ``location_mm`` and ``fits_mm``, where the others see
+    such phases, None where they see them nowhere.
+
+    ``rows``: of :func:`leave_locations_out`; the other arguments as there.
+    """
+    count = len(data.location_mm)
+    if count < _LEAST_TESTED or not _contradictions(rows):
+        return None
+    others = [
+        leave_locations_out(*_without(data, carrier, j), form, knots, ruler_std_mm)
+        for j in range(count)
+    ]
+    worst = [max(row["rms_deg"] / row["expected_deg"] for row in each) for each in others]
+    wrong = int(np.argmin(worst))
+    stated_mm = float(data.location_mm[wrong])
+    fits_mm = _place_among(data, carrier, form, knots, wrong, ruler_std_mm)
+    # Nearer than a reading is expected to be, no ruler was misread.
+    near = fits_mm is not None and abs(fits_mm - stated_mm) <= _VAGUE_MM
+    if worst[wrong] > _UNEXPECTED or near:
+        return None
+    return {
+        "frequency_mhz": round(data.frequency_hz / 1e6, 6),
+        "location_mm": stated_mm,
+        "fits_mm": fits_mm,
+    }
+
+
+def _contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    return [row for row in rows if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]]
+
+
+def _without(data: CarrierData, carrier: Carrier, wrong: int) -> tuple[CarrierData, Carrier]:
+    """The data and the curves of all locations but one, by its index."""
+    kept = np.flatnonzero(np.arange(len(data.location_mm)) != wrong)
+    return (
+        replace(
+            data,
+            location_mm=data.location_mm[kept],
+            curves=[[port[j] for j in kept] for port in data.curves],
+        ),
+        replace(
+            carrier,
+            location_mm=carrier.location_mm[kept],
+            force_span_n=carrier.force_span_n[kept],
+            coefficients_deg=carrier.coefficients_deg[:, kept],
+            covariance_deg2=carrier.covariance_deg2[:, kept],
+        ),
+    )
+
+
+def _place_among(
+    data: CarrierData,
+    carrier: Carrier,
+    form: str,
+    knots: np.ndarray | None,
+    wrong: int,
+    ruler_std_mm: float,
+) -> float | None:
+    """Where the other locations expect the phases of one, in mm; None where nowhere."""
+    rest, curve = _without(data, carrier, wrong)
+    interpolation = interpolate(
+        rest, curve.coefficients_deg, curve.covariance_deg2, form, knots, rest.location_mm
+    )
+    basis = curves.force_basis(form, knots)(compared_forces(data))
+    places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
+    squares, variances = [], []
+    for port in (0, 1):
+
+        def short(location: np.ndarray, port: int = port) -> np.ndarray:
+            distance = data.length_mm - location if port else location
+            return line.short_phase_deg(distance, data.frequency_hz, data.permittivity)
+
+        values = basis @ curve.coefficients_deg[port].T
+        measured = basis @ carrier.coefficients_deg[port, wrong] + short(data.location_mm[wrong])
+        predicted = interpolation.weights(places, port) @ values.T + short(places)[:, None]
+        squares.append(np.mean(wrap_deg(measured - predicted) ** 2, axis=1))
+        spread = [interpolation.variance(places, port, value) for value in values]
+        variances.append(np.mean(spread, axis=0) + np.square(carrier.noise_deg[port]))
+    square = np.mean(squares, axis=0)
+    best = int(np.argmin(square))
+    expected = np.mean(variances, axis=0)[best] + (ruler_std_mm * data.slope) ** 2
+    return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
+
+
 _FORCES, _LOCATIONS = 5, 9
 _QUIET_DEG = 1e-3  # phases without noise of their own
 _LIMITS = {
@@ -159,7 +266,6 @@ _LIMITS = {
     "transfer": "the transfer from another carrier",
 }
 _ENOUGH_LOCATIONS = 5
-_UNEXPECTED = 3.0
 _LARGEST_STEP_MM = 15.0
 _FALL_DEG = 1.0
 _VAGUE_MM = 0.5
@@ -170,6 +276,8 @@ _CURVE_FORCES = 25
 @dataclass(frozen=True)
 class Verdict:
     """Errors that a calibration leaves when the phases have no noise.
+
+    Where locations contradict each other, the standard deviations include by how much.
 
     ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
     the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
@@ -204,36 +312,92 @@ def verdict(model: CurveModel) -> list[Verdict]:
 
 def _of_carrier(model: CurveModel, index: int) -> Verdict:
     frequency_hz = model.carriers[index].frequency_hz
-    force, location = (
-        grid.ravel()
-        for grid in np.meshgrid(
-            np.linspace(model.force_span_n[0], model.force_span_n[1], _FORCES),
-            np.linspace(model.location_span_mm[0], model.location_span_mm[1], _LOCATIONS),
-        )
-    )
-    phases = model.phases_deg(force, location, frequency_hz)
-    found = model.invert(phases, _QUIET_DEG, frequency_hz=frequency_hz)
-    known = np.isfinite(found.force_std_n) & np.isfinite(found.location_std_mm)
-    clear = known & np.array([not flags for flags in found.flags])
-    used = clear if clear.any() else known
+    force, location = _grid(model)
+    found, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
     parts = model.variance_parts_deg2(np.maximum(force, model.onset_force_n), location, index)
     per_mm = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
-    largest = max(parts, key=lambda name: float(np.mean(parts[name])))
+    limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
+    for row in _rows_at(model, "wrong", frequency_hz):
+        limit = f"location {row['location_mm']:g} mm, which does not fit the others"
     return Verdict(
         frequency_hz,
         _median_and_largest(found.force_std_n[used]),
         _median_and_largest(found.location_std_mm[used]),
         model.force_span_n,
         model.location_span_mm,
-        _LIMITS[largest],
-        float(1 - clear.mean()),
+        limit,
+        flagged,
     )
 
 
 def _median_and_largest(std: np.ndarray) -> tuple[float, float]:
     return float(np.median(std)), float(std.max())
+
+
+def errors_over_span(
+    model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
+) -> tuple[float, float]:
+    """Median standard deviations of force (N) and location (mm) over a model's calibrated span.
+
+    They are those of :func:`verdict`, with phases of this standard deviation, (2,) or a number.
+    """
+    quiet, used, _ = _over_span(model, frequency_hz, _QUIET_DEG)
+    found = _over_span(model, frequency_hz, std_deg)[0]
+    # A wide posterior may be summarised otherwise with more noise, which never makes it narrower.
+    force = np.fmax(quiet.force_std_n, found.force_std_n)[used]
+    location = np.fmax(quiet.location_std_mm, found.location_std_mm)[used]
+    return float(np.median(force)), float(np.median(location))
+
+
+def _grid(model: SensorModel) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and locations (n,) over the calibrated span."""
+    force, location = np.meshgrid(
+        np.linspace(*model.force_span_n, _FORCES),
+        np.linspace(*model.location_span_mm, _LOCATIONS),
+    )
+    return force.ravel(), location.ravel()
+
+
+def _over_span(
+    model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
+) -> tuple[Inversion, np.ndarray, float]:
+    """Readings over the span, those that count (n,) bool, and the share that is flagged."""
+    force, location = _grid(model)
+    std = np.hypot(std_deg, contradiction_deg(model, frequency_hz, location))
+    phases = model.phases_deg(force, location, frequency_hz)
+    found = model.invert(phases, std, frequency_hz=frequency_hz)
+    known = np.isfinite(found.force_std_n) & np.isfinite(found.location_std_mm)
+    clear = known & np.array([not flags for flags in found.flags])
+    return found, clear if clear.any() else known, float(1 - clear.mean())
+
+
+def contradiction_deg(
+    model: SensorModel, frequency_hz: float, location_mm: np.ndarray
+) -> np.ndarray:
+    """Standard deviation (n, 2) by which calibrated locations contradict each other.
+
+    A model does not state it: its curves pass through every location.
+    """
+    rows = _rows_at(model, "locations", frequency_hz)
+    found = np.zeros((len(location_mm), 2))
+    contradicting = _contradictions(rows)
+    for port in (1, 2) if contradicting else ():
+        own = sorted(
+            (row["location_mm"], row["rms_deg"] if row in contradicting else 0.0)
+            for row in rows
+            if row["port"] == port
+        )
+        places, std = zip(*own, strict=True)
+        found[:, port - 1] = np.interp(location_mm, places, std)
+    return found
+
+
+def _rows_at(model: SensorModel, key: str, frequency_hz: float) -> list[dict[str, Any]]:
+    """Rows of a model's cross-validation at one carrier."""
+    rows = model.cross_validation.get(key, []) if isinstance(model, CurveModel) else []
+    return [row for row in rows if same_carrier(row["frequency_mhz"] * 1e6, frequency_hz)]
 
 
 def calibration_warnings(model: CurveModel) -> list[str]:
@@ -281,18 +445,21 @@ def location_warnings(model: CurveModel) -> list[str]:
 
 def _contradicted_locations(model: CurveModel, carrier: Carrier) -> list[str]:
     slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
-    rows = [
-        row
-        for row in model.cross_validation.get("locations", [])
-        if same_carrier(row["frequency_mhz"] * 1e6, carrier.frequency_hz)
-    ]
-    return [
+    wrong = _rows_at(model, "wrong", carrier.frequency_hz)
+    return [wrong_location_text(row) for row in wrong] or [
         f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
         f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
         f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
-        for row in rows
-        if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]
+        for row in _contradictions(_rows_at(model, "locations", carrier.frequency_hz))
     ]
+
+
+def wrong_location_text(row: Mapping[str, Any]) -> str:
+    """What :func:`find_wrong_location` found, in words."""
+    text = f"location {row['location_mm']:g} mm does not fit the others"
+    if row["fits_mm"] is None:
+        return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
+    return f"{text}, which see such phases at {row['fits_mm']:g} mm: was the ruler right there?"
 
 
 def _misfit(carrier: Carrier) -> list[str]:

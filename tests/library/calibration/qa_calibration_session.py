@@ -320,7 +320,10 @@ def test_press_that_slipped_in_mid_sweep_causes_a_warning_at_once(name, slip_mm)
 @pytest.mark.parametrize("error_mm", [3.0, -3.0])
 @pytest.mark.parametrize("place", [30.0, 40.0, 50.0])
 def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place, error_mm):
-    """Each location has curves of its own, so residuals cannot show it."""
+    """Each location has curves of its own, so residuals cannot show it.
+
+    Its neighbours, which it predicts wrongly, were named as well.
+    """
     path = tmp_path / "arm.taps.csv"
     with CalibrationSession(PLAN, path, {"ruler_std_mm": 0.3}) as session:
         session.add(untouched())
@@ -329,8 +332,9 @@ def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place
             new = press(target.force_n, there)
             session.add(dataclasses.replace(new, location_mm=target.location_mm))
         assert max(max(row.rms_deg) for row in session.residuals()) < 0.3
-        found = [text for text in session.location_warnings() if f"location {place:g} mm" in text]
-    assert len(found) == 2 and "was the ruler right" in found[0]
+        (found,) = session.location_warnings()
+    assert found.startswith(f"location {place:g} mm ") and "was the ruler right" in found
+    assert float(found.split("at ")[1].split(" mm")[0]) == pytest.approx(place + error_mm, abs=0.5)
 
 
 def test_correct_locations_are_not_doubted(tmp_path):

@@ -17,6 +17,10 @@ from gnuradio.wiforce.calibration.tables import write_vna_csv
 from gnuradio.wiforce.calibration.validation import verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import read_csv
+from gnuradio.wiforce.planning.advice import warnings
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
 from scipy.optimize import brentq
 
@@ -142,6 +146,72 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
     # The largest force is known worst, so that the median alone would promise too much.
     assert 2 * found.force_std_n[0] < found.force_std_n[1] < 0.5
     assert f"at most {found.force_std_n[1]:.2g})" in first and found.flagged < 0.2
+
+
+SIX = (15.0, 25.0, 35.0, 45.0, 55.0, 65.0)
+
+
+def at_location(place, **change):
+    """A change of a table's columns at one location only."""
+
+    def changed(table):
+        here = table.location_mm == place
+        return {
+            name: np.where(here, each(getattr(table, name)), getattr(table, name))
+            for name, each in change.items()
+        }
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "said"),
+    [
+        (lambda t: {}, "", ""),
+        (at_location(35.0, location_mm=lambda mm: mm + 3), "38", "see such phases at 35 mm"),
+        (at_location(15.0, location_mm=lambda mm: mm + 3), "18", "see such phases at 15 mm"),
+        (at_location(35.0, phase_deg=np.radians), "35", "are they in radians there"),
+        (at_location(35.0, location_mm=lambda mm: mm / 10), "3.5", "see such phases at 35 mm"),
+    ],
+)
+def test_a_wrong_location_is_named_and_its_effect_stated(tmp_path, change, name, said):
+    """Readings up to 12 of their standard deviations off came without a word from such sensors."""
+    line = load_sensor("line-915mhz")
+    right = measure_vna(line, SIX, FORCES, 0.2, seed=3)
+    write_vna_csv(replace(right, **change(right)), tmp_path / "vna.csv")
+    path = tmp_path / "arm.yaml"
+    arguments = ("calibrate", tmp_path / "vna.csv", "-o", path)
+    done = run_command(*arguments)
+    if name:
+        assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+        assert f"location {name} mm " in done.stderr and said in done.stderr
+        assert not path.exists()
+        done = run_command(*arguments, "--accept")
+    assert done.returncode == 0, done.stderr
+    first = done.stdout.splitlines()[0]
+    assert first.startswith("not to be trusted: " if name else "verdict: ") and said in first
+    model = load_sensor(path)
+    assert len(model.provenance.get("suspicions", [])) == bool(name)
+    (found,) = verdict(model)
+    assert found.limit.startswith(f"location {name} mm, " if name else "the noise")
+    # The errors that are stated hold what the sensor does with presses.
+    force_n, location_mm = (each.ravel() for each in np.meshgrid([2, 4, 6], [20, 30, 40, 50, 60]))
+    read = model.invert(line.phases_deg(force_n, location_mm), 0.2)
+    assert np.nanmedian(np.abs(read.force_n - force_n)) < 2 * found.force_std_n[0]
+    assert np.nanmax(np.abs(read.location_mm - location_mm)) < 2 * found.location_std_mm[1] + 0.2
+    # `plan` states the same standard deviations as median errors, with the noise of its radio.
+    scene = {
+        "radio": {"center_frequency_hz": 915e6},
+        "sensors": [{"name": "arm", "model": str(path), "clock_hz": 1035}],
+    }
+    made = plan(load_scene(scene))
+    assert [text for text in warnings(made) if "suspicion" in text and said in text] == [
+        f"sensor 'arm' was calibrated in spite of a suspicion: {text}"
+        for text in model.provenance.get("suspicions", [])
+    ]
+    (expected,) = expect(made)
+    assert expected.force_error_n >= 0.67 * found.force_std_n[0]
+    assert expected.location_error_mm >= 0.67 * found.location_std_mm[0]
 
 
 def test_calibrate_prints_the_assumed_line(table, tmp_path):
