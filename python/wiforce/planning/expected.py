@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..calibration.validation import contradiction_deg, errors_over_span
 from ..scene import Scene
 from ..sensor import SensorModel
-from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
-from ..signal.carrier import same_carrier
 from ..signal.switching import harmonics
 from ..signal.timed_weights import clutter_at
 from ..simulation.channel import PEAK
@@ -209,7 +208,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
         medians: _Medians = (None, None, None)
         limit = span = None
         if not why_not_readable(scene, i, levels):
-            stated = _stated(model, carrier_hz, _span(model), std)
+            stated = _stated(model, carrier_hz, std)
             if pressed is None:
                 medians = stated
             else:
@@ -388,12 +387,11 @@ def _median(error: np.ndarray) -> float | None:
     return float(np.median(np.abs(error[known]))) if known.any() else None
 
 
-def _stated(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Stated:
+def _stated(model: SensorModel, carrier_hz: float, std: np.ndarray) -> _Stated:
     """The same from the errors that the calibration states."""
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
-    spread = _spread(model, carrier_hz, points, np.hypot(std, untouched))
-    force, location = MEDIAN * np.median(spread, axis=0)
-    return tuple((MEDIAN * std).tolist()), float(force), float(location)
+    force, location = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
+    return tuple((MEDIAN * std).tolist()), MEDIAN * force, MEDIAN * location
 
 
 def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.ndarray:
@@ -451,29 +449,6 @@ def _spread(
 def _model_variance(
     model: SensorModel, frequency_hz: float, force_n: np.ndarray, location_mm: np.ndarray
 ) -> np.ndarray:
-    """Expected variance of the model's phases; shape (n, 2).
-
-    Between calibrated locations a model states the largest error that its interpolation may have.
-    The error it does have was seen when locations were left out: there the gaps are twice as wide,
-    and interpolation errs at least twice as much.
-    """
+    """Variance of the model's phases, and of locations that contradict each other; (n, 2)."""
     stated = model.model_std_deg(force_n, location_mm, frequency_hz) ** 2
-    if not isinstance(model, CurveModel):
-        return stated
-    rows = model.cross_validation.get("locations", [])
-    rows = [r for r in rows if same_carrier(r["frequency_mhz"] * 1e6, frequency_hz)]
-    if not rows:
-        return stated
-    calibrated = model.carriers[model.carrier_index(frequency_hz)].location_mm
-    nearest = calibrated[np.argmin(np.abs(location_mm[:, None] - calibrated), axis=1)]
-    fitted = model.model_std_deg(force_n, nearest, frequency_hz) ** 2
-    between = (location_mm != nearest)[:, None]
-    held_out = np.stack([_held_out_deg(rows, port, location_mm) for port in (1, 2)], axis=-1)
-    return fitted + np.where(between, (held_out / 2) ** 2, 0.0)
-
-
-def _held_out_deg(rows: Sequence[dict], port: int, location_mm: np.ndarray) -> np.ndarray:
-    """Rms error where locations were left out, interpolated to other locations; shape (n,)."""
-    own = sorted((r["location_mm"], r["rms_deg"]) for r in rows if r["port"] == port)
-    locations, errors = zip(*own, strict=True)
-    return np.interp(location_mm, locations, errors)
+    return stated + contradiction_deg(model, frequency_hz, location_mm) ** 2
