@@ -54,8 +54,7 @@ void press_filter::turn_slowly(
         begin_turn(*next);
     }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
-        next->strength.mean_variance +=
-            squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
+        next->strength.mean_variance += hand_variance(speed);
     const auto was = next->motion.phase();
     if (how != course::ends) {
         const double by =

@@ -43,13 +43,10 @@ void press_filter::take(const press_observation& group)
     d_difference_noise = noise[0] + noise[1] + 2 * floor;
     d_common_noise = d_difference_noise / 4 + group.common_variance;
     d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
-    // Where amplitudes are to show turns, what separation leaves is as large along them
-    // as along the phases, whether the sensor is touched or not.
-    d_apart_noise = d_off.differ() ? d_difference_noise : 4 * d_amplitude_noise;
     d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
     d_peak = log_normal(0, d_common_noise) + log_normal(0, d_difference_noise) +
-             log_normal(0, d_amplitude_noise) + log_normal(0, d_apart_noise);
+             log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
     d_next.clear();
     d_best = -1e300;
     if (d_first)

@@ -202,6 +202,7 @@ private:
     void lose_sight_of_hand(explanation& to) const;
     double contact_phases(const explanation& of) const;
     double compare_contact(const explanation& with, double spread) const;
+    double hand_variance(std::size_t speed) const;
     double update_amplitude(both_amplitudes& own) const;
     double update_strength(explanation& to) const;
     void touch_with_strength(const explanation& from, explanation& next, double spread);

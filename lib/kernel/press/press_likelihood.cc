@@ -207,11 +207,17 @@ double press_filter::compare_contact(const explanation& with, double spread) con
     const auto density = [&](double loss) {
         return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
                log_normal(d_amplitude_difference - with.line.difference,
-                          with.line.difference_variance + d_apart_noise +
+                          with.line.difference_variance + 4 * d_amplitude_noise +
                               2 * squared(loss));
     };
     // Good contacts lose nothing.
     return log_sum(density(spread), density(0)) - std::log(2.0);
+}
+
+// By which a hand that moves at one of the speeds changes amplitudes, as it does phases.
+double press_filter::hand_variance(std::size_t speed) const
+{
+    return squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
 }
 
 double press_filter::update_amplitude(both_amplitudes& own) const
@@ -219,7 +225,7 @@ double press_filter::update_amplitude(both_amplitudes& own) const
     const double mean = d_amplitude - own.mean,
                  difference = d_amplitude_difference - own.difference;
     const double mean_variance = own.mean_variance + d_amplitude_noise,
-                 difference_variance = own.difference_variance + d_apart_noise;
+                 difference_variance = own.difference_variance + 4 * d_amplitude_noise;
     const double likelihood =
         log_normal(mean, mean_variance) + log_normal(difference, difference_variance);
     const double by_mean = own.mean_variance / mean_variance,
@@ -251,8 +257,25 @@ pair_of_ends press_filter::change(const explanation& of, const pair_of_ends& pha
 double press_filter::update_strength(explanation& to) const
 {
     auto& own = to.strength;
-    if (!shows_turns(to))
-        return update_amplitude(own);
+    if (!shows_turns(to)) {
+        // Hands move beside a press as often as beside the untouched line. Otherwise a
+        // change of amplitude would speak for the latter.
+        const double moves = -std::expm1(-d_set.hands * d_elapsed_s);
+        const auto before = own;
+        double best = std::log1p(-moves) + update_amplitude(own), all = best;
+        for (std::size_t i = 0; i < near_speeds; i++) {
+            auto moved = before;
+            moved.mean_variance += hand_variance(i);
+            const double likelihood =
+                std::log(moves / near_speeds) + update_amplitude(moved);
+            all = log_sum(all, likelihood);
+            if (likelihood > best) {
+                best = likelihood;
+                own = moved;
+            }
+        }
+        return all;
+    }
     const double known = to.common.estimate().variance;
     const auto seen = change(to, d_group.phase);
     pair_of_ends expected;
@@ -262,7 +285,7 @@ double press_filter::update_strength(explanation& to) const
         expected = d_off.amplitude(at);
         slope = -d_off.slope(at);
         variance = slope * slope * known + 2 * slope * to.with_common +
-                   own.difference_variance + d_apart_noise;
+                   own.difference_variance + 4 * d_amplitude_noise;
         by_turn = (slope * known + to.with_common) / variance;
         off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
               slope * turn;
@@ -355,7 +378,9 @@ void press_filter::begin_press(explanation& to) const
 
 press_filter::both_amplitudes press_filter::seen_amplitude() const
 {
-    return { d_amplitude, d_amplitude_difference, d_amplitude_noise, d_apart_noise };
+    return {
+        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
+    };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const

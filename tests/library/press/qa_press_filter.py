@@ -186,11 +186,11 @@ def test_turn_at_mid_line_is_seen_where_off_states_differ(turn_deg):
         assert line == pytest.approx(turned, abs=1.0), group
 
 
-def rows_by_off_states(off, phases_deg, lost_np=0.0):
+def rows_by_off_states(off, phases_deg, lost_np=0.0, **more):
     """Rows for groups of these phases (n, 2) with off states, and a loss at end 1 while pressed."""
     untouched, off = np.exp(1j * np.radians(MODEL.untouched_deg())), np.asarray(off)
     ratio = (untouched * np.exp(1j * np.radians(phases_deg)) - off) / (untouched - off)
-    rows = rows_of(np.degrees(np.angle(ratio)))
+    rows = rows_of(np.degrees(np.angle(ratio)), **more)
     rows["amplitude"] = np.log(np.abs(ratio))
     rows["amplitude"][60:120, 0] -= lost_np
     return rows
@@ -272,6 +272,32 @@ def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     found = explained(rows_of(phases_of(0, groups, 0, 0), period_s=period_s))
     untouched = probability(found, found["is"] == UNTOUCHED, groups)
     assert untouched[int(1 / period_s) :].min() > 0.99
+
+
+@pytest.mark.parametrize("step_np", [-0.03, 0.03, 0.1])
+def test_amplitude_that_steps_during_a_press_is_no_release(step_np):
+    """A card's states changed it by 2 %: the press read as untouched, with another line."""
+    rows = rows_of(phases_of(PRESS, 20, 60, 0, 0.15), noise_deg=0.15, period_s=0.1, untouched=5)
+    for group in (40, 50, 55):
+        rows["amplitude"][group:] += step_np
+    found = explained(rows)
+    untouched = probability(found, found["is"] == UNTOUCHED, len(rows))
+    assert untouched[21:].max() < 0.5
+    assert state_of(found, 75)[0] == PRESSED
+
+
+@pytest.mark.parametrize("noise_deg", [0.03, 0.3])
+@pytest.mark.parametrize("apart_np", [0.0, 0.03])
+def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
+    """Where off states differ, such a line was touched for good from 0.008 Np on."""
+    off, count = (0.3, -0.3), int(36 / 0.036)
+    noise = np.radians(noise_deg) * np.random.default_rng(1).standard_normal((2, count, 2))
+    rows = rows_by_off_states(off, np.zeros((count, 2)), noise_deg=noise_deg, period_s=0.036)
+    rows["phase"] += noise[0]
+    rows["amplitude"] += noise[1] + np.linspace(0, apart_np / 2, count)[:, None] * [1, -1]
+    found = explained(rows, filter_for(off, 0.036))
+    untouched = probability(found, found["is"] == UNTOUCHED, count)
+    assert untouched[30:-1].min() > 0.99
 
 
 def test_first_group_has_none_before_it():

@@ -117,7 +117,7 @@ def test_readout_gives_a_group_when_the_next_is_known_however_they_are_divided()
 
 def test_readout_magnitude_dip_is_flagged_transition():
     groups = press(20, 39, 40)
-    groups[30] = scaled(groups[30], 0.9)
+    groups[30] = scaled(groups[30], 0.8)
     flags = [r.flags for r in readings_of(make_readout(), groups)]
     assert [g for g in range(21, 38) if "transition" in flags[g]] == [30]
 
