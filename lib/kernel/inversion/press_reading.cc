@@ -109,8 +109,8 @@ press_reading::reading
 press_reading::read(const group& of, bool wanted, press_posterior::workspace& work) const
 {
     const bool readable = of.readable && of.count;
-    reading found{ -1,  { nan, nan }, { nan, nan }, nan,          nan,
-                   nan, nan,          of.flags,     { nan, nan }, false };
+    reading found{ -1,  { nan, nan }, { nan, nan }, nan,         nan,
+                   nan, nan,          of.flags,     { nan, nan } };
     if (!readable) {
         // What the stages before say explains that nothing is read.
         if (!of.overlapping && !(found.flags & ~(d_bits.inconsistent | d_bits.ambiguous)))
@@ -133,8 +133,7 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     found.touch = by_state[press_filter::untouched] <= 0.5;
     if (by_state[press_filter::mixed] > d_limits.doubt)
         found.flags |= d_bits.transition;
-    const bool unexplained = by_state[press_filter::unexplained] > d_limits.doubt;
-    if (unexplained)
+    if (by_state[press_filter::unexplained] > d_limits.doubt)
         found.flags |= d_bits.inconsistent;
     if (std::max(either, doubtful) > d_limits.doubt)
         found.flags |= d_bits.ambiguous;
@@ -150,9 +149,11 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.inconsistent;
     if (larger > d_limits.weak_phase_deg)
         found.flags |= d_bits.weak;
-    // What no press explains has a wide deviation, and may show why (press/evidence.py).
-    found.clear = !of.flags &&
-                  !(found.flags & ~(unexplained ? d_bits.inconsistent | d_bits.weak : 0));
+    found.clear = !found.flags;
+    // The deviation of what no press explains is wide.
+    found.unexplained = by_state[press_filter::unexplained] > 0.5 && !of.disturbed &&
+                        !of.flags &&
+                        !(found.flags & ~(d_bits.inconsistent | d_bits.weak));
     if (wanted && found.touch == 1) {
         invert(of, found, work);
         if (!(found.force_std_n <= d_limits.weak_force_n))

@@ -132,6 +132,7 @@ class PressEvidence:
         self._period_s = group_period_s
         self._margin = math.ceil(_MARGIN_S / group_period_s)
         self._open = _OpenPress()
+        self._odd = _OpenPress()  # what no press explains, whose amplitudes may show why
         self._record = _Record()
 
     @property
@@ -152,20 +153,23 @@ class PressEvidence:
         touch: Array,
         clear: Array,
         unexplained: Array,
+        odd: Array,
     ) -> Array:
         """Take the readings of a batch: R against the untouched sensor, phases and their standard
         deviations in degrees, (G, 2); touch decisions, whether no stage before the inversion flags
-        the group except that no press explains it, and whether no calibrated press causes its
-        phases, (G,).
+        the group, whether no calibrated press causes its phases, and whether a group is ``odd``:
+        flagged only because it is no press of the model, (G,).
 
         Gives the groups that are touched while the sensor is ``contradicted``; bool, shape (G,).
         """
         contradicting = np.zeros(len(touch), bool)
-        if not self._open and not (touch == 1).any():
+        if not (self._open or self._odd or (touch == 1).any()):
             return contradicting
         for row, touched in enumerate(touch.tolist()):
-            if touched == 0 and self._open:
+            if touched == 0 and (self._open or self._odd):
                 self._close()
+            elif touched == 1 and odd[row]:
+                self._odd.add(ratios[row], phases[row], std[row])
             elif touched == 1 and clear[row]:
                 self._record.readings += 1
                 self._record.unexplained += bool(unexplained[row])
@@ -175,7 +179,7 @@ class PressEvidence:
 
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""
-        self._open, self._record = _OpenPress(), _Record()
+        self._open, self._odd, self._record = _OpenPress(), _OpenPress(), _Record()
 
     def _suspicions(self) -> list[Suspicion]:
         suspicions, record, name = [], self._record, self._model.name
@@ -218,27 +222,35 @@ class PressEvidence:
 
     def _close(self) -> None:
         """End a press."""
-        press, self._open = self._open.inner(self._margin), _OpenPress()
+        press, odd = self._open.inner(self._margin), self._odd.inner(self._margin)
+        self._open, self._odd = _OpenPress(), _OpenPress()
         if len(press) >= _LEAST_READINGS:
             self._compare(press)
+        elif len(odd) >= _LEAST_READINGS:
+            self._keep(np.array([ratios for ratios, *_ in odd]))
         self._record.suspicions = self._suspicions()
 
-    def _compare(self, press: list[_Group]) -> None:
+    def _keep(self, ratios: Array) -> None:
+        """Take the ratios (n, 2) of a press, and see which off states they show."""
         record = self._record
-        ratios, phases, std = (np.array(each) for each in zip(*press, strict=True))
         record.ratios.append(ratios)
         start = np.exp(1j * np.radians(self._untouched)) - self._off
         sizes = np.abs(self._off + ratios * start).mean(axis=0)
         record.changes.append(float(np.abs(sizes - 1).max()))
         if len(record.changes) >= _LEAST_PRESSES:
             record.change = float(np.quantile(list(record.changes), _MOST))
+        record.off_states = self._off_states()
+
+    def _compare(self, press: list[_Group]) -> None:
+        record = self._record
+        ratios, phases, std = (np.array(each) for each in zip(*press, strict=True))
+        self._keep(ratios)
         swapped = self._untouched + (phases - self._untouched)[:, ::-1]
         now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
         if now is not None:
             other = math.inf if then is None else then[0]
             record.presses.append(_Press(now[0], other, now[1]))
             record.swapped |= self._fits_swapped()
-        record.off_states = self._off_states()
         record.other_off |= any(other.apart > _CONTRADICTED_OFF for other in record.off_states)
 
     def _movement(self, phases: Array, std: Array) -> tuple[float, bool] | None:

@@ -106,7 +106,7 @@ class SensorReadout:
 
     def read(self, groups: Groups, sensor: int, found: Array, flags: Array) -> SensorReading:
         """Read groups by their outcomes and the flags (G,) of the stages before."""
-        touch, phases, std, values, flags, level, clear = self._reading.read(
+        touch, phases, std, values, flags, level, clear, odd = self._reading.read(
             found,
             has_phases(groups, sensor),
             groups.overlapping[:, sensor],
@@ -121,7 +121,7 @@ class SensorReadout:
             flags[touched & ~(values[:, 1] <= WEAK_FORCE_N)] |= Flag.WEAK.value
         if self.state.evidence is not None:
             no_press = (flags & _NO_PRESS) != 0
-            against = self.state.evidence.take(level, phases, std, touch, clear, no_press)
+            against = self.state.evidence.take(level, phases, std, touch, clear, no_press, odd)
             flags[against] |= Flag.INCONSISTENT.value
         if touched.any():
             self.force_n, _, self.location_mm, _ = values[touched][-1].tolist()

@@ -48,7 +48,7 @@ def judged(model, ratios, touch, batch=None):
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
     clear, none = np.ones(len(touch), bool), np.zeros(len(touch), bool)
-    groups = ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none
+    groups = ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none, none
     batch = batch or len(touch)
     contradicting = [
         evidence.take(*(each[i : i + batch] for each in groups))
@@ -125,11 +125,15 @@ def test_evidence_phases_of_no_press_cast_suspicion_on_the_file(sensor):
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     ratios, touch = presses(line)
     every = np.ones(len(touch), bool)
-    evidence.take(ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every)
+    evidence.take(
+        ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every, ~every
+    )
     assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
     # What other stages flag says nothing of the file.
     evidence.reset()
-    evidence.take(ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every)
+    evidence.take(
+        ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every, ~every
+    )
     assert evidence.suspicions == []
 
 

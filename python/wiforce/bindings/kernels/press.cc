@@ -59,7 +59,7 @@ py::tuple read_groups(const press_reading& sensor,
     array<double> phases(shape{ groups, 2 }), std(shape{ groups, 2 }),
         values(shape{ groups, 4 });
     complex_array level(shape{ groups, 2 });
-    array<bool> clear(groups);
+    array<bool> clear(groups), unexplained(groups);
     const outcome *next = found.data(), *const end = next + found.size();
     press_posterior::workspace work;
     for (py::ssize_t group = 0; group < groups; group++) {
@@ -81,6 +81,7 @@ py::tuple read_groups(const press_reading& sensor,
         touch.mutable_data()[group] = read.touch;
         all.mutable_data()[group] = read.flags;
         clear.mutable_data()[group] = read.clear;
+        unexplained.mutable_data()[group] = read.unexplained;
         double* const value = values.mutable_data(group, 0);
         value[0] = read.force_n, value[1] = read.force_std_n;
         value[2] = read.location_mm, value[3] = read.location_std_mm;
@@ -90,7 +91,7 @@ py::tuple read_groups(const press_reading& sensor,
             *level.mutable_data(group, e) = read.level[e];
         }
     }
-    return py::make_tuple(touch, phases, std, values, all, level, clear);
+    return py::make_tuple(touch, phases, std, values, all, level, clear, unexplained);
 }
 
 } // namespace
@@ -250,8 +251,10 @@ void bind_press(py::module& m)
              "flags"_a,
              "wanted"_a,
              "Touch (G,), phases and standard deviations (G, 2), values (G, 4), flags "
-             "(G,), R against\nthe untouched line (G, 2), and whether only the inversion "
-             "flags a group (G,).\n\nfound: (m,) press_outcome, rows rising. The others: "
+             "(G,), R against\nthe untouched line (G, 2), whether only the inversion "
+             "flags a "
+             "group (G,), and whether\nnothing does but that no press explains it "
+             "(G,).\n\nfound: (m,) press_outcome, rows rising. The others: "
              "(G,). "
              "wanted: whether force and\nlocation are.");
 }
