@@ -531,6 +531,8 @@ _CLEAR_BINS, _FEWEST_CLEAR_BINS, _CLEAR_PART = 10, 3, 0.25
 # Clocks are multiples of this, or of less where half a bin is less: crystals and dividers are
 # bought for round numbers.
 _STEP_HZ = 5.0
+# Clocks that differ by less are one, given with other digits.
+_SAME_HZ = 1e-6
 # Clocks that are compared; a finer grid would only take longer.
 _CANDIDATES = 1000
 # Clocks that cost the weakest end so much more than the best one have about the same expected
@@ -781,7 +783,7 @@ class _Search:
         apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
         moved_hz = apart_hz.min(axis=1) if len(near_hz) else np.zeros(len(free))
         # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
-        own = (moved_hz == 0) & (len(near_hz) > 0)
+        own = (moved_hz < _SAME_HZ) & (len(near_hz) > 0)
         lamps_hz = self._lamps_hz * np.where(own, FARTHER * (1 - 1e-9), 1.0)
         order = np.lexsort((cost, *np.where(good, (moved_hz, -lamps_hz), 0.0), ~good))
         yield from (int(i) for i in order if free[i])
@@ -837,5 +839,6 @@ def _candidates(
     decade = 10 ** np.floor(np.log10(wanted_hz))
     step = decade * max(s for s in (1, 2, 5) if s * decade <= wanted_hz * (1 + 1e-9))
     found = np.arange(np.ceil(lowest_hz / step), np.floor(highest_hz / step) + 1) * step
-    own = [hz for hz in near_hz if lowest_hz <= hz <= highest_hz]
-    return np.unique(np.round([*found, *own], 9))
+    own = np.unique([hz for hz in near_hz if lowest_hz <= hz <= highest_hz])
+    other = [bool((np.abs(own - hz) >= _SAME_HZ).all()) for hz in found]
+    return np.sort(np.concatenate([found[np.array(other, bool)], own]))

@@ -17,6 +17,7 @@ from ..calibration.validation import contradiction_deg, errors_over_span
 from ..scene import Scene
 from ..sensor import SensorModel
 from ..signal.bound import phase_bound_deg
+from ..signal.carrier import wrap_deg
 from ..signal.switching import harmonics
 from ..signal.timed_weights import clutter_at
 from ..simulation.channel import PEAK
@@ -247,7 +248,7 @@ def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndar
     return spread.reshape(len(force_n), len(location_mm), 2)
 
 
-# Readings are flagged `inconsistent` beyond so many standard deviations.
+# Readings are flagged `inconsistent` beyond so many standard deviations (docs/sensors.md, flags).
 _UNEXPLAINED_STDS = 3.0
 
 
@@ -259,16 +260,17 @@ def other_sensors_pressed(plan: Plan) -> Iterator[str]:
     scene, carrier_hz = plan.require_scene(), plan.center_frequency_hz
     if scene.surface is not None:
         return
-    tags = scene.simulation.tags
-    for sensor, tag, points in zip(plan.sensors, tags, _pressed_points(scene), strict=True):
+    tags, noise = scene.simulation.tags, phase_std_deg(plan)
+    pressed = _pressed_points(scene)
+    for sensor, tag, points, noise_deg in zip(plan.sensors, tags, pressed, noise, strict=True):
         if points is None:
             continue
         model, (force_n, location_mm) = sensor.model, points[:, :2].T
         changes = model.phases_deg(force_n, location_mm, carrier_hz)
         apart = points[:, 2:4] - points[:, 4:6] - changes + model.untouched_deg(carrier_hz)
-        apart = np.remainder(apart + 180, 360) - 180
+        apart = wrap_deg(apart)
         std = model.model_std_deg(force_n, location_mm, carrier_hz)
-        if _rms(apart / np.hypot(std, _NOISELESS_DEG)) > _UNEXPLAINED_STDS:
+        if _rms(apart / np.hypot(std, noise_deg)) > _UNEXPLAINED_STDS:
             yield (
                 f"simulation.truth_model {tag.truth_model} is another sensor than the model of "
                 f"'{sensor.name}': in the scene's presses their phases differ by "
