@@ -11,6 +11,7 @@ The same as read_recording.grc, without a window:
 import sys
 
 from gnuradio import gr, wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 
 
@@ -32,5 +33,5 @@ if __name__ == "__main__":
         sys.exit("usage: read_recording.py CAPTURE SCENE READINGS.csv")
     try:
         main(*sys.argv[1:])
-    except ValueError as error:  # no such capture, or not of this scene: a sentence says which
+    except InputError as error:  # no such capture, or not of this scene: a sentence says which
         sys.exit(str(error))

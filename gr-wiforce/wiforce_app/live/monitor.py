@@ -23,7 +23,7 @@ _MANY_GAPS = 3  # within a second: more than chance
 # What somebody who is about to press must know, by the state of a run.
 _UNTOUCHED = "the untouched reference is measured: touch no sensor"
 _BEGINS = {
-    "acquiring": _UNTOUCHED,
+    "acquiring": _UNTOUCHED,  # of which the reference is as well
     "reference": _UNTOUCHED,
     "reading": "reading: sensors may be pressed",
 }
@@ -51,7 +51,7 @@ class SessionMonitor:
         self._latest_gaps = 0  # when it was looked at last
         self._moved = self._ignored = 0
         self._no_frames_reported = self._recording_reported = False
-        self._begun = set()
+        self._begun = None
         self._terminal = log.line_in_use = line and sys.stderr.isatty() and not log.journal
         self._last = {}
         self._room = RoomNews(lambda text: log.info(f"room: {text}"))
@@ -66,8 +66,8 @@ class SessionMonitor:
         """Update the status line, and warn."""
         now = self._now()
         state = "" if self.health is None else self.health.state[0]
-        if (begins := _BEGINS.get(state)) is not None and begins not in self._begun:
-            self._begun.add(begins)
+        if (begins := _BEGINS.get(state)) is not None and begins != self._begun:
+            self._begun = begins
             log.info(begins)
         if now - self._warn_s >= _WARN_S:
             self._warn_s = now
