@@ -407,9 +407,11 @@ def check_file(path, scene_path, datatype, csi):
 def _is_raw(path):
     """Whether a file has neither metadata nor a format that is known."""
     file = Path(path)
+    if not file.is_file():
+        return False  # and refused where it is opened
     known = is_snapshots(path) or file.suffix in (".sigmf-data", ".sigmf-meta")
     metadata = file.with_name(f"{file.name}.sigmf-meta")
-    return not known and file.is_file() and not metadata.exists() and tool_of(path) is None
+    return not known and not metadata.exists() and tool_of(path) is None
 
 
 def _kind(path, csi):

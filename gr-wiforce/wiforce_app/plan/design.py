@@ -5,6 +5,7 @@ import json
 from dataclasses import asdict
 
 import click
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor.microstrip import CRYSTAL_HZ, Microstrip, tag_timer
 
 from ..shell.commands import GroupedHelp
@@ -17,6 +18,8 @@ _SIZE_MM, _PERMITTIVITY, _CLOCK_HZ = (
     FiniteRange(1, 100),
     FiniteRange(1, 1e5),
 )
+# Heights, 2 ohm in air: the terms of the solution are as many.
+_WIDEST = 200
 _CRYSTAL_HZ = FiniteRange(1e5, 2e7)
 
 
@@ -51,6 +54,9 @@ def design(frequencies_hz, clock_hz, crystal_hz, as_json, **dimensions):
 
     Trace and ground are thin strips without loss. docs/build-a-tag.md leads through the rest.
     """
+    if dimensions["width_mm"] > _WIDEST * dimensions["height_mm"]:
+        rule = f"must be at most {_WIDEST} times the height, beyond which lines have no use"
+        raise InputError("--width-mm", rule, dimensions["width_mm"])
     line = Microstrip(**dimensions)
     report = {
         **asdict(line),

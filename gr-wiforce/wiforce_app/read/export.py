@@ -84,6 +84,8 @@ def _output_of(readings, form, output):
     if output is None:
         if form is None:
             raise click.UsageError("needs --to or --output")
+        if not Path(readings).name:
+            raise InputError("READINGS", "must be the name of a file", readings)
         return Path(readings).with_suffix(_SUFFIXES[form])
     suffix = Path(output).suffix.lower()
     expected = list(dict.fromkeys(_SUFFIXES.values())) if form is None else [_SUFFIXES[form]]

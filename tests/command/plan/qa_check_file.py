@@ -128,3 +128,11 @@ def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
     narrow, _ = checked(snapshots(tmp_path, line_db=40, snr_db=40.0, antennas=1, subcarriers=52))
     assert narrow["one_antenna"]["kept_db"] < found["one_antenna"]["kept_db"]
     assert narrow["one_antenna"]["phase_error_deg"] > 2.2 * found["one_antenna"]["phase_error_deg"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [("check", ""), ("check", "/"), ("export", "", "--to", "csv")]
+)
+def test_names_that_no_file_has_are_refused(arguments):
+    done = run_command(*arguments)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
