@@ -120,7 +120,10 @@ def test_live_tare_is_refused_fails_or_completes_and_its_reply_says_so(scene, de
         until(subscriber, touching(1))
         forced = ask(client, "tare force")
         assert forced["ok"] and forced["forced"]
-        assert "forced" in ask(client, "status")["sensors"]["arm"]["reference_problem"]
+        # From the first group on that is compared with the new reference.
+        wait_until(
+            lambda: "forced" in ask(client, "status")["sensors"]["arm"]["reference_problem"], 30
+        )
         assert run_command("status", control_port).returncode == 1
         device.command("release arm")
         until(subscriber, settled(0))
