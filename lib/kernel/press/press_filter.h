@@ -237,8 +237,7 @@ private:
     press_observation d_passed; // what the receiver has done since
     double d_elapsed_s = 0;     // since the group before
     phase_covariance d_noise;
-    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0,
-           d_apart_noise = 0; // of the difference of the amplitudes
+    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
 };
 
