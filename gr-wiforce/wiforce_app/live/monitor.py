@@ -23,7 +23,7 @@ _MANY_GAPS = 3  # within a second: more than chance
 # What somebody who is about to press must know, by the state of a run.
 _UNTOUCHED = "the untouched reference is measured: touch no sensor"
 _BEGINS = {
-    "acquiring": _UNTOUCHED,  # of which the reference is as well
+    "acquiring": _UNTOUCHED,  # the reference begins with it
     "reference": _UNTOUCHED,
     "reading": "reading: sensors may be pressed",
 }

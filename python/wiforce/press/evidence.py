@@ -85,7 +85,7 @@ class _OpenPress:
         return bool(self._kept)
 
     def add(self, *group: Array) -> None:
-        """Take ratios, phases and standard deviations of a group, (2,) each."""
+        """Take what is compared of a group, such as ratios and phases, (2,) each."""
         if self._seen % self._stride == 0:
             # Copies, because a row of a batch would keep all of it in memory.
             self._kept.append(tuple(values.copy() for values in group))
@@ -169,7 +169,7 @@ class PressEvidence:
             if touched == 0 and (self._open or self._odd):
                 self._close()
             elif touched == 1 and odd[row]:
-                self._odd.add(ratios[row], phases[row], std[row])
+                self._odd.add(ratios[row])
             elif touched == 1 and clear[row]:
                 self._record.readings += 1
                 self._record.unexplained += bool(unexplained[row])
@@ -227,7 +227,7 @@ class PressEvidence:
         if len(press) >= _LEAST_READINGS:
             self._compare(press)
         elif len(odd) >= _LEAST_READINGS:
-            self._keep(np.array([ratios for ratios, *_ in odd]))
+            self._keep(np.array([ratios for (ratios,) in odd]))
         self._record.suspicions = self._suspicions()
 
     def _keep(self, ratios: Array) -> None:

@@ -18,23 +18,25 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
 
     Bits of ``io.readings.Flag``, shape (G,).
     """
+    ends = slice(2 * sensor, 2 * sensor + 2)
     flagged = [
-        _either(groups.in_reference, sensor) | groups.in_tare,
+        _either(groups.in_reference[:, ends]) | groups.in_tare,
         groups.missing > 0,
         groups.saturated,
-        _either(groups.reshaped, sensor),
-        groups.overlapping[:, sensor] | _either(groups.late_reference, sensor),
+        _either(groups.reshaped[:, ends]),
+        groups.overlapping[:, sensor] | _either(groups.late_reference[:, ends]),
     ]
     return np.asarray(_BITS @ np.array(flagged, np.int64))
 
 
 def has_phases(groups: Groups, sensor: int) -> Array:
     """Whether the groups determine the phases of a sensor; bool, shape (G,)."""
+    ends = slice(2 * sensor, 2 * sensor + 2)
     lost = groups.overlapping[:, sensor] | ~groups.locked[:, sensor]
-    lost |= _either(~np.isfinite(groups.phase_std_deg), sensor)
-    return np.asarray(~(lost | _either(groups.ratios == 0, sensor)))
+    lost |= _either(~np.isfinite(groups.phase_std_deg[:, ends]))
+    return np.asarray(~(lost | _either(groups.ratios[:, ends] == 0)))
 
 
-def _either(ends: Array, sensor: int) -> Array:
-    """Whether it is so at one of both ends of a sensor; (G,) of (G, 2S)."""
-    return np.asarray(ends[:, 2 * sensor] | ends[:, 2 * sensor + 1])
+def _either(ends: Array) -> Array:
+    """Whether it is so at one of both ends; (G,) of (G, 2)."""
+    return np.asarray(ends[:, 0] | ends[:, 1])
