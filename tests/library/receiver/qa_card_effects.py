@@ -56,12 +56,17 @@ def capture_of(line_db, snr_db=30.0, **more):
     return PacketCapture([PacketTag(134.0)], static=static, noise=noise, **(settings | more))
 
 
+def quietly_read(path, scene):
+    """Readings of a file, whose warnings are not looked at."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return wiforce.read(path, scene)
+
+
 def readings_of(capture, folder):
     """Readings, those of steady touches, and their errors over standard deviations."""
     capture.save(folder / "p.npz")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        readings = wiforce.read(folder / "p.npz", scene_of())
+    readings = quietly_read(folder / "p.npz", scene_of())
     steady = readings[(readings["time_s"] > 3.25) & (readings["time_s"] < 6.75)]
     clear = steady[steady["flags"] == ""]
     stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
@@ -78,9 +83,7 @@ def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp
     interval_s = float(np.mean(np.diff(capture.time_s)))
     scene = scene_of() | {"packets": {"interval_s": interval_s}, "reference_s": 0.5}
     scene["phase_group"] = {"snapshots": round(0.1 / interval_s)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        readings = wiforce.read(tmp_path / "p.npz", scene)
+    readings = quietly_read(tmp_path / "p.npz", scene)
     steady = readings[(readings["time_s"] > 0.7) & (readings["time_s"] < 1.4)]
     clear = steady[steady["flags"] == ""]
     error_n = (clear["force_n"] - FORCE_N).abs()
@@ -130,9 +133,7 @@ def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
         "phase_group": {"snapshots": 167},
         "reference_s": 10.0,
     }
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        readings = wiforce.read(tmp_path / "p.npz", scene)
+    readings = quietly_read(tmp_path / "p.npz", scene)
     steady = readings[(readings["time_s"] > 13) & (readings["time_s"] < 19)]
     clear = steady[steady["flags"] == ""]
     errors = (clear["force_n"] - FORCE_N).abs()
