@@ -6,6 +6,7 @@
 
 #include <gnuradio/block_detail.h>
 #include <gnuradio/buffer_reader.h>
+#include <gnuradio/wiforce/names.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
@@ -13,6 +14,8 @@
 
 #include "refusal.h"
 #include "rx_time.h"
+
+#include <algorithm>
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -247,6 +250,64 @@ static bool input_has_ended(const gr::block& block)
     return input->done() && input->items_available() == 0;
 }
 
+// Marks in the tags of one group.
+static py::array_t<bool> marks_of(const std::vector<std::uint8_t>& marks, int value)
+{
+    py::array_t<bool> result(marks.size());
+    std::transform(marks.begin(),
+                   marks.end(),
+                   result.mutable_data(),
+                   [value](std::uint8_t mark) { return mark == value; });
+    return result;
+}
+
+// Items at the first input of a block, and what their tags say. The samples stay in the
+// buffer: they are valid until the block consumes them.
+static py::list
+collected_groups(const gr::block& block, int count, py::ssize_t group_length)
+{
+    const auto input = block.detail()->input(0);
+    const std::uint64_t first = input->nitems_read();
+    const py::ssize_t length =
+        input->get_sizeof_item() / (group_length * sizeof(gr_complex));
+    std::vector<gr::tag_t> tags;
+    input->get_tags_in_range(tags, first, first + count, block.unique_id());
+    static const auto index_key = pmt::mp(names::GROUP);
+    static const auto mask_key = pmt::mp(names::MASK);
+    static const auto disturbed_key = pmt::mp(names::DISTURBED);
+    static const auto saturated_key = pmt::mp(names::SATURATED);
+    static const auto retuned_key = pmt::mp(names::RETUNED);
+    struct group {
+        std::uint64_t index = 0, saturated = 0;
+        bool retuned = false;
+        py::object present = py::none(), undisturbed = py::none();
+    };
+    std::vector<group> groups(count);
+    for (const gr::tag_t& tag : tags) {
+        group& own = groups.at(tag.offset - first);
+        if (pmt::eq(tag.key, index_key))
+            own.index = pmt::to_uint64(tag.value);
+        else if (pmt::eq(tag.key, saturated_key))
+            own.saturated = pmt::to_uint64(tag.value);
+        else if (pmt::eq(tag.key, retuned_key))
+            own.retuned = true;
+        else if (pmt::eq(tag.key, mask_key))
+            own.present = marks_of(pmt::u8vector_elements(tag.value), 1);
+        else if (pmt::eq(tag.key, disturbed_key))
+            own.undisturbed = marks_of(pmt::u8vector_elements(tag.value), 0);
+    }
+    const auto* item = static_cast<const gr_complex*>(input->read_pointer());
+    py::list result;
+    for (const group& own : groups) {
+        // An array of memory that something else owns has a base, of which nothing comes.
+        const py::array_t<gr_complex> folded({ group_length, length }, item, py::none());
+        result.append(py::make_tuple(
+            own.index, folded, own.present, own.undisturbed, own.saturated, own.retuned));
+        item += group_length * length;
+    }
+    return result;
+}
+
 // A flowgraph holds the C++ part of its blocks only. This pointer to it holds the Python
 // part as well, which the C++ part calls and does not own.
 static py::object kept_with(std::shared_ptr<gr::basic_block> block, py::object owner)
@@ -291,6 +352,15 @@ PYBIND11_MODULE(wiforce_python, m)
           &rx_time_or_none,
           "value"_a,
           "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
+    m.def(
+        "collected_groups",
+        &collected_groups,
+        "block"_a,
+        "count"_a,
+        "group_length"_a,
+        "The groups of collected snapshots at the input of a block, as tuples: index, "
+        "folded (N, L)\nin the buffer, present (N,) or None for all, undisturbed (N,) or "
+        "None for all, snapshots at\nfull scale, whether retuned.");
     m.def("kept_with",
           &kept_with,
           "block"_a,

@@ -12,9 +12,10 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..io.readings import Reading
-from ..wiforce_python import input_has_ended
+from ..wiforce_python import collected_groups, input_has_ended
 from . import names
 from .argument_types import Kept
 
@@ -218,6 +219,49 @@ class GroupBlock(Kept, gr.basic_block):
             self.add_item_tag(0, offset, _STATE, state_to_pmt(group))
             produced += 1
         return produced
+
+
+class SnapshotSink(GroupBlock):
+    """Passes the collected snapshots of the groups that have arrived to ``read``.
+
+    Input: vectors N x symbol length, from ``preamble_fold.collected`` or
+    ``phase_group_doppler.collected``. Arrays of the groups are valid during the call only.
+    """
+
+    def __init__(self, name: str, group_length: int, symbol_length: int) -> None:
+        GroupBlock.__init__(self, name, group_length * symbol_length, outputs=0)
+        self._everything = np.ones(group_length, bool)
+
+    def read(self, groups: list[SnapshotGroup]) -> None:
+        """Take groups, in order."""
+        raise NotImplementedError
+
+    # What GNU Radio itself does here, a class for every array and an object for every tag, takes
+    # longer than to compute the tones of a group.
+
+    def handle_forecast(self, noutput_items: int, ninputs: int) -> list[int]:
+        return [1]
+
+    def handle_general_work(
+        self, noutput_items: int, ninput_items: list[int], *pointers: list[Any]
+    ) -> int:
+        if self.failure is not None:
+            return _DONE
+        count, everything = ninput_items[0], self._everything
+        try:
+            groups = []
+            for each in collected_groups(self.gateway, count, len(everything)):
+                index, folded, present, undisturbed, saturated, retuned = each
+                present = everything if present is None else present
+                kept = present if undisturbed is None else present & undisturbed
+                group = SnapshotGroup(index, folded, None, present, saturated, retuned, kept)
+                groups.append(group)
+            self.read(groups)
+        except Exception as error:
+            self.fail(error)
+            return _DONE
+        self.gateway.consume(0, count)
+        return 0
 
 
 def _buffered_groups(signature: Any) -> int:

@@ -7,13 +7,11 @@ from collections.abc import Callable
 from threading import Event
 from typing import Any
 
-import numpy as np
 import pmt
 from gnuradio import gr
 
 from ..errors import InputError
 from ..estimation.capture.folded_groups import SnapshotGroup
-from ..estimation.groups import Array, Groups
 from ..io.capture.samples import ITEM_TYPES
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
@@ -23,7 +21,7 @@ from ..receiver.stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from . import names
 from .argument_types import Kept, enlarge_output_buffer, typed
-from .group_block import GroupBlock, ReadingPort, Tags, count_of
+from .group_block import ReadingPort, SnapshotSink
 from .stream_watch import StreamWatch
 
 _REQUEST, _CANCEL = "request", "cancel"
@@ -117,7 +115,7 @@ def _request_in(message: Any) -> dict[str, Any]:
     return values if isinstance(values, dict) else {}
 
 
-class group_reader(ReadingPort, TarePort, GroupBlock):
+class group_reader(ReadingPort, TarePort, SnapshotSink):
     """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
     Input: vectors N x symbol length, the snapshots of a group, from ``preamble_fold.collected`` or
@@ -139,19 +137,14 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         environment = plan.require_scene().environment
         sampled = environment.receive_antennas == 1 and environment.reader_clock == "shared"
         self.watch = StreamWatch(plan, "reader", self._warn, frame_offset, sampled)
-        self._width = plan.waveform.symbol_length
-        GroupBlock.__init__(self, "group_reader", plan.group_length * self._width, outputs=0)
+        SnapshotSink.__init__(self, "group_reader", plan.group_length, plan.waveform.symbol_length)
         self.open_port(on_reading)
         self.open_tare_port(self.stream.tares)
         self.message_port_register_out(pmt.intern(names.WARNINGS))
 
-    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        received = [
-            snapshot_group(item, own, self._width) for item, own in zip(items, tags, strict=True)
-        ]
-        self.watch.take(received)
-        self._publish(self.stream.process(received))
-        return len(items), Groups(np.zeros(0, np.int64))
+    def read(self, groups: list[SnapshotGroup]) -> None:
+        self.watch.take(groups)
+        self._publish(self.stream.process(groups))
 
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
@@ -178,26 +171,6 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
     def _warn(self, sentence: str) -> None:
         self.on_warning(sentence)
         self.message_port_pub(pmt.intern(names.WARNINGS), pmt.to_pmt({names.TEXT: sentence}))
-
-
-def snapshot_group(item: Array, tags: dict[str, Any], symbol_length: int = 64) -> SnapshotGroup:
-    """The group that an item (symbol_length N,) of collected snapshots holds, not copied."""
-    folded = item.reshape(-1, symbol_length)
-    present = np.ones(len(folded), bool)
-    if names.MASK in tags:
-        present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)
-    kept = present
-    if names.DISTURBED in tags:
-        kept = present & (np.array(pmt.u8vector_elements(tags[names.DISTURBED])) == 0)
-    return SnapshotGroup(
-        int(pmt.to_uint64(tags[names.GROUP])),
-        folded,
-        None,
-        present,
-        count_of(tags, names.SATURATED),
-        names.RETUNED in tags,
-        kept,
-    )
 
 
 # Groups that the receiver may leave waiting, in seconds of signal.

@@ -3,9 +3,7 @@
 
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
-from gnuradio.wiforce.blocks.group_block import GroupBlock
-from gnuradio.wiforce.blocks.reader import snapshot_group
-from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.blocks.group_block import SnapshotSink
 from gnuradio.wiforce.wiforce_kernels import tone_reader, tone_transform
 
 from .recording import GROUP_LENGTH, WAVEFORM
@@ -68,25 +66,22 @@ def sample_type(recording, item_type):
     return str(recording.fc32), 8, "cf32_le"
 
 
-class ToneSink(GroupBlock):
+class ToneSink(SnapshotSink):
     """Computes the tones (M, 64) of complete groups as the Reader does, without reading them.
 
     The Reader's own block surveys and reads the groups as well, which ``bench read`` measures.
     """
 
     def __init__(self, weights):
-        GroupBlock.__init__(self, "tone_sink", GROUP_LENGTH * WAVEFORM.symbol_length, outputs=0)
+        SnapshotSink.__init__(self, "tone_sink", GROUP_LENGTH, WAVEFORM.symbol_length)
         bins = range(WAVEFORM.symbol_length)
         self._kernel = tone_transform(weights, WAVEFORM.equalizer(), np.zeros(0), bins)
         self.tones = []
 
-    def take(self, items, tags):
-        for item, own in zip(items, tags, strict=True):
-            group = snapshot_group(item, own)
-            if not group.kept.all():
-                raise ValueError("a group of this stream is complete and without interference")
-            self.tones.append(self._kernel.transform(group.folded))
-        return len(items), Groups(np.zeros(0, np.int64))
+    def read(self, groups):
+        if not all(group.kept.all() for group in groups):
+            raise ValueError("a group of this stream is complete and without interference")
+        self.tones += [self._kernel.transform(group.folded) for group in groups]
 
 
 class StreamedTones:

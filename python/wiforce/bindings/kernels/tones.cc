@@ -52,10 +52,12 @@ public:
         std::vector<fc32> tones;
         {
             py::gil_scoped_release others_may_run;
-            if (!fastest_kernels().are_finite(
-                    reinterpret_cast<const float*>(folded.data()), 2 * folded.size()))
-                throw std::invalid_argument("tone_transform: folded must be finite");
             d_accumulator.transform(folded.data(), d_transform.data());
+            // A sum with something that is not finite is not finite either.
+            if (!fastest_kernels().are_finite(
+                    reinterpret_cast<const float*>(d_transform.data()),
+                    2 * d_transform.size()))
+                throw std::invalid_argument("tone_transform: folded must be finite");
             d_channel.append(d_transform.data(), tones);
         }
         const py::ssize_t rows = d_accumulator.rows(), bins = d_channel.bins().size();
