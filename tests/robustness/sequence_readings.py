@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader
-from press_sequences import FAMILIES, OFF_ERROR, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Sequence
+from press_sequences import FAMILIES, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Sequence
 
 CLOCKS_HZ = 1000.0, 1400.0
 # How often a tag turns, as the scene says: at any time, or while it is touched.
@@ -32,7 +32,8 @@ def plan_of(sensors, snapshots, turns_per_s=None, effects=()):
             if "off states" in effects
             else {}
         )
-        | ({"off_reflection_std": OFF_ERROR * max(OFF_STATES)} if "in error" in effects else {})
+        # In error they are known as by default.
+        | ({} if "in error" in effects else {"off_reflection_std": 0.0})
         for i in range(sensors)
     ]
     return wiforce.plan({"phase_group": {"snapshots": snapshots}, "sensors": named})

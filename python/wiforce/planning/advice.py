@@ -314,13 +314,6 @@ def _sensor_warnings(scene: Scene) -> Iterator[str]:
                 f"uncertain by {model.transfer_std_deg:.2g} deg; calibrate at the carrier in use "
                 "for smaller errors"
             )
-        one, other = sensor.off_reflection
-        if one != other and not sensor.off_reflection_std:
-            yield (
-                f"off states of '{sensor.name}' differ and are taken as exact: an error of 2 % of "
-                "them reads as force; state sensors[].off_reflection_std as gr-wiforce "
-                "off-reflection gives it"
-            )
         for press in scene.simulation.presses:
             forces = [press.force_n, press.end_force_n]
             inside = model.in_span(forces, press.location_mm)

@@ -24,7 +24,7 @@ from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.skin import pressed_sensor
 from ..simulation.synthesizers import noise_over_static
-from .off_states import turn_std_deg
+from .off_states import off_error_deg, turn_std_deg
 
 if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
@@ -209,15 +209,18 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
         medians: _Medians = (None, None, None)
         limit = span = None
         if not why_not_readable(scene, i, levels):
-            stated = _stated(model, carrier_hz, std)
+            where = (_span(model) if pressed is None else pressed)[:, :2]
+            wrong = off_error_deg(sensor, carrier_hz, where)
+            wrong = np.sqrt(np.mean(wrong**2, axis=0))
+            stated = _stated(model, carrier_hz, np.hypot(std, wrong))
             if pressed is None:
                 medians = stated
             else:
                 span = stated[1:]
                 noise = np.hypot(std, _curvature_deg(scene))
-                turn_std = turn_std_deg(sensor, carrier_hz, pressed[:, :2], noise)
-                medians = _drawn(model, carrier_hz, pressed, noise, turn_std)
-            limit = _limit(model, carrier_hz, _span(model) if pressed is None else pressed, std)
+                turn_std = turn_std_deg(sensor, carrier_hz, where, noise)
+                medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong), turn_std)
+            limit = _limit(model, carrier_hz, where, std)
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span))
     return tuple(found)
 
@@ -225,11 +228,10 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
 def _limit(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> str:
     """What more than half of the variance of the force comes from.
 
-    ``points`` (n, 2 or more): force and location; ``std`` (2,): of the phases, in deg.
+    ``points`` (n, 2): force and location; ``std`` (2,): of the phases, in deg.
     """
-    where = points[:, :2]
-    together = _spread(model, carrier_hz, where, std)[:, 0]
-    alone = _spread(model, carrier_hz, where, np.full(2, _NOISELESS_DEG))[:, 0]
+    together = _spread(model, carrier_hz, points, std)[:, 0]
+    alone = _spread(model, carrier_hz, points, np.full(2, _NOISELESS_DEG))[:, 0]
     return CALIBRATION if np.median((alone / together) ** 2) > 0.5 else RADIO
 
 
@@ -241,10 +243,11 @@ def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndar
 
     ``sensor``: index in the plan; ``force_n`` (F,), ``location_mm`` (L,).
     """
-    planned, std = plan.sensors[sensor], phase_std_deg(plan)[sensor]
+    planned, carrier_hz = plan.sensors[sensor], plan.center_frequency_hz
     grid = np.meshgrid(force_n, location_mm, indexing="ij")
     points = np.stack(grid, axis=-1).reshape(-1, 2)
-    spread = _spread(planned.model, plan.center_frequency_hz, points, std)
+    std = np.hypot(phase_std_deg(plan)[sensor], off_error_deg(planned, carrier_hz, points))
+    spread = _spread(planned.model, carrier_hz, points, std)
     return spread.reshape(len(force_n), len(location_mm), 2)
 
 

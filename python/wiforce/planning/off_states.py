@@ -14,74 +14,54 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..sensor import SensorModel
+from ..scene.schema import vna_std
 
 if TYPE_CHECKING:
     from ..estimation.groups import Array
     from .plan import Plan, PlannedSensor
 
-# The press that is compared, and parts of the calibrated span where pairs are compared.
-_FORCE_N, _PARTS_OF_SPAN = 4.0, (0.25, 0.5, 0.75)
+# Forces, and locations, of the calibrated span at which pairs are compared.
+_PRESSES = 5
 # Angles of off states to choose from, and how much better a pair must be to be named.
 _ANGLES, _BETTER = 24, 0.9
-# Condition beyond which a parameter is determined by the model's rounding alone.
-_SINGULAR = 1e8
 
 
 @dataclass(frozen=True)
 class OffStates:
-    """Off states of a sensor at a press, and a better pair of the same size, if there is one.
+    """Off states of a sensor, and a better pair of the same size, if there is one.
 
     ``free_std_n`` is the least standard deviation of the force where nothing is known of the common
-    phase, infinite where it cannot be read; ``force_std_n`` where it is known. ``known_to`` is the
-    error of the real and the imaginary part of each that adds as much as ``free_std_n``.
+    phase, ``force_std_n`` where it is known: geometric means over the calibrated span, by the noise
+    of the phases and by what is unknown of the off states (``off_std``, of the real and the
+    imaginary part of each). ``known_to`` is the ``off_std`` that equals the noise.
     """
 
     sensor: str
     off_reflection: tuple[complex, complex]
-    force_n: float
-    location_mm: float
+    off_std: float
     force_std_n: float
     free_std_n: float
     known_to: float
-    noise: tuple[float, float]  # of the phases by arg R, in units of that without reflection
     better: tuple[complex, complex] | None
-    better_std_n: float
+    better_std_n: float | None
 
     def report(self) -> dict[str, object]:
-        """The same for JSON: pairs [re, im], None for what cannot be read."""
+        """The same for JSON: pairs [re, im]."""
 
         def parts(off: tuple[complex, complex]) -> list[list[float]]:
             return [[each.real, each.imag] for each in off]
 
-        numbers = {
-            name: value if np.isfinite(value) else None
-            for name in ("force_std_n", "free_std_n", "known_to", "better_std_n")
-            for value in [getattr(self, name)]
-        }
-        return {
-            "sensor": self.sensor,
-            "off_reflection": parts(self.off_reflection),
-            "force_n": self.force_n,
-            "location_mm": self.location_mm,
-            "noise": list(self.noise),
-            "better": None if self.better is None else parts(self.better),
-            **numbers,
-        }
+        better = None if self.better is None else parts(self.better)
+        return vars(self) | {"off_reflection": parts(self.off_reflection), "better": better}
 
     def __str__(self) -> str:
         """One line for a terminal."""
-        noise = "/".join(f"{each:.2g}" for each in self.noise)
-        first = f"{self.sensor}: off states {_pair(self.off_reflection)}"
-        at = f"{self.force_n:g} N at {self.location_mm:g} mm"
-        if np.isfinite(self.free_std_n):
-            read = (
-                f"while the tag turns, {at} is read to {self.free_std_n:.2g} N (standing still to "
-                f"{self.force_std_n:.2g} N), if they are known to {self.known_to:.2g}"
-            )
-        else:
-            read = f"a turn of the tag cannot be distinguished from force ({at})"
-        line = f"{first}: {read}; noise of the phases times {noise}"
+        line = (
+            f"{self.sensor}: off states {_pair(self.off_reflection)}, known to {self.off_std:.2g}: "
+            f"over the calibrated span force is read to {self.free_std_n:.2g} N while the tag "
+            f"turns, to {self.force_std_n:.2g} N while it stands still; errors of "
+            f"{self.known_to:.2g} would equal the noise"
+        )
         if self.better is None:
             return line
         return f"{line}; {_pair(self.better)} would read it to {self.better_std_n:.2g} N"
@@ -92,90 +72,33 @@ def off_states(plan: Plan, phase_std_deg: Sequence[Sequence[float]]) -> Iterator
 
     ``phase_std_deg`` (S, 2): noise of the phases of all sensors.
     """
-    carrier_hz = plan.center_frequency_hz
     for sensor, noise in zip(plan.sensors, np.radians(phase_std_deg), strict=True):
         off = np.asarray(sensor.off_reflection, complex)
         if not off.any():
             continue
-        low, high = sensor.model.location_span_mm
-        force_n = float(np.clip(_FORCE_N, *sensor.model.force_span_n))
-        locations_mm = low + np.array(_PARTS_OF_SPAN) * (high - low)
-        slopes = [_slopes(sensor.model, force_n, mm, carrier_hz) for mm in locations_mm]
-        untouched = np.exp(1j * np.radians(sensor.model.untouched_deg(carrier_hz)))
-        reflection, slope = slopes[len(slopes) // 2]
-        free_std_n, error_n = _free(reflection, slope, untouched, off, noise)
-        if free_std_n > sensor.model.force_span_n[1]:
-            free_std_n = np.inf  # nothing is read by it
-        known = _jacobian(reflection, slope, off, noise)[:, :2]
-        switched = reflection - off
-        growth = np.abs(switched) / (switched * reflection.conj()).real
-        better, better_std_n = _best(slopes, untouched, off, noise)
+        spans = sensor.model.force_span_n, sensor.model.location_span_mm
+        grid = np.meshgrid(*(np.linspace(low, high, _PRESSES) for low, high in spans))
+        line = PressedLine(sensor, plan.center_frequency_hz, np.stack(grid, axis=-1).reshape(-1, 2))
+        # What is stated of equal ones says nothing of a pair that differs.
+        off_std = sensor.off_reflection_std if off[0] != off[1] else vna_std(off)
+        free_std_n = line.force_std_n(off, noise, off_std)
+        circle = np.abs(off).max() * np.exp(2j * np.pi * np.arange(_ANGLES) / _ANGLES)
+        pairs = np.stack(np.meshgrid(circle, circle), axis=-1).reshape(-1, 2)
+        stds_n = line.force_std_n(pairs, noise, off_std)
+        best = int(np.argmin(stds_n))
+        is_better = stds_n[best] < _BETTER * free_std_n
+        squares = (line.stds(off, *of)[:, 0] ** 2 for of in ((noise, 0.0), (0 * noise, 1.0)))
+        by_noise, by_errors = (np.median(each) for each in squares)
         yield OffStates(
             sensor.name,
             (complex(off[0]), complex(off[1])),
-            force_n,
-            float(locations_mm[len(locations_mm) // 2]),
-            float(_stds(known)[0]),
-            free_std_n,
-            free_std_n / error_n if np.isfinite(free_std_n) else np.inf,
-            (float(growth[0]), float(growth[1])),
-            better,
-            better_std_n,
+            off_std,
+            float(line.force_std_n(off, noise, off_std, turns=False)),
+            float(free_std_n),
+            float(np.sqrt(by_noise / by_errors)),
+            (complex(pairs[best, 0]), complex(pairs[best, 1])) if is_better else None,
+            float(stds_n[best]) if is_better else None,
         )
-
-
-def _slopes(
-    model: SensorModel, force_n: float, location_mm: float, carrier_hz: float
-) -> tuple[Array, Array]:
-    """G / rho of both ends, and the slopes of psi with force and location, rad; (2,) and (2, 2)."""
-    forward = model.inverter(carrier_hz).forward
-    psi = np.radians(np.ravel(model.phases_deg(force_n, location_mm, carrier_hz)))
-    slopes = forward.slopes(*forward.clip(np.array([force_n]), np.array([location_mm])))[0]
-    return np.exp(1j * psi), np.radians(slopes)
-
-
-def _jacobian(reflection: Array, slope: Array, off: Array, noise: Array) -> Array:
-    """Of both D in units of their noise; force, location, rotation, gain; shape (4, 4)."""
-    switched = reflection - off
-    press = (1j * reflection)[:, None] * slope
-    columns = np.column_stack([press, 1j * switched, switched]) / noise[:, None]
-    return np.concatenate([columns.real, columns.imag])
-
-
-def _stds(jacobian: Array) -> Array:
-    """Standard deviations of the parameters; infinite where they are not determined."""
-    squares: Array = jacobian.T @ jacobian
-    scale: Array = np.sqrt(np.diag(squares))
-    normal: Array = squares / np.outer(scale, scale)
-    if np.linalg.cond(normal) > _SINGULAR:
-        return np.full(len(scale), np.inf)
-    stds: Array = np.sqrt(np.diag(np.linalg.inv(normal))) / scale
-    return stds
-
-
-def _free(
-    reflection: Array, slope: Array, untouched: Array, off: Array, noise: Array
-) -> tuple[float, float]:
-    """Standard deviation of the force without the common phase, and its error in N by unit errors
-    of real and imaginary part of each off state.
-    """
-    stds, errors = _without_common(reflection, slope, untouched, off, noise)
-    return float(stds[0]), float(errors[0])
-
-
-def _without_common(
-    reflection: Array, slope: Array, untouched: Array, off: Array, noise: Array
-) -> tuple[Array, Array]:
-    """The same of force, location, rotation and gain; infinite where they are not determined."""
-    jacobian = _jacobian(reflection, slope, off, noise)
-    stds = _stds(jacobian)
-    if not np.isfinite(stds).all():
-        return stds, stds
-    # R is D over that of the untouched sensor, which the reader takes from its off state as well.
-    wrong = np.diag((reflection - off) * (1 / (untouched - off) - 1 / (reflection - off)))
-    wrong = np.column_stack([wrong, 1j * wrong]) / noise[:, None]
-    moved = np.linalg.lstsq(jacobian, np.concatenate([wrong.real, wrong.imag]), rcond=None)[0]
-    return stds, np.linalg.norm(moved, axis=1)
 
 
 def turn_std_deg(
@@ -189,31 +112,61 @@ def turn_std_deg(
     off = np.asarray(sensor.off_reflection, complex)
     if not off.any():
         return np.full(len(presses), np.inf)
-    untouched = np.exp(1j * np.radians(sensor.model.untouched_deg(carrier_hz)))
-    found = []
-    for force_n, location_mm in presses:
-        reflection, slope = _slopes(sensor.model, force_n, location_mm, carrier_hz)
-        stds, errors = _without_common(reflection, slope, untouched, off, np.radians(phase_std_deg))
-        found.append(np.degrees(np.hypot(stds[2], sensor.off_reflection_std * errors[2])))
-    return np.array(found)
+    stds = PressedLine(sensor, carrier_hz, presses).stds(
+        off, np.radians(phase_std_deg), sensor.off_reflection_std
+    )
+    return np.degrees(stds[:, 2])
 
 
-def _best(
-    slopes: list[tuple[Array, Array]], untouched: Array, off: Array, noise: Array
-) -> tuple[tuple[complex, complex] | None, float]:
-    """The pair of this size that reads best over the line, if it is better than ``off``."""
+def off_error_deg(sensor: PlannedSensor, carrier_hz: float, presses: Array) -> Array:
+    """Standard deviation of both phases of presses (n, 2) by what is unknown of the off states."""
+    line = PressedLine(sensor, carrier_hz, presses)
+    return np.degrees(sensor.off_reflection_std * line.error(np.asarray(sensor.off_reflection)))
 
-    def worth(pair: Array) -> float:
-        stds = [_stds(_jacobian(g, slope, pair, noise))[0] for g, slope in slopes]
-        return float(np.mean(np.log(stds)))
 
-    circle = np.abs(off).max() * np.exp(2j * np.pi * np.arange(_ANGLES) / _ANGLES)
-    pairs = [np.array([first, second]) for first in circle for second in circle]
-    best = min(pairs, key=worth)
-    if not worth(best) < worth(off) + np.log(_BETTER):
-        return None, np.inf
-    std, _ = _free(*slopes[len(slopes) // 2], untouched, best, noise)
-    return (complex(best[0]), complex(best[1])), std
+class PressedLine:
+    """What both ends reflect at presses (n, 2): G / rho, and the slopes of psi, in rad."""
+
+    def __init__(self, sensor: PlannedSensor, carrier_hz: float, presses: Array) -> None:
+        model, forward = sensor.model, sensor.model.inverter(carrier_hz).forward
+        self._untouched = np.exp(1j * np.radians(model.untouched_deg(carrier_hz)))
+        self._reflection = np.exp(
+            1j * np.radians(model.phases_deg(presses[:, 0], presses[:, 1], carrier_hz))
+        )
+        self._slopes = np.radians(forward.slopes(*forward.clip(*presses.T)))
+        self._prior = 12 / np.ptp(model.force_span_n) ** 2  # uniform over the span
+
+    def error(self, off: Array) -> Array:
+        """By how much D is wrong for unit errors of off states (..., 2); (..., n, 2).
+
+        R is D over that of the untouched sensor, which the reader takes from its off state as well.
+        """
+        off = off[..., None, :]
+        return np.abs(1 - (self._reflection - off) / (self._untouched - off))
+
+    def stds(self, off: Array, noise: Array, off_std: float, turns: bool = True) -> Array:
+        """Standard deviations of force, location and, if the tag turns, its rotation and gain.
+
+        For off states (..., 2) and noise of the phases (..., 2) in rad; shape (..., n, 4 or 2),
+        infinite where they are not determined.
+        """
+        switched = self._reflection - off[..., None, :]
+        noise = np.hypot(noise, off_std * self.error(off))
+        press = np.broadcast_to(
+            1j * self._reflection[..., None] * self._slopes, (*switched.shape, 2)
+        )
+        common = [1j * switched[..., None], switched[..., None]] if turns else []
+        columns = np.concatenate([press, *common], axis=-1) / noise[..., None]
+        jacobian = np.concatenate([columns.real, columns.imag], axis=-2)
+        scale = np.linalg.norm(jacobian, axis=-2)
+        _, singular, rows = np.linalg.svd(jacobian / scale[..., None, :], full_matrices=False)
+        with np.errstate(divide="ignore"):
+            return np.linalg.norm(rows / singular[..., None], axis=-2) / scale
+
+    def force_std_n(self, off: Array, noise: Array, off_std: float, turns: bool = True) -> Array:
+        """Geometric mean over the presses of that of the force; shape (...)."""
+        stds = self.stds(off, noise, off_std, turns)[..., 0]
+        return np.exp(np.mean(np.log(1 / (1 / stds**2 + self._prior)), axis=-1) / 2)
 
 
 def _pair(off: tuple[complex, complex]) -> str:

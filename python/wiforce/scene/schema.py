@@ -6,6 +6,7 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 """
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -279,6 +280,22 @@ class Environment:
         return FREQUENCIES_HZ if isinstance(self.mains_hz, str) else (self.mains_hz,)
 
 
+# Directivity, tracking and source match that calibration with an economy kit leaves, each -40 dB.
+# They add 1, m and m^2 times this to a reflection of magnitude m (HP 8753, one-port error model).
+_VNA_RESIDUAL = 0.01
+
+
+def vna_std(off_reflection: Iterable[complex]) -> float:
+    """Standard deviation of both parts of off states that are measured with a VNA."""
+    magnitude = max(map(abs, off_reflection))
+    return _VNA_RESIDUAL * (1 + magnitude + magnitude**2)
+
+
+def _off_reflection_std(scope: Scope) -> float:
+    one, other = off = scope["off_reflection"]
+    return 0.0 if one == other else vna_std(off)
+
+
 @declared
 class SceneSensor:
     """A sensor of the scene and its tag, as the reader knows them."""
@@ -320,7 +337,7 @@ class SceneSensor:
     )
     off_reflection_std: float = key(
         Number(low=0, high=0.5),
-        default=0.0,
+        derived=Derived("0 where both are alike, otherwise that of a VNA", _off_reflection_std),
         doc="Standard deviation of the real and the imaginary part of each, which widens readings.",
     )
 
