@@ -61,7 +61,7 @@ class Chain:
 def steps_to_force(plan, on_reading):
     """The steps behind the channel at each line; the estimator of the plan decides how."""
     return [
-        # Ends (section 3.3): end 1 of the sensor is line fs of its tag, end 2 is line 4 fs. Here
+        # Ends (section 3.2): end 1 of the sensor is line fs of its tag, end 2 is line 4 fs. Here
         # both are fitted to all lines together, at the phase of the tag's clock, which is tracked.
         wiforce.end_separation(plan),
         # Change (section 3.3): V_i[k, g] conj(V_i,ref[k]) of each end i. The air cancels. The paper

@@ -8,6 +8,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import check_output
+from gnuradio.wiforce.sensor.curves import FORMS
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from ..shell.commands import GroupedHelp
@@ -15,7 +16,6 @@ from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
 from .guide import complete_settings, guide, guided_options, table_of
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
-_FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
 # What --frequency-hz says of a table that does not say it itself.
 _CARRIER_OF = {
     "taps": "taps ({}) were read at one carrier; name it, as --frequency-hz 915e6",
@@ -70,7 +70,7 @@ _STEPS = ("nearest", "given", "line")
 )
 @click.option(
     "--form",
-    type=click.Choice(_FORMS),
+    type=click.Choice(("auto", "auto-beyond", *FORMS)),
     default="auto",
     show_default=True,
     help="Curves of force; auto: by cross-validation, auto-beyond: outside the forces too.",

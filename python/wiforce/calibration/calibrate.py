@@ -17,7 +17,7 @@ from .data import (
     check_table,
     with_location_steps,
 )
-from .fit import fit_carrier, force_knots
+from .fit import fit_carrier
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import (
@@ -119,7 +119,7 @@ def calibrate(
     validation = validate_forms(data)
     form = validation["best"].get(form, form)
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
-    knots = force_knots(form, forces)
+    knots = curves.force_knots(form, forces)
     carriers = [fit_carrier(d, form, knots) for d in data]
     validation["locations"], wrong = [], []
     for each in zip(data, carriers, strict=True):

@@ -13,9 +13,7 @@ from ..sensor.location import LocationInterpolation, learn_interpolation
 from ..signal.carrier import wrap_deg
 from .data import CarrierData, ContactCurve, compared_forces
 
-# Knots of the spline, at equal steps of touch-down. Their freedom is limited by smoothing, whose
-# weight is chosen among these by cross-validation.
-SPLINE_KNOTS = 8
+# Weights of the smoothing of the spline, among which cross-validation chooses.
 _SMOOTHING = np.geomspace(1e-8, 1.0, 17)
 # Relative weight of the coefficients' size, small enough to have no effect where data exist.
 _RIDGE = 1e-6
@@ -36,22 +34,6 @@ class ForceCurve:
     unit_covariance: np.ndarray
     residual: np.ndarray
     freedom: float
-
-
-def force_knots(form: str, forces: np.ndarray) -> np.ndarray | None:
-    """Knots of the functions of force.
-
-    Returns ndarray or None: in N, rising; None for the power law.
-
-    ``forces``: calibrated forces, in N.
-    """
-    low, high = float(np.min(forces)), float(np.max(forces))
-    if form == "power":
-        return None
-    if form == "cubic":
-        return np.array([low, high])
-    u = np.linspace(curves.touch_down(high), curves.touch_down(low), SPLINE_KNOTS)
-    return np.sort(np.clip(u**-3.0, low, high))
 
 
 class CurveFitter:

@@ -13,7 +13,7 @@ from ..sensor.inversion import Inversion
 from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier, wrap_deg
 from .data import CarrierData, ContactCurve, compared_forces
-from .fit import CurveFitter, force_knots, interpolate
+from .fit import CurveFitter, interpolate
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -68,9 +68,9 @@ def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
     """
     means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
     if not all(mean.size for mean in means.values()):
-        return "power"
+        return curves.FORMS[0]
     best = min(means, key=lambda form: means[form].mean())
-    for form in ("power", "cubic", "spline"):
+    for form in curves.FORMS:
         worse = means[form] - means[best]
         error = np.std(worse, ddof=1) / np.sqrt(worse.size) if worse.size > 1 else 0.0
         if worse.mean() <= error:
@@ -80,7 +80,7 @@ def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
 
 def _fold_errors(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.ndarray, bool]]:
     """Squared errors of each fold, and whether the fold is extrapolated."""
-    knots = force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
+    knots = curves.force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
     samples = [(c.force_n, c.added_deg) for c in data.all_curves()]
     fitter = CurveFitter(form, knots, samples)
     folds = []

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,8 @@ from .location import LocationInterpolation, Transition
 from .model import SensorModel
 from .splines import Array, basis_splines
 
-FORMS = ("cubic", "power", "spline")
+# Knots of a calibrated spline, at equal steps of touch-down. Smoothing limits their freedom.
+SPLINE_KNOTS = 8
 # Relative step of the force for the slope of a phase.
 _SLOPE_STEP = 0.01
 
@@ -48,6 +49,10 @@ class PowerBasis:
     def __init__(self, knots_n: Array | None = None) -> None:
         pass
 
+    @staticmethod
+    def knots_of(force_n: Array) -> None:
+        """No knots, whatever the calibrated forces (n,) in N."""
+
     def __call__(self, force_n: ArrayLike) -> Array:
         force = np.asarray(force_n, float)
         return np.stack([np.ones_like(force), np.cbrt(1 / force), force], axis=-1)
@@ -60,6 +65,11 @@ class CubicBasis:
 
     def __init__(self, knots_n: Array) -> None:
         self._low, self._high = float(knots_n[0]), float(knots_n[-1])
+
+    @staticmethod
+    def knots_of(force_n: Array) -> Array:
+        """Least and largest of the calibrated forces (n,), in N; shape (2,)."""
+        return np.array([np.min(force_n), np.max(force_n)])
 
     def __call__(self, force_n: ArrayLike) -> Array:
         force = np.asarray(force_n, float)
@@ -79,6 +89,13 @@ class SplineBasis:
         self._u = np.sort(touch_down(knots_n))
         self._knots = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
         self.size = len(self._u) + 2
+
+    @staticmethod
+    def knots_of(force_n: Array) -> Array:
+        """Knots over the calibrated forces (n,), rising, in N; shape (SPLINE_KNOTS,)."""
+        low, high = float(np.min(force_n)), float(np.max(force_n))
+        u = np.linspace(touch_down(high), touch_down(low), SPLINE_KNOTS)
+        return np.sort(np.clip(u**-3.0, low, high))
 
     def __call__(self, force_n: ArrayLike) -> Array:
         u = touch_down(force_n)
@@ -102,16 +119,19 @@ def touch_down(force_n: ArrayLike) -> Array:
 
 
 Basis = PowerBasis | CubicBasis | SplineBasis
-_BASES: dict[str, Callable[[Any], Basis]] = {
-    "power": PowerBasis,
-    "cubic": CubicBasis,
-    "spline": SplineBasis,
-}
+# The simplest first.
+_BASES: dict[str, Any] = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
+FORMS = tuple(_BASES)
 
 
 def force_basis(form: str, knots_n: Array | None = None) -> Basis:
     """The basis functions of force named ``form``: ``basis(force) -> ndarray (..., size)``."""
-    return _BASES[form](knots_n)
+    return cast(Basis, _BASES[form](knots_n))
+
+
+def force_knots(form: str, force_n: Array) -> Array | None:
+    """Knots of a form over calibrated forces (n,), rising, in N; None for a form without them."""
+    return cast("Array | None", _BASES[form].knots_of(force_n))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.fit import CurveFitter, force_knots, noise_and_misfit
+from gnuradio.wiforce.calibration.fit import CurveFitter, noise_and_misfit
 from gnuradio.wiforce.calibration.refine import refine
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import (
@@ -19,7 +19,7 @@ from gnuradio.wiforce.calibration.tables import (
 from gnuradio.wiforce.calibration.validation import best_form, calibration_warnings
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
+from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis, force_knots
 from gnuradio.wiforce.sensor.location import learn_interpolation
 from sensor_laws import LAWS, OwnLaw, read_law, untouched_deg, vna_rows, wrap
 

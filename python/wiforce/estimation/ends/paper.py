@@ -23,7 +23,7 @@ _LEAST_NOISE = 1e-300
 
 
 class LineSeparator:
-    """Reads end 1 on line 1 of each tag, and end 2 on line 4 (paper, section 3.3).
+    """Reads end 1 on line 1 of each tag, and end 2 on line 4 (paper, section 3.2).
 
     Has the interface of :class:`.EndSeparator`, and acquires no clock. The noise is learned from
     the difference of lines +m and -m, which have the same channel. ``squared`` gives the product
