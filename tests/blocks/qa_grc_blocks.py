@@ -326,3 +326,15 @@ def test_block_invalid_parameter_is_refused_by_grc_too(make_block, block_id, par
     assert messages
     with pytest.raises(ValueError):
         made_by(block)
+
+
+def test_waveforms_to_choose_are_those_of_the_library(platform):
+    from gnuradio.wiforce.signal.waveform import WAVEFORMS
+
+    lists = {
+        block: tuple(next(p["options"] for p in made.parameters_data if p["id"] == "waveform"))
+        for block, made in platform.blocks.items()
+        if any(p["id"] == "waveform" and p.get("options") for p in made.parameters_data)
+    }
+    assert len(lists) == 4
+    assert set(lists.values()) == {WAVEFORMS}
