@@ -56,6 +56,11 @@ class ReceivedLevels:
     noise_steps: float
 
     @property
+    def total(self) -> float:
+        """Variance in H of all noise."""
+        return self.noise + self.quantisation + self.radio
+
+    @property
     def out_of_range(self) -> bool:
         """Whether the tag is lost in the ADC's rounding, whose error is then systematic."""
         return self.noise_steps < _DITHER_STEPS and self.tag_steps < _FEW_STEPS
@@ -66,8 +71,11 @@ def line_amplitude(scene: Scene) -> float:
     return float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
 
 
-def receive_levels(scene: Scene) -> ReceivedLevels:
-    """Levels at the receiver when the signal's peak is as far below full scale as simulated."""
+def receive_levels(scene: Scene, carrier_hz: float | None = None) -> ReceivedLevels:
+    """Levels at the receiver when the signal's peak is as far below full scale as simulated.
+
+    ``carrier_hz`` is another one than the scene's, for which its levels are stated.
+    """
     simulation, waveform = scene.simulation, scene.waveform()
     line = line_amplitude(scene)
     noise = line**2 / 10 ** (simulation.snr_db / 10)
@@ -86,7 +94,7 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     return ReceivedLevels(
         noise,
         float(quantisation),
-        float(static * radio_noise_share(scene)),
+        float(static * radio_noise_share(scene, carrier_hz)),
         float(line / step),
         float(sample_std / step),
     )
@@ -118,8 +126,7 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
             f"and noise {levels.noise_steps:.2g}; rounding errors are systematic, the tag is out "
             "of the ADC's range"
         )
-    noise = levels.noise + levels.quantisation + levels.radio
-    snr_db = 10 * np.log10(line_amplitude(scene) ** 2 / noise) + tag.level_db
+    snr_db = 10 * np.log10(line_amplitude(scene) ** 2 / levels.total) + tag.level_db
     if scene.packets is None and snr_db < _LOWEST_SNR_DB:
         return (
             f"SNR: with all noise that of '{tag.sensor}' is {snr_db:.0f} dB; below "
@@ -301,9 +308,7 @@ def _phase_std(
         for sensor, p in zip(plan.sensors, points, strict=True)
         for where in [_span(sensor.model) if p is None else p]
     ]
-    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation + levels.radio).reshape(
-        -1, 2
-    )
+    bound = _bound_deg(plan, phases, levels.total).reshape(-1, 2)
     return np.array([_reading_std(*each) for each in zip(plan.sensors, phases, bound, strict=True)])
 
 

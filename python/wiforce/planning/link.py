@@ -10,7 +10,7 @@ from ..io.readings import WEAK_PHASE_DEG
 from ..scene import Scene
 from ..scene.link import Link
 from ..signal.bands import BANDS, occupied_band_hz
-from .expected import line_amplitude, phase_std_deg, radio_noise_share, receive_levels
+from .expected import phase_std_deg, receive_levels, why_not_readable
 from .plan import Plan
 
 # Standard deviation of an angle of which nothing is known: 360 deg / sqrt(12).
@@ -41,21 +41,18 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
     if link is None:
         return []
     own_hz, levels = scene.radio.center_frequency_hz, receive_levels(scene)
-    line = line_amplitude(scene) ** 2
-    worst_deg = float(phase_std_deg(plan).max())
-    unit_deg = worst_deg / np.sqrt((levels.noise + levels.quantisation + levels.radio) / line)
-    # The static path fills the ADC, so that its rounding is in proportion to that path.
-    static_db = scene.simulation.static_clutter_db
-    rounding = 0.0
-    if static_db is not None:
-        rounding = levels.quantisation / line / 10 ** (static_db / 10)
+    unit_deg = float(phase_std_deg(plan).max()) / np.sqrt(levels.total)
+    tags = range(len(scene.sensors))
 
     def found(link: Link, carrier_hz: float) -> tuple[float, float, float]:
         clock_hz = scene.sensors[0].clock_hz
         snr_db, static_db = link.levels_db(carrier_hz, scene.waveform(), clock_hz)
-        share = radio_noise_share(scene, carrier_hz) + rounding
-        noise = 10 ** (-snr_db / 10) + share * 10 ** (static_db / 10)
-        return snr_db, static_db, float(unit_deg * np.sqrt(noise))
+        stated = replace(scene.simulation, snr_db=snr_db, static_clutter_db=static_db)
+        there = replace(scene, simulation=stated)
+        levels = receive_levels(there, carrier_hz)
+        if any(why_not_readable(there, tag, levels) for tag in tags):
+            return snr_db, static_db, _UNKNOWN_DEG
+        return snr_db, static_db, float(unit_deg * np.sqrt(levels.total))
 
     def reach(carrier_hz: float) -> float:
         limit_deg = WEAK_PHASE_DEG * min(1.0, carrier_hz / own_hz)

@@ -22,6 +22,8 @@ _GAIN = Number(unit="dBi", low=-60, high=60)
 # Nearer than this, antennas of a wavelength's size are in each other's near field.
 _DISTANCE = Number(unit="m", low=0.05, high=1000)
 _LOSS = Number(unit="dB", low=0, high=200)
+# Distances of a triangle may miss its inequalities by their rounding.
+_ROUNDED = 1 + 1e-9
 _OTHER = "other"
 
 
@@ -29,6 +31,25 @@ def _stated_if_other(value: float | None, scope: Scope) -> str | None:
     if (scope["material"] == _OTHER) == (value is None):
         return f"must be given for material '{_OTHER}', and for no other"
     return None
+
+
+def _no_triangle(antennas_m: float, scope: Scope) -> str | None:
+    one, other = scope["transmitter_m"], scope["receiver_m"]
+    if abs(one - other) <= antennas_m * _ROUNDED and antennas_m <= (one + other) * _ROUNDED:
+        return None
+    rule = f"must be {abs(one - other):g} to {one + other:g} m, with the tag at these distances"
+    return f"{rule} from transmitter_m and receiver_m"
+
+
+def _beyond_antenna(layers: "tuple[Layer, ...]", scope: Scope) -> str | None:
+    nearer_m = min(scope["transmitter_m"], scope["receiver_m"])
+    thickness_mm = sum(layer.thickness_mm for layer in layers)
+    if thickness_mm < 1e3 * nearer_m:
+        return None
+    return (
+        f"must be thinner together ({thickness_mm:g} mm) than the nearer antenna is away "
+        f"({1e3 * nearer_m:g} mm)"
+    )
 
 
 @declared
@@ -39,7 +60,7 @@ class Layer:
         Choice(words=(*TISSUES, _OTHER)),
         doc="`muscle`, `fat` and `skin` follow the carrier (Gabriel et al. 1996).",
     )
-    thickness_mm: float = key(Number(unit="mm", low=0, high=1000), doc="Its thickness.")
+    thickness_mm: float = key(Number(unit="mm", low=0, above=True, high=1000), doc="Its thickness.")
     permittivity: float | None = key(
         Number(low=1, high=1000, optional=True),
         default=None,
@@ -79,6 +100,7 @@ class Link:
             "`transmitter_m` + `receiver_m`, the tag on the line between the antennas",
             lambda scope: scope["transmitter_m"] + scope["receiver_m"],
         ),
+        check=_no_triangle,
         doc="Between transmitting and receiving antenna.",
     )
     transmitter_dbi: float = key(_GAIN, default=0.0, doc="Gain of the transmitting antenna.")
@@ -96,6 +118,7 @@ class Link:
     )
     layers: tuple[Layer, ...] = key(
         ListOf(of=Layer, most=16),
+        check=_beyond_antenna,
         doc="Layers that the waves pass at right angles, there and back, the outermost first.",
     )
 

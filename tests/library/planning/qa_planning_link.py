@@ -9,7 +9,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.planning.advice import warnings
-from gnuradio.wiforce.planning.expected import phase_std_deg, receive_levels
+from gnuradio.wiforce.planning.expected import phase_std_deg, receive_levels, why_not_readable
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
@@ -28,7 +28,7 @@ def test_a_scene_without_a_link_names_no_carriers():
 
 
 def test_own_carrier_has_the_noise_that_the_plan_expects():
-    settings = plan_with(link=AIR, radio_noise={})
+    settings = plan_with(link=AIR | {"direct_loss_db": 25}, radio_noise={})
     own, *others = carrier_reaches(settings)
     simulation = settings.scene.simulation
     assert (own.snr_db, own.static_db) == pytest.approx(
@@ -54,6 +54,19 @@ def test_tissue_reads_deepest_at_the_lower_carrier():
     assert 50 < by_mhz[900] < 90 and by_mhz[2442] < by_mhz[900] / 5
     *_, last = link_lines(settings, reaches)
     assert last == f"deepest: 900 MHz, {by_mhz[900]:.2g} mm of muscle"
+
+
+def test_a_tag_out_of_the_range_of_the_adc_is_read_at_no_such_distance():
+    """The carrier had 0.25 degrees and read up to 17 m, beside 'not readable' at 5 m."""
+    strong = {"transmit_dbm": 50, "transmitter_dbi": 20, "receiver_dbi": 20, "noise_figure_db": 0}
+    link = {"transmitter_m": 5, "receiver_m": 5, "antennas_m": 1} | strong
+    settings = plan_with(link=link)
+    own, *_ = reaches = carrier_reaches(settings)
+    assert "out of the ADC's range" in why_not_readable(settings.scene, 0)
+    assert own.reach < 5
+    assert "unknown" in list(link_lines(settings, reaches))[2]
+    nearer = link | {"transmitter_m": 0.95 * own.reach, "receiver_m": 0.95 * own.reach}
+    assert why_not_readable(plan_with(link=nearer).scene, 0) is None
 
 
 def test_command_prints_the_carriers_as_text_and_json():

@@ -166,3 +166,29 @@ def test_a_scene_with_a_link_reads_back_equal():
 def test_layers_that_are_not_described_are_refused(layer, message):
     with pytest.raises(InputError, match=f"layers.0..{message}"):
         scene_with({"transmitter_m": 1, "receiver_m": 1, "layers": [layer]})
+
+
+@pytest.mark.parametrize(
+    ("link", "message"),
+    [
+        ({"antennas_m": 2.8}, "antennas_m: must be 1.3 to 2.7 m, with the tag .*, got 2.8"),
+        ({"antennas_m": 1.2}, "antennas_m: must be 1.3 to 2.7 m"),
+        ({"antennas_m": 0}, "antennas_m: must be a number from 0.05"),
+        ({"receiver_m": -2}, "receiver_m: must be a number from 0.05"),
+        ({"receiver_m": 0.01}, "receiver_m: must be a number from 0.05"),
+        (
+            {"layers": [{"material": "fat", "thickness_mm": 400}] * 2},
+            r"layers: must be thinner together \(800 mm\) than .* away \(700 mm\)",
+        ),
+        ({"layers": [{"material": "fat", "thickness_mm": 0}]}, "thickness_mm: must be .* above 0"),
+    ],
+)
+def test_impossible_geometry_is_refused(link, message):
+    with pytest.raises(InputError, match=f"simulation.link.{message}|layers.0..{message}"):
+        scene_with({"transmitter_m": 0.7, "receiver_m": 2.0} | link)
+
+
+def test_rounded_distances_of_a_tag_in_line_are_a_triangle():
+    """0.1 + 0.2 is more than 0.3."""
+    for one, other, antennas in ((0.1, 0.2, 0.3), (0.1, 0.3, 0.2), (0.7, 0.1, 0.8)):
+        scene_with({"transmitter_m": one, "receiver_m": other, "antennas_m": antennas})
