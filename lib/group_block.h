@@ -30,6 +30,13 @@ protected:
             this->message_port_register_out(d_incomplete_port);
     }
 
+    // The output's memory may be another one after it.
+    bool stop() override
+    {
+        d_collector.collect_in(nullptr);
+        return Base::stop();
+    }
+
     // The receiver's settings changed before the group at hand, or inside it.
     void mark_group_retuned() { d_retuned = true; }
 

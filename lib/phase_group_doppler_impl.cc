@@ -133,6 +133,7 @@ int phase_group_doppler_impl::general_work(int noutput_items,
         if (tag != tags.end())
             untagged = std::min(untagged, tag->offset - here);
         const auto* snapshots = in + static_cast<std::size_t>(consumed) * d_symbol_length;
+        d_collector.collect_in(out + produced * d_collector.size());
         const int count = d_collector.add(
             d_snapshot,
             untagged,

@@ -347,6 +347,7 @@ int group_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t s
         if (this->d_produced == this->d_room)
             return 0;
     }
+    collector.collect_in(this->d_out + this->d_produced * collector.size());
     const int count = collector.add(
         snapshot,
         std::min(frames, collector.BATCH),

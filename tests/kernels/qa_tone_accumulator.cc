@@ -222,6 +222,24 @@ BOOST_AUTO_TEST_CASE(a_group_gives_zeros_and_a_mask_for_what_is_absent)
     BOOST_TEST(std::equal(present.begin(), present.end(), h.begin()));
 }
 
+BOOST_AUTO_TEST_CASE(a_group_goes_on_in_the_memory_that_it_is_given)
+{
+    const auto h = snapshots(0);
+    phase_group group(4);
+    add(group, 1, h.data(), 1);
+    std::vector<fc32> own(4 * FFT_LENGTH), other(own.size());
+    group.write_to(own.data());
+    add(group, 2, h.data() + FFT_LENGTH, 1);
+    group.finish();
+    const auto want = group.with_zeros();
+    group.copy_to(own.data());
+    BOOST_TEST((own == want));
+    group.write_to();
+    std::fill(own.begin(), own.end(), fc32(7));
+    group.copy_to(other.data());
+    BOOST_TEST((other == want));
+}
+
 BOOST_DATA_TEST_CASE(rejected_snapshots_are_left_out_of_the_tones,
                      data::make({ 0, 40 }),
                      first)

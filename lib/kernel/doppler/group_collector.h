@@ -38,6 +38,14 @@ public:
     // Whether every slot of the group is known to be present or missing.
     bool is_full() const { return d_group.decided() == d_group.length(); }
 
+    // Where snapshots are passed on, collects them in the memory that they are wanted in,
+    // size() values, or in its own.
+    void collect_in(fc32* out)
+    {
+        if (passes_snapshots())
+            d_group.write_to(out);
+    }
+
     // Adds some of `available` snapshots from this index on, which
     // write(count, folded, noise) writes; returns how many.
     template <class Write>

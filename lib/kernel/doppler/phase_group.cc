@@ -5,6 +5,7 @@
 #include "../require.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -14,6 +15,7 @@ phase_group::phase_group(int length, int symbol_length)
     require(length >= 1, "phase_group_doppler", "group_length", "must be >= 1", length);
     require_symbol_length(symbol_length, "phase_group_doppler");
     d_snapshots.resize(offset_of(length));
+    d_slots = d_snapshots.data();
     d_noise.resize(length);
     d_mask.resize(length);
 }
@@ -23,6 +25,13 @@ void phase_group::clear()
     d_decided = 0;
     d_present = 0;
     d_rejected = 0;
+}
+
+void phase_group::write_to(fc32* slots)
+{
+    const fc32* const former = std::exchange(d_slots, slots ? slots : d_snapshots.data());
+    if (former != d_slots)
+        std::copy_n(former, offset_of(d_decided), d_slots);
 }
 
 void phase_group::skip_to(int to)
@@ -82,10 +91,10 @@ void phase_group::reject(const std::vector<std::uint8_t>& rejected)
 void phase_group::copy_to(fc32* out) const
 {
     for (int n = 0; n < d_length; n++, out += d_symbol_length)
-        if (d_mask[n])
-            std::copy_n(slot(n), d_symbol_length, out);
-        else
+        if (!d_mask[n])
             std::fill_n(out, d_symbol_length, fc32());
+        else if (out != slot(n))
+            std::copy_n(slot(n), d_symbol_length, out);
 }
 
 std::vector<fc32> phase_group::with_zeros() const

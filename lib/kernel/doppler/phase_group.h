@@ -22,8 +22,13 @@ public:
     // Throws std::invalid_argument unless length >= 1 and a snapshot has 16 to 4096
     // samples.
     explicit phase_group(int length, int symbol_length = DEFAULT_SYMBOL_LENGTH);
+    phase_group(const phase_group&) = delete; // slots may be its own
 
     void clear();
+
+    // Keeps the slots in other memory from now on, symbol_length * length values, which
+    // those of the group at hand are copied to; in its own where none is given.
+    void write_to(fc32* slots = nullptr);
 
     // Memory for the snapshots from first_slot on, and for their noise behind noise();
     // slots left out since the last call are missing. first_slot >= decided(). accept()
@@ -50,10 +55,11 @@ public:
 
     // Valid once present() + rejected() > 0.
     const fc32* reference() const { return slot(d_reference); }
-    const fc32* slot(int n) const { return d_snapshots.data() + offset_of(n); }
+    const fc32* slot(int n) const { return d_slots + offset_of(n); }
     const snapshot_noise& noise_of(int n) const { return d_noise[n]; }
 
-    // All slots, absent ones as zeros: symbol_length * length values.
+    // All slots, absent ones as zeros: symbol_length * length values. `out` may be the
+    // memory of the slots.
     void copy_to(fc32* out) const;
     std::vector<fc32> with_zeros() const;
     // The present ones only.
@@ -63,7 +69,7 @@ public:
 
 private:
     void skip_to(int slot);
-    fc32* slot(int n) { return d_snapshots.data() + offset_of(n); }
+    fc32* slot(int n) { return d_slots + offset_of(n); }
     std::size_t offset_of(int n) const
     {
         return static_cast<std::size_t>(n) * d_symbol_length;
@@ -72,6 +78,7 @@ private:
     const int d_length;
     const int d_symbol_length;
     std::vector<fc32> d_snapshots;
+    fc32* d_slots; // those, or memory that was given
     std::vector<snapshot_noise> d_noise;
     std::vector<std::uint8_t> d_mask;
     int d_decided = 0;

@@ -230,7 +230,7 @@ class SnapshotSink(GroupBlock):
 
     def __init__(self, name: str, group_length: int, symbol_length: int) -> None:
         GroupBlock.__init__(self, name, group_length * symbol_length, outputs=0)
-        self._everything = np.ones(group_length, bool)
+        self.everything = np.ones(group_length, bool)  # ``kept`` of groups that are whole
 
     def read(self, groups: list[SnapshotGroup]) -> None:
         """Take groups, in order."""
@@ -247,7 +247,7 @@ class SnapshotSink(GroupBlock):
     ) -> int:
         if self.failure is not None:
             return _DONE
-        count, everything = ninput_items[0], self._everything
+        count, everything = ninput_items[0], self.everything
         try:
             groups = []
             for each in collected_groups(self.gateway, count, len(everything)):

@@ -273,6 +273,21 @@ def plain_value(value):
     return pmt.to_uint64(value)
 
 
+def test_a_collected_group_goes_on_after_a_stop():
+    """The memory in which a group begins is given back when a flowgraph stops."""
+    samples, length = noise(10 * 720), 4
+    frames, *_ = run_fold(samples, frame_length=720)
+    source = blocks.vector_source_c(samples.tolist())
+    fold = wiforce.preamble_fold.collected(length, frame_length=720)
+    for first, groups in ((0, 2), (8, 3)):
+        sink, flowgraph = blocks.vector_sink_c(64 * length), gr.top_block()
+        flowgraph.connect(source, fold, sink)
+        flowgraph.run()
+        source.rewind()
+        want = frames[(np.arange(groups * length) + first) % len(frames)]
+        assert np.array_equal(np.array(sink.data(), np.complex64).reshape(-1, 64), want)
+
+
 def test_times_without_a_loss_change_nothing():
     samples = noise(20 * 720)
     tags = [rx_time(n, 5.5 + n / 12.5e6) for n in (0, 364, 728, 9000)]

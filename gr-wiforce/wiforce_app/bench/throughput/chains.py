@@ -79,7 +79,7 @@ class ToneSink(SnapshotSink):
         self.tones = []
 
     def read(self, groups):
-        if not all(group.kept.all() for group in groups):
+        if not all(group.kept is self.everything for group in groups):
             raise ValueError("a group of this stream is complete and without interference")
         self.tones += [self._kernel.transform(group.folded) for group in groups]
 
