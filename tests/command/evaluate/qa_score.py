@@ -19,10 +19,10 @@ PERIOD_S, STD_N, OFFSET_S = 0.036, 0.1, 1234.567
 PRESSES = [(5.0, 7.0, 3.0), (9.5, 10.2, 2.0), (14.0, 17.0, 5.0), (19.0, 19.9, 1.5)]
 
 
-def force_at(time_s):
+def force_at(time_s, presses=PRESSES):
     """The force of all presses: trapezoids that rise and fall in 0.2 s."""
     total = np.zeros_like(time_s)
-    for start, end, force in PRESSES:
+    for start, end, force in presses:
         total += force * np.clip(np.minimum(time_s - start, end - time_s) / 0.2, 0, 1)
     return total
 
@@ -53,6 +53,26 @@ def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero):
     assert abs(found.offset_s - OFFSET_S) < 4 * found.offset_std_s < 0.02
     assert found.sign == sign and found.zero_n == pytest.approx(zero, abs=0.005)
     assert found.other_offset_s is None and abs(found.correlation) > 0.99
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("press", "end_s"), [((0.44, 3.79), 4.3), ((2.25, 5.17), 5.3), ((0.2, 3.3), 4.83)]
+)
+def test_sign_of_a_gauge_is_found_in_one_press(press, end_s, sign):
+    """Its end in half of the record was taken for its begin, inverted: 3 s off."""
+    rng = np.random.default_rng(4)
+    times, fine = np.arange(0.018, end_s, PERIOD_S), np.arange(-1.0, end_s + 1.0, 0.01)
+    force, expected = (force_at(at, [(*press, 4.0)]) for at in (times, fine))
+    noise = STD_N * rng.standard_normal(len(times))
+    touched = force > 0.3
+    own = TimedForces(
+        times, np.where(touched, force + noise, 0.0), np.full(len(times), STD_N), touched, times > 0
+    )
+    shown = GaugeRecord(fine + OFFSET_S, sign * expected)
+    found = compare_with_gauge(own, shown)
+    assert found.offset_s == pytest.approx(OFFSET_S, abs=0.03)
+    assert found.sign == sign and found.other_offset_s is None
 
 
 def test_offset_std_is_the_spread_of_offsets():

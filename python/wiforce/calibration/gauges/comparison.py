@@ -155,10 +155,10 @@ def compare_with_gauge(
     """Align readings and a gauge in time, and compare their forces.
 
     A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
-    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises the
-    correlation over the readings that are clear (touched or not), first on a grid of half a group
-    by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
-    correlation does not depend on the gauge's gain and zero. A group is steady when it and its
+    are left out: an interval longer than a group and than 1.75 usual ones. The offset is that at
+    which the gauge explains most of the readings that are clear (touched or not), on a grid of half
+    a group by FFT (cross-correlation with masks, Padfield 2012), then maximises the correlation
+    continuously. Neither depends on the gauge's gain and zero. A group is steady when it and its
     neighbours are pressed according to the gauge.
 
     ``touch_n``: force in N from which the gauge shows a press that the sensor must read;
@@ -268,19 +268,23 @@ def _coarse_offset(
     theirs = average.at(grid_s)
     present = np.isfinite(theirs)
     theirs = np.where(present, theirs, 0.0)
-    lags, correlation = _masked_correlation(ours, known, theirs, present.astype(float))
-    best = int(np.argmax(np.abs(correlation)))
+    lags, correlation, explained = _masked_correlation(ours, known, theirs, present.astype(float))
+    best = int(np.argmax(explained))
     offsets = grid_s[0] + lags * step_s - start_s
     away = np.abs(offsets - offsets[best]) > _ELSEWHERE_S
-    rival = int(np.argmax(np.where(away, np.abs(correlation), -1)))
-    ambiguous = away[rival] and abs(correlation[rival]) > _AMBIGUOUS * abs(correlation[best])
+    correlation *= np.sign(correlation[best])
+    rival = int(np.argmax(np.where(away, correlation, -1)))
+    ambiguous = away[rival] and correlation[rival] > _AMBIGUOUS * correlation[best]
     return float(offsets[best]), float(offsets[rival]) if ambiguous else None
 
 
 def _masked_correlation(
     a: np.ndarray, a_known: np.ndarray, b: np.ndarray, b_known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is known of both."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags, Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is known of both, and how
+    much of the sum of squares of ``a`` it explains: where they overlap in part, the begin of a
+    press is the inverse of its end.
+    """
     size = next_fast_len(len(a) + len(b))
 
     def products(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -296,10 +300,11 @@ def _masked_correlation(
     # Where one of them hardly changes, rounding would decide.
     floor = 1e-9 * max(np.max(power_a), 0) * max(np.max(power_b), 0)
     valid = (count >= least) & (power_a * power_b > floor)
-    correlation = np.zeros(size)
+    correlation, explained = np.zeros(size), np.zeros(size)
     correlation[valid] = covariance[valid] / np.sqrt((power_a * power_b)[valid])
+    explained[valid] = correlation[valid] ** 2 * power_a[valid]
     lags = np.arange(size)
-    return np.where(lags > len(b), lags - size, lags), correlation
+    return np.where(lags > len(b), lags - size, lags), correlation, explained
 
 
 def _fine_offset(readings: TimedForces, average: _Average, near_s: float) -> tuple[float, float]:
