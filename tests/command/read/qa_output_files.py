@@ -190,8 +190,11 @@ def test_mcap_of_killed_process_is_recovered_but_for_its_last_second(tmp_path):
     path = tmp_path / "out.mcap"
     done = subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=300)
     assert done.returncode == -signal.SIGKILL
-    assert run_command("export", path, "-o", tmp_path / "out.csv").returncode == 0
-    assert 200 - 1.2 / 0.036 < len(frame_of(tmp_path / "out.csv")) < 200
+    exported = run_command("export", path, "-o", tmp_path / "out.csv")
+    assert exported.returncode == 0
+    kept = len(frame_of(tmp_path / "out.csv"))
+    assert 200 - 1.2 / 0.036 < kept < 200
+    assert f"{path}: is cut off behind reading {kept}, what follows is lost" in exported.stderr
 
 
 def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
@@ -209,6 +212,20 @@ def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
         assert rows == whole[: len(rows)]
         counts.append(len(rows))
     assert 0 in counts and len(set(counts)) > 2
+
+
+def test_export_of_mcap_cut_in_its_first_chunk_is_refused(tmp_path):
+    """It became an empty table, without a word."""
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.csv"
+    with McapWriter(path) as writer:
+        for reading in readings(20):
+            writer.write(reading)
+    complete = run_command("export", path, "-o", out)
+    assert complete.returncode == 0 and "cut off" not in complete.stderr
+    path.write_bytes(path.read_bytes()[:1000])
+    done = run_command("export", path, "-o", out)
+    assert done.returncode == 2 and "is cut off before its first reading" in done.stderr
+    assert len(frame_of(out)) == 20
 
 
 def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):

@@ -36,6 +36,18 @@ _FURTHER = tuple(
 )
 
 
+def mcap_is_cut(path: str | Path) -> bool:
+    """Whether an MCAP file does not end as one that was written to its end."""
+    try:
+        with open(path, "rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise InputError(path, "is not an MCAP file")
+            file.seek(-len(_MAGIC), os.SEEK_END)
+            return file.read() != _MAGIC or file.tell() == len(_MAGIC)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+
+
 def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     """Rows of the readings in a file, in the order in which they were written.
 
@@ -47,14 +59,9 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     decoders = decoder.DecoderFactory()
     schemas: dict[int, Any] = {}
     decoder_of: dict[int, Any] = {}
-    complete = False
+    cut = mcap_is_cut(path)
     try:
         with open(path, "rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
-                raise InputError(path, "is not an MCAP file")
-            file.seek(-len(_MAGIC), os.SEEK_END)
-            complete = file.read() == _MAGIC and file.tell() > len(_MAGIC)
-            file.seek(0)
             for record in stream.StreamReader(file, validate_crcs=True).records:
                 if isinstance(record, records.Schema) and record.name == READING:
                     schemas[record.id] = record
@@ -66,7 +73,7 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (errors.EndOfFile, struct.error) as error:
-        if complete:
+        if not cut:
             raise InputError(path, "is a damaged MCAP file (a record is too long)") from error
         return  # what a killed process had not written yet
     except InputError:

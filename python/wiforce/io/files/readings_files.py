@@ -14,7 +14,7 @@ from typing import IO, Any
 from ...errors import InputError
 from ..optional import optional_module
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
-from .mcap_file import mcap_rows
+from .mcap_file import mcap_is_cut, mcap_rows
 
 _INTEGERS = ("touch", "group")
 _NEEDED = ("time_s", "sensor")
@@ -26,7 +26,8 @@ class ReadingsFile:
     """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
     ``also`` are columns besides those of a reading; of JSON lines and MCAP, those of any row.
-    ``metadata`` is what a Parquet file says of its readings.
+    ``metadata`` is what a Parquet file says of its readings. ``cut``: whether an MCAP file lacks its
+    end.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -43,6 +44,9 @@ class ReadingsFile:
             raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
         self._read = readers[kind]
         names = self._columns(kind)
+        self.cut = kind == ".mcap" and mcap_is_cut(path)
+        if self.cut and names is None:
+            raise InputError(path, "is cut off before its first reading is complete")
         for name in _NEEDED:
             if names is not None and name not in names:
                 raise InputError(path, f"is no file of readings: it has no column {name}")
