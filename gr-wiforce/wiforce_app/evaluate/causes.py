@@ -20,9 +20,8 @@ def paper_figures():
         if "distance_m" in figure:
             value, error = published_phase_std(figure["distance_m"])
             figure["phase_rms_deg"], figure["error_bar"] = value, error
-            figure["text"] = (
-                f"phase std {value:.2f} +- {error:.2f} deg at {figure['distance_m']:g} m"
-            )
+            bar = f"{value - error:.2f} to {value + error:.2f} deg"
+            figure["text"] = f"phase std {bar} at {figure['distance_m']:g} m"
     return figures
 
 

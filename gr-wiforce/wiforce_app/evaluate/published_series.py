@@ -58,7 +58,7 @@ def series_lines():
     yield "Two sensors pressed together, the sum of their forces against one load cell"
     yield (
         f"paper: median {np.median(errors):.2f} N, largest {errors.max():.2f} N, n = {len(errors)};"
-        f" {beyond} lie beyond the +-{EXPECTED_SUM_N} N that it expects (twice 0.56 N)"
+        f" {beyond} lie beyond the {EXPECTED_SUM_N} N that it expects (twice 0.56 N)"
     )
     yield "ours, simulated: gr-wiforce evaluate two_sensors"
     yield ""
@@ -73,7 +73,12 @@ def series_lines():
     yield "Distance from the receiver, 900 MHz, antennas 4 m apart; ours by the link budget"
     yield f"{'m':>5}{'paper: SNR (dB)':>20}{'phase std (deg)':>20}{'ours: snr_db':>15}"
     for level, std, ours in zip(snr, phase, budgeted_snr_db(), strict=True):
-        db = f"{level['snr_db']:.1f} +- {level['err_plus_db']:.1f}"
-        deg = f"{std['phase_std_deg']:.2f} +- {std['err_plus_deg']:.2f}"
+        db = _bar(level["snr_db"], level["err_minus_db"], level["err_plus_db"])
+        deg = _bar(std["phase_std_deg"], std["err_minus_deg"], std["err_plus_deg"])
         yield f"{level['distance_from_rx_cm'] / 100:5.1f}{db:>20}{deg:>20}{ours:>15.1f}"
     yield ""
+
+
+def _bar(value, minus, plus):
+    """An error bar of the paper, which does not say how many standard deviations it has."""
+    return f"{value - minus:.2f} to {value + plus:.2f}"

@@ -86,7 +86,8 @@ def _cause_checks(causes, figure):
         key, wanted, unit = fitted_figure(figure)
         error = figure.get("error_bar", WITHIN * wanted)
         value = found["paper"][key]
-        what = f"{cause}: the paper's method gives {wanted:.3g} +- {error:.2g} {unit}"
+        span = f"{wanted - error:.3g} to {wanted + error:.3g} {unit}"
+        what = f"{cause}: the paper's method gives {span}"
         yield what, f"{figure_text(value)} {unit}", bool(abs(value - wanted) <= error)
 
 
@@ -170,7 +171,8 @@ def cause_table(results, figures):
         key, wanted, unit = fitted_figure(figures[name])
         published = f"{figure_text(wanted)} {unit}"
         if "error_bar" in figures[name]:
-            published = f"{figure_text(wanted)} +- {figure_text(figures[name]['error_bar'])} {unit}"
+            bar = figures[name]["error_bar"]
+            published = f"{figure_text(wanted - bar)} to {figure_text(wanted + bar)} {unit}"
         for number, (cause, found) in enumerate(causes.items()):
             ours = [figure_text(found["ours"][k]) for k in _OURS]
             first = ["", ""] if number else [name, published]

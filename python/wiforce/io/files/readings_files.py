@@ -26,7 +26,7 @@ class ReadingsFile:
     """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
     ``also`` are columns besides those of a reading; of JSON lines and MCAP, those of any row.
-    ``metadata`` is what a Parquet file says of its readings. ``cut``: whether an MCAP file lacks its
+    ``metadata`` is what a Parquet file says of its readings, ``cut`` whether an MCAP file lacks its
     end.
     """
 
