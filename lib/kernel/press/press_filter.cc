@@ -169,7 +169,7 @@ void press_filter::branch_touched(const explanation& from)
     if (from.turning && from.steady) {
         // Both go on, or one of them ends.
         const double ends = quiet * (1 - goes_on) / 2;
-        change_steadily(from, quiet * goes_on, from.slides, from.speed);
+        go_on_changing(from, quiet * goes_on);
         auto resting = from, held = from;
         resting.turning = false;
         resting.motion.push(-from.velocity);
@@ -181,22 +181,13 @@ void press_filter::branch_touched(const explanation& from)
         go_on_turning(from, quiet * goes_on * (1 - begins));
         turn_slowly(
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
-        for (std::size_t i = 0; i < speeds.size(); i++)
-            change_steadily(from, quiet * goes_on * begins / speeds.size(), false, i);
+        begin_changing(from, quiet * goes_on * begins);
     } else if (from.steady) {
         auto turning = from;
         turning.turning = true;
         turning.near = false;
         turning.velocity = 0;
-        // A force that rises ever more slowly is one change, and it may begin to slide.
-        const double slows = from.speed > 0 ? 1 - goes_on : 0,
-                     slips = from.slides ? 0 : sliding * (1 - goes_on),
-                     stays = quiet * goes_on * (1 - turns);
-        change_steadily(from, stays * (1 - slows - slips), from.slides, from.speed);
-        if (slows > 0)
-            change_steadily(from, stays * slows, from.slides, from.speed - 1);
-        if (slips > 0)
-            change_steadily(from, stays * slips, true, from.speed);
+        go_on_changing(from, quiet * goes_on * (1 - turns));
         for (std::size_t i = 0; i < turning_speeds; i++) {
             turning.turn_speed = i;
             change_steadily(turning,
@@ -207,11 +198,7 @@ void press_filter::branch_touched(const explanation& from)
         hold(from, quiet * (1 - goes_on));
     } else {
         hold(from, quiet * (1 - begins) * (1 - turns));
-        for (std::size_t i = 0; i < speeds.size(); i++) {
-            const double each = quiet * begins / speeds.size();
-            change_steadily(from, (1 - sliding) * each, false, i);
-            change_steadily(from, sliding * each, true, i);
-        }
+        begin_changing(from, quiet * begins);
         begin_turning(from, quiet * turns, 0);
     }
     turn_suddenly(from, between * turns);
@@ -272,6 +259,27 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
         if (i < near_speeds)
             turn_slowly(from, hands / near_speeds, course::begins, i, true);
     }
+}
+
+void press_filter::begin_changing(const explanation& from, double probability)
+{
+    for (std::size_t i = 0; i < speeds.size(); i++) {
+        const double each = probability / speeds.size();
+        change_steadily(from, (1 - sliding) * each, false, i);
+        change_steadily(from, sliding * each, true, i);
+    }
+}
+
+// A force that rises ever more slowly is one change, and it may begin to slide.
+void press_filter::go_on_changing(const explanation& from, double probability)
+{
+    const double ends = 1 - going_on(), slows = from.speed > 0 ? ends : 0,
+                 slips = from.slides ? 0 : sliding * ends;
+    change_steadily(from, probability * (1 - slows - slips), from.slides, from.speed);
+    if (slows > 0)
+        change_steadily(from, probability * slows, from.slides, from.speed - 1);
+    if (slips > 0)
+        change_steadily(from, probability * slips, true, from.speed);
 }
 
 // A turn that becomes steadier is one turn, as a force that rises ever more slowly. Where

@@ -168,6 +168,8 @@ private:
                      course how,
                      std::size_t speed,
                      bool near);
+    void begin_changing(const explanation& from, double probability);
+    void go_on_changing(const explanation& from, double probability);
     void begin_turning(const explanation& from, double turns, double hands);
     void go_on_turning(const explanation& from, double probability);
     void mix(const explanation& from, double probability, double ends = 0);
