@@ -94,10 +94,12 @@ double press_filter::follow_turn(explanation& to,
             squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
             std::max(1.0, least_turn_s / d_elapsed_s);
     to.common.turn(by);
-    likelihood += update_strength(to);
     // What is seen in the second group of a press may have begun in the first.
-    const bool seen_before = from.turning && shows_turns(from);
-    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s && !seen_before)
+    const bool second = from.is != untouched && from.age_s < 1.5 * d_elapsed_s;
+    if (second && shows_turns(from) && !from.turning)
+        begin_turn_earlier(to, squared(by / 2));
+    likelihood += update_strength(to);
+    if (second && !shows_turns(from))
         to.common.widen(squared(by / 2));
     to.line.mean += to.strength.mean - before;
     if (!to.near)
@@ -111,6 +113,23 @@ double press_filter::follow_turn(explanation& to,
         notice_hand(to);
     }
     return likelihood;
+}
+
+// What the first group of a press showed beside the stated off states was taken for their
+// error; a turn of this variance is another cause of it.
+void press_filter::begin_turn_earlier(explanation& to, double variance) const
+{
+    auto& own = to.strength;
+    const double slope = -d_off.slope(to.shown.at),
+                 error = d_off.variance({}, to.shown.at),
+                 seen = error + 4 * d_amplitude_noise,
+                 all = squared(slope) * variance + seen;
+    const double turned = slope * variance / all * to.shown.mean;
+    to.common.turn(turned);
+    to.common.widen(variance * seen / all);
+    own.difference -= slope * turned;
+    own.difference_variance += squared(slope * error) * variance / (all * seen);
+    to.with_common -= slope * variance * error / all;
 }
 
 void press_filter::release(const explanation& from, double probability)

@@ -184,6 +184,7 @@ private:
                    const pair_of_ends& direction) const;
     void turn_unseen(explanation& to, double part) const;
     void begin_turn(explanation& to) const;
+    void begin_turn_earlier(explanation& to, double variance) const;
     double
     follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
     void give(explanation& next, double log_likelihood);
