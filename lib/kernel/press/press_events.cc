@@ -24,7 +24,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     auto next = follow(from, probability);
     if (!next)
         return;
-    next->turns += from.is == untouched;
+    next->turns += sees_turns(from, from.is);
     if (from.is != untouched)
         next->age_s = 0;
     next->turning = next->steady = next->near = false;
@@ -50,7 +50,7 @@ void press_filter::turn_slowly(
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     if (how == course::begins) {
-        next->turns += !near && from.is == untouched;
+        next->turns += !near && sees_turns(from, from.is);
         begin_turn(*next);
     }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike

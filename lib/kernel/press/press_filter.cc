@@ -65,7 +65,7 @@ void press_filter::take(const press_observation& group)
         }
         from.age_s += d_elapsed_s;
         from.turned_now = false;
-        from.untouched_s += from.is == untouched ? d_elapsed_s : 0;
+        from.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
@@ -185,6 +185,7 @@ void press_filter::branch_touched(const explanation& from)
     } else if (from.steady) {
         auto turning = from;
         turning.turning = true;
+        turning.turns += sees_turns(from, from.is);
         turning.near = false;
         turning.velocity = 0;
         go_on_changing(from, quiet * goes_on * (1 - turns));
@@ -334,7 +335,7 @@ press_filter::courses(const explanation& from) const
     }
     const double turns = turn_probability(from), variance = squared(d_set.turn_deg * deg);
     other.turned_now = true;
-    other.turns += (from.is == mixed ? from.before : from.is) == untouched;
+    other.turns += sees_turns(from, from.is == mixed ? from.before : from.is);
     other.common.widen(variance);
     other.motion.widen({ variance, variance, variance });
     other.line.mean_variance += squared(d_set.turn_np);
@@ -381,7 +382,7 @@ void press_filter::settle()
 
 double press_filter::turn_rate(const explanation& of) const
 {
-    return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.untouched_s);
+    return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.watched_s);
 }
 
 // Whether both have the untouched line at the same place, as far as they know it, and

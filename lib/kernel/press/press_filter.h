@@ -119,9 +119,10 @@ private:
         bool turning = false, turned_now = false;
         bool near =
             false; // it is a hand that comes near, which changes the amplitude as well
-        double velocity = 0;               // of the turn, rad/s
-        std::size_t turn_speed = 0;        // how fast its velocity changes
-        double turns = 0, untouched_s = 0; // turns seen while untouched, in this time
+        double velocity = 0;        // of the turn, rad/s
+        std::size_t turn_speed = 0; // how fast its velocity changes
+        double turns = 0,
+               watched_s = 0; // turns seen where nothing looks alike, in this time
         // Both phases of the press, or of the untouched line while the tag turns; and
         // whether the press changes steadily: at a speed, sliding or not.
         phase_motion motion;
@@ -210,6 +211,7 @@ private:
     double update_strength(explanation& to) const;
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;
+    bool sees_turns(const explanation& of, state is) const;
     pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
     double rest_pressed(explanation& to) const;
     void doubt_off_states(explanation& to) const;

@@ -240,7 +240,14 @@ double press_filter::update_amplitude(both_amplitudes& own) const
 // Whether the amplitudes show how far both ends have turned.
 bool press_filter::shows_turns(const explanation& of) const
 {
-    return d_off.differ() && of.known && (of.is == pressed || of.is == unexplained);
+    return of.is != untouched && sees_turns(of, of.is);
+}
+
+// Whether a turn looks like nothing else in this state, so that its rate is learned.
+bool press_filter::sees_turns(const explanation& of, state is) const
+{
+    return is == untouched ||
+           (d_off.differ() && of.known && (is == pressed || is == unexplained));
 }
 
 // Of both phases against the untouched line.
