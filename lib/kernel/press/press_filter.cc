@@ -390,7 +390,8 @@ double press_filter::turn_rate(const explanation& of) const
 bool press_filter::one_line(const explanation& a, const explanation& b) const
 {
     const auto one = a.common.estimate(), other = b.common.estimate();
-    return a.known == b.known && (!d_off.differ() || a.turning == b.turning) &&
+    return a.known == b.known && (a.is == mixed) == (b.is == mixed) &&
+           (!d_off.differ() || a.turning == b.turning) &&
            squared(wrapped(one.mean - other.mean)) <
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }
