@@ -145,30 +145,15 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
         identifier = np.array([int(row["id"]) for row in kept])
     stamps = np.array([int(row["local_timestamp"]) for row in kept])
     return Esp32Packets(
-        unwrapped(stamps), identifier, channel, subcarriers, sender,
+        _unwrapped(stamps), identifier, channel, subcarriers, sender,
         tuple(each for each in left_out if each[1]),
     )  # fmt: skip
 
 
-def unwrapped(microseconds: np.ndarray) -> np.ndarray:
-    """Times of a clock of 32 bits that wraps, since the first one.
-
-    Parameters
-    ----------
-    microseconds : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-
-    Examples
-    --------
-    >>> unwrapped(np.array([4294967290, 4, 10])).tolist()
-    [0, 10, 16]
-    """
-    steps = np.diff(microseconds.astype(np.int64))
-    later = (steps + _WRAP // 2) % _WRAP - _WRAP // 2
-    return np.concatenate([[0], np.cumsum(later)])
+def _unwrapped(microseconds: np.ndarray) -> np.ndarray:
+    """Times (n,) of a clock of 32 bits that wraps, since the first one."""
+    microseconds = microseconds.astype(np.int64)
+    return np.unwrap(microseconds, period=_WRAP) - microseconds[:1]
 
 
 def together(first: Esp32Packets, second: Esp32Packets, path: Path) -> Esp32Packets:
@@ -431,7 +416,7 @@ def _intel(path: str) -> _Packets:
     wide = (found.rate & _INTEL_WIDE > 0).astype(int)
     kept = _most_frequent(np.stack([found.Nrx, found.Ntx, wide], axis=1))
     subcarriers = _INTEL_40 if wide[kept].any() else _INTEL_20
-    time_s = unwrapped(found.timestamp_low) * 1e-6
+    time_s = _unwrapped(found.timestamp_low) * 1e-6
     lost = ((_OTHER, int(np.count_nonzero(~kept))),)
     return _Packets(time_s[kept], _used(found.csi[kept][..., 0]), subcarriers, lost)
 
