@@ -24,11 +24,10 @@ class RadioKeeper:
     """Opens a session's device, and reopens it after a loss where that is wanted.
 
     ``reconnect``: reopen a device that is lost, and wait for one that is absent, with a growing
-    pause between attempts: 0.5 s to 30 s; ``on_state``: called with ``opening``, ``running`` or
-    ``reconnecting`` whenever that changes; ``on_open``: called with the RadioLink whenever the
+    pause between attempts: 0.5 s to 30 s; ``on_open``: called with the RadioLink whenever the
     device is open, before its first sample; ``link``: makes a RadioLink from a request. ``state``:
-    ``opening`` until the device has been found once; ``losses``: number of times that the device
-    was lost.
+    ``opening`` until the device has been found once, ``running`` or ``reconnecting``; ``losses``:
+    number of times that the device was lost.
     """
 
     def __init__(
@@ -36,14 +35,12 @@ class RadioKeeper:
         request: RadioRequest,
         session: LiveSession,
         reconnect: bool = False,
-        on_state: Callable[[str], None] = lambda state: None,
         on_open: Callable[[RadioLink], None] = lambda link: None,
         link: Callable[[RadioRequest], RadioLink] = RadioLink,
         now: Callable[[], float] = time.monotonic,
     ):
         self._request, self._session, self._reconnect = request, session, reconnect
-        self._on_state, self._on_open = on_state, on_open
-        self._make_link, self._now = link, now
+        self._on_open, self._make_link, self._now = on_open, link, now
         self._link: RadioLink | None = None
         self._attached = False
         self._found = False  # once
@@ -110,7 +107,7 @@ class RadioKeeper:
                 )
             self._found, self._reason = True, ""
             self._running_s = now
-            self._enter(RUNNING)
+            self.state = RUNNING
         elif now - self._running_s > _STEADY_S:
             self._pause_s = _SHORTEST_PAUSE_S
 
@@ -138,7 +135,7 @@ class RadioKeeper:
         if self.state == RUNNING:
             self.losses += 1
             self._lost_s = now - self._session.silent_s
-            self._enter(RECONNECTING)
+            self.state = RECONNECTING
         self._next_s = now + self._pause_s
         reason = str(error)
         if reason != self._reason or now - self._reminded_s >= _REMIND_S:
@@ -147,7 +144,3 @@ class RadioKeeper:
         else:
             log.debug(f"{reason}; next attempt in {self._pause_s:g} s")
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
-
-    def _enter(self, state):
-        self.state = state
-        self._on_state(state)

@@ -18,6 +18,15 @@ GAIN = InputError("--rx-gain", "must be 0 to 38 dB with this device", 99)
 LOST = DeviceLost("does not answer any more")
 
 
+class _Recorded(RadioKeeper):
+    """Keeps its states."""
+
+    def __setattr__(self, name, value):
+        if name == "state":
+            self.__dict__.setdefault("states", []).append(value)
+        super().__setattr__(name, value)
+
+
 class Bench:
     """A keeper whose devices do what is on a list, one entry for each time it opens one.
 
@@ -25,19 +34,22 @@ class Bench:
     """
 
     def __init__(self, *fates, reconnect=True):
-        self.now_s, self.opened_s, self.states = 0.0, [], []
+        self.now_s, self.opened_s = 0.0, []
         self.fates, self.underflows_s = list(fates), []
         self.session = SimpleNamespace(
             attach=lambda link: None, next_request=lambda request: request, silent_s=0.0
         )
-        self.keeper = RadioKeeper(
+        self.keeper = _Recorded(
             SimpleNamespace(args="addr=1"),
             self.session,
             reconnect,
-            on_state=self.states.append,
             link=self._link,
             now=lambda: self.now_s,
         )
+
+    @property
+    def states(self):
+        return self.keeper.states[1:]  # behind opening
 
     def _link(self, request):
         fate = self.fates.pop(0) if self.fates else ABSENT
