@@ -4,7 +4,6 @@
 import asyncio
 import contextlib
 import functools
-import ipaddress
 import json
 import logging
 import math
@@ -21,6 +20,7 @@ import tornado.httpserver
 import tornado.iostream
 import tornado.web
 import tornado.websocket
+from gnuradio.wiforce.io.network.zmq_sockets import is_loopback
 
 from .address import PageAddress
 from .page import bokeh_scripts, figures
@@ -273,7 +273,7 @@ class _Guarded(tornado.web.RequestHandler):
             raise tornado.web.HTTPError(405)
         if self.page.address.token is None:
             # A page elsewhere whose name was made to lead here must not read what is shown.
-            if not _is_local(self.request.host_name):
+            if not is_loopback(f"tcp://{self.request.host_name}:0"):
                 raise tornado.web.HTTPError(403, reason="Forbidden host name")
             return
         given = self.get_query_argument("token", None)
@@ -392,13 +392,6 @@ async def _done(written: Any) -> None:
         await written
     except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
         pass
-
-
-def _is_local(name: str) -> bool:
-    try:
-        return ipaddress.ip_address(name.strip("[]")).is_loopback
-    except ValueError:
-        return name == "localhost"
 
 
 def serve_until_signal(
