@@ -101,7 +101,9 @@ def test_live_device_gone_reports_and_keeps_readings(software_usrp, slow_scene, 
         _, said = process.communicate(timeout=300)
     assert process.returncode == 1
     lost = said.splitlines()[-1]
-    assert "has sent no samples" in lost and device.address in lost
+    # On a busy machine UHD may notice before the silence is long enough.
+    assert "has sent no samples" in lost or "cannot be reached any more" in lost
+    assert device.address in lost
     assert len(rows_of(output)) > 15
 
 
