@@ -334,7 +334,6 @@ def _run(session, request, outputs, endpoints, duration, reconnect, line):
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.request("signal"))
-    monitor = SessionMonitor(session, line=line)
     shorten_pauses()
 
     def opened(link):
@@ -344,7 +343,8 @@ def _run(session, request, outputs, endpoints, duration, reconnect, line):
 
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
     health = RunHealth(session, RunClock(), log.info, lambda: keeper.state)
-    monitor.health = outputs.health = health
+    monitor = SessionMonitor(session, health, line=line)
+    outputs.health = health
     outputs.seen = monitor.note
     service = ServiceManager()
     service_report = ServiceReport(service, session, keeper)

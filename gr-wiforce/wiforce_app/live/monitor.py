@@ -13,6 +13,7 @@ from gnuradio.wiforce.planning.room.report import finding_rows
 
 from ..read.room_news import RoomNews, describe_events, describe_loss
 from ..shell.log import log
+from .health import RunHealth
 from .requests import WarningPace
 from .session import LiveSession
 
@@ -34,17 +35,18 @@ _WANTED_BUFFER = 50_000_000  # what UHD asks for
 class SessionMonitor:
     """Monitors a session and reports to standard error.
 
-    ``now``: returns wall time in seconds; ``line``: whether there may be a status line.
-    ``health``: of the run, for status line and status.
+    ``health``: of the run; ``now``: returns wall time in seconds; ``line``: whether there may be a
+    status line.
     """
 
     def __init__(
         self,
         session: LiveSession,
+        health: RunHealth,
         now: Callable[[], float] = time.monotonic,
         line: bool = True,
     ):
-        self._session, self._now = session, now
+        self._session, self._health, self._now = session, health, now
         self._started_s = self._line_s = self._warn_s = now()
         self._pace = WarningPace(now)
         self._gaps, self._lost, self._saturated = 0, 0, False
@@ -55,7 +57,6 @@ class SessionMonitor:
         self._terminal = log.line_in_use = line and sys.stderr.isatty() and not log.journal
         self._last = {}
         self._room = RoomNews(lambda text: log.info(f"room: {text}"))
-        self.health = None
 
     def note(self, reading: Reading) -> None:
         """Keep a reading for the status line, and whether it is saturated."""
@@ -65,8 +66,7 @@ class SessionMonitor:
     def look(self) -> None:
         """Update the status line, and warn."""
         now = self._now()
-        state = "" if self.health is None else self.health.state[0]
-        if (begins := _BEGINS.get(state)) is not None and begins != self._begun:
+        if (begins := _BEGINS.get(self._health.state[0])) is not None and begins != self._begun:
             self._begun = begins
             log.info(begins)
         if now - self._warn_s >= _WARN_S:
@@ -87,17 +87,16 @@ class SessionMonitor:
         session = self._session
         elapsed = max(self._now() - self._started_s, 1e-3)
         parts = [
+            self._health.state[0],
             f"{session.time_s:.1f} s",
             f"{session.samples / elapsed / 1e6:.2f} Msps",
             f"{session.gaps} gaps",
             session.reader.counts.short(),
             f"peak {_db(session.take_peak()):.0f} dBFS",
         ]
-        if self.health is not None:
-            parts.insert(0, self.health.state[0])
-            tare = session.reader.stream.tares.state
-            if tare.state != "none":
-                parts.append(f"tare {tare.state}")
+        tare = session.reader.stream.tares.state
+        if tare.state != "none":
+            parts.append(f"tare {tare.state}")
         offsets = list(session.clock_offsets_ppm.values())
         parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets if ppm is not None]
         if not offsets and session.alignment.offset is None:
@@ -109,7 +108,7 @@ class SessionMonitor:
         session = self._session
         room = session.reader.findings
         return {
-            **({} if self.health is None else self.health.report()),
+            **self._health.report(),
             "time_s": session.time_s,
             "device_start_s": session.start_s,
             "gaps": session.gaps,

@@ -25,10 +25,13 @@ def session_in_words():
     )
 
 
+HEALTH = SimpleNamespace(state=("waiting", ""), report=dict)
+
+
 def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
     now = [0.0]
     session = session_in_words()
-    monitor = session_monitor.SessionMonitor(session, now=lambda: now[0])
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
     cases = (
         (1, 0, ["frame timing shifted once; times may be off by a multiple of the frame length"]),
         (3, 1, ["frame timing shifted 2 times; times", "ignored 1 implausible rx_time tag"]),
@@ -57,7 +60,7 @@ def test_session_monitor_many_gaps_advises_larger_socket_buffers(
     monkeypatch.setattr(session_monitor, "_BUFFER_LIMIT", limit)
     now = [0.0]
     session = session_in_words()
-    monitor = session_monitor.SessionMonitor(session, now=lambda: now[0])
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
     for gaps, lost, warned in ((1, 100, False), (7, 600, True)):
         now[0] += 1.1
         session.gaps, session.samples_lost = gaps, 100 * gaps
