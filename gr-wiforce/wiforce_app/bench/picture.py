@@ -59,17 +59,28 @@ def plot_scaling(result, path, labels):
             # All in milliseconds.
             y = y * {"start_s": 1e3, "group_us": 1e-3}.get(quantity, 1.0)
             power = powers.get((axis, quantity))
-            shown = "" if power is None else f", exponent {power:.2f}"
-            name = f"{_SCALING_NAMES[quantity]}{shown}"
-            panel.plot(x, y, ms=4, label=name, **series_style(number))
+            shown = "" if power is None else f"{power:.2f}"
+            panel.plot(x, y, ms=4, label=shown, **series_style(number))
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_xticks(x, [f"{value:.0f}" for value in x])
         panel.set_xticks([], minor=True)
         panel.set_xlabel(labels[axis])
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+        panel.legend(
+            title="exponent",
+            fontsize=9,
+            title_fontsize=9,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.13),
+            ncols=len(_SCALING_NAMES),
+            columnspacing=0.8,
+            handlelength=1.2,
+            handletextpad=0.3,
+            frameon=False,
+        )
     panels[0].set_ylabel("processor time (ms)")
+    legend_below(canvas, panels[0].get_lines(), _SCALING_NAMES.values(), ncols=len(_SCALING_NAMES))
     save_picture(canvas, path)
 
 

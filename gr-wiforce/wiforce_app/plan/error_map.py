@@ -19,7 +19,7 @@ def plot_errors(settings, path):
 
     count = len(settings.sensors)
     canvas = Figure(figsize=(10, 0.7 + _PANEL_IN * count), layout="constrained")
-    rows = canvas.subplots(count, 2, squeeze=False)
+    rows = canvas.subplots(count, 2, squeeze=False, sharex="row", sharey="row")
     canvas.suptitle("expected standard deviations of a steady reading", fontsize=11)
     for index, (axes, sensor) in enumerate(zip(rows, settings.sensors, strict=True)):
         force, location = (
@@ -32,12 +32,12 @@ def plot_errors(settings, path):
         ):
             levels = _levels(values)
             drawn = axis.contourf(location, force, values, levels, colors=shades(len(levels) - 1))
-            lines = axis.contour(location, force, values, levels, colors=INK, linewidths=0.6)
-            axis.clabel(lines, fmt="%g", fontsize=8)
-            canvas.colorbar(drawn, ax=axis, label=f"std of {name}", format="%g")
-            axis.set_title(sensor.name, fontsize=10)
-            axis.set_xlabel("location (mm from port 1)")
-            axis.set_ylabel("force (N)")
+            axis.contour(location, force, values, levels, colors=INK, linewidths=0.6)
+            canvas.colorbar(drawn, ax=axis, format="%g", aspect=12)
+            axis.set_title(f"{sensor.name}: std of {name}", fontsize=10)
+        axes[0].set_ylabel("force (N)")
+    for axis in rows[-1]:
+        axis.set_xlabel("location (mm from port 1)")
     save_picture(canvas, path)
 
 

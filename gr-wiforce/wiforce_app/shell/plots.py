@@ -39,9 +39,9 @@ def figure(rows, title):
 
 def legend_below(canvas, lines, labels, ncols):
     """Add a legend below all panels; Matplotlib before 3.7 has no location "outside"."""
-    height = 0.22 * (-(-len(labels) // ncols) + 1) / canvas.get_figheight()
+    height = (0.24 * -(-len(labels) // ncols) + 0.15) / canvas.get_figheight()
     canvas.get_layout_engine().set(rect=(0, height, 1, 1 - height))
-    canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=8)
+    canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=10, frameon=False)
 
 
 def save_picture(canvas, path, dpi=110):
