@@ -148,6 +148,10 @@ def _lengths_mm(
 TURN_RAD = 2 * np.pi + 0.01
 # No tactile sensor is pressed with as much; 8 N are 816 g.
 _LARGEST_FORCE_N = 100.0
+# Presses of 1 to 8 N are .1 to .82 kg; the lines of the paper are first shorted at .9 N.
+_SMALLEST_FORCE_N = 0.9
+# A change is none if its standard deviation times this exceeds it.
+_SIGNIFICANT = 3.0
 # Presses within a tenth of the line are not a calibration, but one in other units.
 _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
@@ -172,7 +176,12 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     for frequency in carriers_of(touched):
         rows = touched.take(same_carrier(touched.frequency_hz, frequency))
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
-        found += _radians_at_places(rows, slope) or _direction(rows, slope)
+        found += (
+            _radians_at_places(rows, slope)
+            or _constant(rows, slope)
+            or _swapped_at_places(rows, slope)
+            or _direction(rows, slope)
+        )
     if found:
         return list(dict.fromkeys(found))
     for estimate in estimate_line(table, length_mm, permittivity):
@@ -231,6 +240,8 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
+    if hardest < _SMALLEST_FORCE_N:
+        found.append(f"forces reach {hardest:g} N only: are they in kg (1 kg is 9.81 N)?")
     return found
 
 
@@ -255,6 +266,101 @@ def _radians_at_places(rows: CalibrationTable, slope: float) -> list[str]:
                 "radians there instead of degrees?"
             )
     return found
+
+
+def _swapped_at_places(rows: CalibrationTable, slope: float) -> list[str]:
+    """Locations whose ports are swapped, where the others are right."""
+    before = float(concentrations(rows, slope * _SLOPES).max())
+    if before >= ON_A_LINE:
+        return []
+    found = []
+    for place in np.unique(rows.location_mm):
+        swapped = replace(rows, port=np.where(rows.location_mm == place, 3 - rows.port, rows.port))
+        if float(concentrations(swapped, slope * _SLOPES).max()) >= ON_A_LINE:
+            found.append(
+                f"the phases at location {place:g} mm would fit the others with the ports swapped: "
+                "are they swapped there, or is location measured from port 2?"
+            )
+    # Either of two locations may be the swapped one of a line that runs the other way.
+    return found if len(found) == 1 else []
+
+
+def _constant(rows: CalibrationTable, slope: float) -> list[str]:
+    """Ports whose phases are alike everywhere, and presses that move none, as without a sensor.
+
+    A line without a soft beam is shorted alike by all forces, but its phases follow location.
+    """
+    dead = []
+    for port in (1, 2):
+        own = rows.take(rows.port == port)
+        places = np.unique(own.location_mm)
+        if len(places) < 2:
+            continue
+        mean = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(own.phase_deg)))))
+        about = wrap_deg(own.phase_deg - mean)
+        steps = np.concatenate([_steps_over_force(own, place) for place in places])
+        # The median of squared differences of noise is .91 of its variance.
+        if np.mean(about**2) <= 2 * np.median(steps**2):
+            dead.append(f"{port} ({mean:.0f} deg)")
+    if dead:
+        return [
+            f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
+            "forces: is the sensor connected?"
+        ]
+    places = np.unique(rows.location_mm)
+    moved = np.array([_movement(rows, place) for place in places])
+    change, std = np.abs(moved[:, 0].mean()), np.sqrt(np.sum(moved[:, 1] ** 2)) / len(moved)
+    if change <= _SIGNIFICANT * std:
+        if float(concentrations(rows, slope * _SLOPES).max()) >= ON_A_LINE:
+            return []
+        return [
+            f"phases do not change with force (by {change:.2g} deg, uncertain by {std:.2g} deg): "
+            "was the sensor pressed while they were measured?"
+        ]
+    # Both ends together move alike at all locations (line.py).
+    most = np.abs(moved[:, 0]) + _SIGNIFICANT * moved[:, 1]
+    return [
+        f"phases do not change with force at location {place:g} mm (by {own[0]:.2g} deg, elsewhere "
+        f"by {np.median(moved[:, 0]):.2g} deg): was the sensor pressed while they were measured?"
+        for place, own, limit in zip(places, moved, most, strict=True)
+        if limit < 0.5 * np.abs(np.median(moved[:, 0]))
+    ]
+
+
+def _movement(rows: CalibrationTable, place: float) -> tuple[float, float]:
+    """Change of both ports' phases over the forces of a location, and its standard deviation."""
+    found = [
+        _line_over_force(own, place)
+        for own in (rows.take(rows.port == port) for port in (1, 2))
+        if np.any(own.location_mm == place)
+    ]
+    change, std = np.array(found).T
+    return float(change.sum()), float(np.sqrt(np.sum(std**2)))
+
+
+def _line_over_force(own: CalibrationTable, place: float) -> tuple[float, float]:
+    """Change of the phase of one port and location over its forces, in deg, and its deviation.
+
+    Both are of a straight line; what lies beside it, such as an onset, widens the deviation.
+    """
+    here = own.take(own.location_mm == place)
+    order = np.argsort(here.force_n, kind="stable")
+    centred = here.force_n[order] - here.force_n.mean()
+    phase = np.unwrap(here.phase_deg[order], period=360.0)
+    spread, span = float(centred @ centred), float(np.ptp(centred))
+    if len(order) < 3 or not spread:
+        return 0.0, np.inf
+    slope = float(centred @ phase) / spread
+    residual = phase - phase.mean() - slope * centred
+    variance = float(residual @ residual) / (len(order) - 2)
+    return slope * span, span * float(np.sqrt(variance / spread))
+
+
+def _steps_over_force(own: CalibrationTable, place: float) -> np.ndarray:
+    """Differences of the phase of one port and location from a force to the next, in deg."""
+    here = own.take(own.location_mm == place)
+    order = np.argsort(here.force_n, kind="stable")
+    return np.asarray(wrap_deg(np.diff(here.phase_deg[order])))
 
 
 def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:

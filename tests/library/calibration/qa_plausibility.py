@@ -46,7 +46,24 @@ MISTAKES = [
     (lambda t: {"port": 3 - t.port}, "ports swapped"),
     (lambda t: {"location_mm": 80 - t.location_mm}, "location measured from port 2"),
     (lambda t: {"phase_deg": -t.phase_deg}, "sign inverted"),
+    (lambda t: {"force_n": t.force_n / 9.81}, "in kg"),
+    (lambda t: {"phase_deg": constant(t, ~t.untouched | t.untouched)}, "is the sensor connected"),
+    (lambda t: {"phase_deg": constant(t, t.port == 2)}, "the phase of port 2 (-70 deg) is the sam"),
+    (lambda t: {"phase_deg": constant(t, t.location_mm == 20)}, "with force at location 20 mm"),
+    (lambda t: {"port": swapped(t, 20)}, "at location 20 mm would fit the others with the ports"),
+    (lambda t: {"port": swapped(t, 50)}, "at location 50 mm would fit the others with the ports"),
 ]
+
+
+def constant(table, which):
+    """Phases (n,) as of an open cable in some rows: the same but for noise."""
+    noise = 0.2 * np.random.default_rng(5).standard_normal(len(table.row))
+    return np.where(which, np.where(table.port == 1, 20.0, -70.0) + noise, table.phase_deg)
+
+
+def swapped(table, place):
+    """Ports (n,) with those of one location swapped."""
+    return np.where(table.location_mm == place, 3 - table.port, table.port)
 
 
 @pytest.mark.parametrize("carrier", ["line-900mhz", "line-2400mhz"])
@@ -59,9 +76,20 @@ def test_suspicions_name_the_mistake(carrier, change, message):
 
 
 @pytest.mark.parametrize("places", [PLACES, (20.0, 25.0, 30.0), (40.0, 50.0, 60.0), (35.0, 45.0)])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [*MODELS, "plain-trace-900mhz"])
 def test_suspicions_of_a_right_table_are_none(name, places):
-    assert suspicions(table_of(load_sensor(name), places), 80.0, 1.0) == []
+    """Nor are they of a line without a soft beam, whose phases are those of any force."""
+    model = load_sensor(name)
+    for noise_deg in (0.1, 2.0):
+        table = measure_vna(model, places, FORCES, noise_deg, seed=3)
+        assert suspicions(table, 80.0, 1.0) == []
+
+
+def test_suspicions_of_constant_phases_hold_without_noise(table):
+    """Rounded phases of an unconnected port have no scatter at all."""
+    dead = replace(table, phase_deg=np.where(table.port == 1, 20.0, -70.0))
+    (found,) = suspicions(dead, 80.0, 1.0)
+    assert "port 1 (20 deg) and of port 2 (-70 deg) is the same" in found
 
 
 def test_suspicions_of_the_published_sweeps_are_none():
