@@ -49,7 +49,8 @@ press_reading::press_reading(const press_posterior& posterior,
                              const limits& at)
     : d_posterior(posterior),
       d_sensor(of),
-      d_on_circle(off_states(of.untouched_rad, of.off, of.off_std).differ()),
+      d_on_circle(off_states(of.untouched_rad, of.off, of.off_std)
+                      .differ(press_parameters{}.contact_np)),
       d_bits(flags),
       d_limits(at)
 {

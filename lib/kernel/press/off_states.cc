@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "off_states.h"
-#include "press_parameters.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,10 +21,9 @@ off_states::off_states(const pair_of_ends& untouched,
         d_end[e] = { std::polar(1.0, untouched[e]), off[e] };
 }
 
-bool off_states::differ() const
+bool off_states::differ(double contact_np) const
 {
-    return std::abs(d_end[0].off - d_end[1].off) >
-           std::max(2 * press_parameters{}.contact_np, 5 * d_std);
+    return std::abs(d_end[0].off - d_end[1].off) > std::max(2 * contact_np, 5 * d_std);
 }
 
 // |off + q e^{j (change + arg u)}| = 1 with u = e^{j psi0} - off and q = |u| |R|.

@@ -33,7 +33,7 @@ public:
     //! ends changes the difference of ln |R| by about that of the off states, which must
     //! exceed two standard deviations of what a contact loses at one end, and five of its
     //! own.
-    bool differ() const;
+    bool differ(double contact_np) const;
     //! ln |R| of both ends whose phases have changed by this.
     pair_of_ends amplitude(const pair_of_ends& change) const;
     //! By how much their difference grows where both phases do, Np per rad.

@@ -198,7 +198,7 @@ void press_filter::slip(const explanation& from, double probability)
     next->difference.widen(2 * variance);
     next->line.mean_variance += squared(d_set.turn_np);
     // Where the off states are to tell turns, another line of one end is unexplained.
-    if (!d_off.differ())
+    if (!d_off_differ)
         next->line.difference_variance += 4 * squared(d_set.turn_np);
     give(*next, update_baseline(*next));
 }

@@ -12,7 +12,10 @@ namespace gr::wiforce::kernel {
 press_filter::press_filter(std::shared_ptr<const press_image> image,
                            const press_parameters& settings,
                            const off_states& off)
-    : d_image(std::move(image)), d_set(settings), d_off(off)
+    : d_image(std::move(image)),
+      d_set(settings),
+      d_off(off),
+      d_off_differ(off.differ(settings.contact_np))
 {
 }
 
@@ -61,7 +64,7 @@ void press_filter::take(const press_observation& group)
         for (auto* amplitudes : { &from.line, &from.strength }) {
             amplitudes->mean_variance += fades;
             // What fades is the way to the tag, which both ends share.
-            amplitudes->difference_variance += d_off.differ() ? 0 : fades;
+            amplitudes->difference_variance += d_off_differ ? 0 : fades;
         }
         from.age_s += d_elapsed_s;
         from.turned_now = false;
@@ -287,7 +290,7 @@ void press_filter::go_on_changing(const explanation& from, double probability)
 // amplitudes do not show it, a change of force explains it as well.
 void press_filter::go_on_turning(const explanation& from, double probability)
 {
-    const double slows = d_off.differ() && from.turn_speed > 0 ? 1 - going_on() : 0;
+    const double slows = d_off_differ && from.turn_speed > 0 ? 1 - going_on() : 0;
     turn_slowly(
         from, probability * (1 - slows), course::goes_on, from.turn_speed, from.near);
     if (slows > 0)
@@ -391,7 +394,7 @@ bool press_filter::one_line(const explanation& a, const explanation& b) const
 {
     const auto one = a.common.estimate(), other = b.common.estimate();
     return a.known == b.known && (a.is == mixed) == (b.is == mixed) &&
-           (!d_off.differ() || a.turning == b.turning) &&
+           (!d_off_differ || a.turning == b.turning) &&
            squared(wrapped(one.mean - other.mean)) <
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }

@@ -233,6 +233,7 @@ private:
     std::shared_ptr<const press_image> d_image;
     press_parameters d_set;
     off_states d_off;
+    bool d_off_differ;
     std::vector<explanation> d_kept, d_next;
     double d_best = 0,
            d_peak = 0; // largest log weight so far; largest density of a group

@@ -247,7 +247,7 @@ bool press_filter::shows_turns(const explanation& of) const
 bool press_filter::sees_turns(const explanation& of, state is) const
 {
     return is == untouched ||
-           (d_off.differ() && of.known && (is == pressed || is == unexplained));
+           (d_off_differ && of.known && (is == pressed || is == unexplained));
 }
 
 // Of both phases against the untouched line.

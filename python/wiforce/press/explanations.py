@@ -64,7 +64,7 @@ def filter_of(
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - off)
     step = float(np.log(forces[1] / forces[0]))
     image = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
-    if off_states_differ(off, off_std):
+    if off_states_differ(off, off_std, values["contact_np"][0]):
         return press_filter(*image, untouched_rad.tolist(), off.tolist(), off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
     spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))

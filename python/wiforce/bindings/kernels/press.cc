@@ -100,11 +100,12 @@ void bind_press(py::module& m)
 {
     m.def(
         "off_states_differ",
-        [](const std::array<std::complex<double>, 2>& off, double std) {
-            return off_states({}, off, std).differ();
-        },
+        [](const std::array<std::complex<double>, 2>& off,
+           double std,
+           double contact_np) { return off_states({}, off, std).differ(contact_np); },
         "off"_a,
         "std"_a,
+        "contact_np"_a,
         "Whether amplitudes distinguish a turn of the tag from a press (off_states.h).");
     PYBIND11_NUMPY_DTYPE(press_observation,
                          time_s,
