@@ -16,6 +16,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import csi_files
 import numpy as np
 import yaml
 from gnuradio.wiforce import sensor as sensors
@@ -128,6 +129,9 @@ class Kind:
         self.file.write_bytes(data)
         return self.arguments
 
+    def fault_in(self, shown):
+        """What is wrong with the output of a command that succeeded, None when nothing is."""
+
 
 class OptionsKind(Kind):
     """Options of a command, a line each, in the place of a file.
@@ -140,8 +144,28 @@ class OptionsKind(Kind):
         return (*self.arguments, *words)
 
 
+class ToolKind(Kind):
+    """A file of a CSI tool that was cut at either end, or some bytes of which were changed."""
+
+    def broken(self, rng, of=None):
+        data = bytearray(self.original if of is None else of)
+        what = rng.integers(4)
+        if what != 0:
+            for at in rng.integers(len(data), size=int(rng.choice([1, 3, 10]))):
+                data[at] = int(rng.integers(256))
+        if what != 1:
+            del data[: int(rng.integers(min(5000, len(data) // 2)))]
+        if what == 2:
+            del data[int(rng.integers(len(data))) :]
+        return bytes(data)
+
+    def fault_in(self, shown):
+        return "checked as samples" if ": samples, " in shown else None
+
+
 KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
 KINDS += ("snapshots", "surface", "spreading", "taps", "symbol", "radio")
+KINDS += ("intel", "atheros", "nexmon", "esp32", "picoscenes")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
@@ -168,6 +192,10 @@ def kind_of(name):
         ),
         "symbol": lambda: Kind("own.npy", "chirp.npy", "plan", "symbol.yaml"),
         "radio": lambda: OptionsKind("options.txt", "radio.txt", *_CHECK),
+        **{
+            tool: lambda tool=tool: ToolKind("x.dat", f"{tool}.dat", "check", "x.dat")
+            for tool in ("intel", "atheros", "nexmon", "esp32", "picoscenes")
+        },
         "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
     }[name]()
 
@@ -180,6 +208,14 @@ def prepare(folder):
     (folder / "packets.yaml").write_text(yaml.safe_dump(PACKETS))
     assert main(["simulate", str(folder / "packets.yaml"), str(folder / "packets")]) == 0
     (folder / "symbol.yaml").write_text(yaml.safe_dump(SYMBOL))
+    for tool, content in {
+        "intel": csi_files.intel_file(csi_files.values_of(30, 3, 100)),
+        "atheros": csi_files.atheros_file(csi_files.values_of(56, 2, 400)),
+        "nexmon": csi_files.nexmon_file(csi_files.values_of(64, 2, 2000)),
+        "esp32": "".join(csi_files.esp32_lines(csi_files.values_of(64, 1, 100))).encode(),
+        "picoscenes": csi_files.picoscenes_file(),
+    }.items():
+        (folder / f"{tool}.dat").write_bytes(content)
     symbol = np.exp(1j * np.pi * np.arange(64) ** 2 / 64)
     for name in ("chirp.npy", "own.npy"):
         np.save(folder / name, symbol)
@@ -228,21 +264,21 @@ def _touchstone(table, folder):
 
 
 def call(arguments):
-    """The command's entry function with a deadline: (exit status, standard error)."""
+    """The command's entry function with a deadline: exit status, standard error and output."""
 
     def expired(signum, frame):
         raise Hang(f"{arguments}: still running after {LIMIT_S} s")
 
     before = signal.signal(signal.SIGALRM, expired)
     remaining_s = signal.alarm(LIMIT_S)
-    said = io.StringIO()
+    said, shown = io.StringIO(), io.StringIO()
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(said):
             status = main(list(arguments))
     finally:
         signal.signal(signal.SIGALRM, before)
         signal.alarm(remaining_s)
-    return status, said.getvalue()
+    return status, said.getvalue(), shown.getvalue()
 
 
 def fault_of(status, said):
@@ -269,7 +305,8 @@ def check(kind, data):
     arguments = kind.put(data)
     for last in (False, True):
         try:
-            return fault_of(*call(arguments))
+            status, said, shown = call(arguments)
+            return fault_of(status, said) or (kind.fault_in(shown) if status == 0 else None)
         except Hang as hang:
             if last:
                 return str(hang)

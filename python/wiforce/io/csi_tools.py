@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from .capture.channel_snapshots import ChannelSnapshots, checked_snapshots
 from .optional import check_installed
 
 _PCAP = {b"\xd4\xc3\xb2\xa1": "<", b"\xa1\xb2\xc3\xd4": ">", b"\x4d\x3c\xb2\xa1": "<"}
+_PCAPNG = b"\n\r\r\n"
+_PICOSCENES = 0x20150315  # of each record
 _NEXMON_PORT = 5500
 # Of a pcap record, and of Ethernet, IP and UDP in it; then of nexmon_csi before the values.
 _RECORD, _PACKET, _NEXMON = 16, 42, 18
@@ -37,25 +40,85 @@ _INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
 
 
 def tool_of(path: str | Path) -> str | None:
-    """The CSI tool that has written a file (:func:`open_csi`); None for other kinds."""
+    """The CSI tool that has written a file (:func:`open_csi`); None for other kinds.
+
+    Refuses files of tools that are not read, and those whose first bytes are missing.
+    """
     if not Path(path).is_file():
         return None
     with Path(path).open("rb") as file:
-        start = file.read(4096)
+        start = file.read(_SEARCHED_BYTES)
     if start.startswith((b"type,", b"CSI_DATA,")) or b"\nCSI_DATA," in start:
         return "esp32"
     if start[:4] in _PCAP:
-        return _nexmon_tool(start)
-    if len(start) > 2 and start[2] in _INTEL_CODES and 1 < struct.unpack(">H", start[:2])[0]:
-        length = struct.unpack(">H", start[:2])[0]
-        if len(start) < length + 5 or start[length + 4] in _INTEL_CODES:
-            return "intel"
-    if len(start) > 27:
-        length = struct.unpack("<H", start[:2])[0]
-        tones = start[18]
-        if 25 <= length < _LONGEST and tones in (56, 114):
-            return "atheros"
+        return _nexmon_tool(Path(path), start)
+    if start[:4] == _PCAPNG:
+        raise InputError(path, "is a pcapng file; convert it to pcap (editcap -F pcap)")
+    for at, (tool, length_of) in product(range(min(_LONGEST, len(start))), _RECORDS.items()):
+        if not _follow_each_other(start, at, length_of):
+            continue
+        if tool == "PicoScenes":
+            raise InputError(path, "is a file of PicoScenes; export its arrays to an .npz file")
+        if at or tool == "nexmon":
+            rule = f"is damaged at its start: records of {tool} begin at byte {at}; record again"
+            raise InputError(path, rule)
+        return tool
     return None
+
+
+def _follow_each_other(data: bytes, at: int, length_of: Callable[[bytes], int]) -> bool:
+    """Whether records begin at a byte, one behind the other."""
+    for number in range(_FOLLOWING):
+        head = data[at : at + _HEAD]
+        if len(head) < _HEAD:
+            return number == _FOLLOWING - 1
+        if not 0 < (length := length_of(head)) < _LONGEST:
+            return False
+        at += length
+    return True
+
+
+def _intel_length(head: bytes) -> int:
+    """Bytes of a record of the Linux 802.11n CSI Tool by its first ones; 0 where it is none."""
+    length, code = struct.unpack_from(">HB", head)
+    bits = 30 * (16 * head[11] * head[12] + 3)
+    if code == _INTEL_CODES[0] and length != 21 + (bits + 7) // 8 or code not in _INTEL_CODES:
+        return 0
+    return int(length) + 2
+
+
+def _atheros_length(head: bytes) -> int:
+    """The same of the Atheros CSI Tool."""
+    length, size = struct.unpack_from("<H", head)[0], struct.unpack_from("<H", head, 10)[0]
+    tones, antennas, streams = head[18:21]
+    bits = 20 * tones * antennas * streams
+    is_one = tones in (56, 114) and 25 + size <= length
+    return length + 2 if is_one and size in (0, (bits + 7) // 8, (bits + 15) // 16 * 2) else 0
+
+
+def _pcap_length(head: bytes) -> int:
+    """The same of a packet of nexmon_csi in a pcap file."""
+    kept, sent = struct.unpack_from("<II", head, 8)
+    (chip,) = struct.unpack_from("<H", head, _RECORD + _PACKET + 16)
+    sizes = [_PACKET + _NEXMON + 4 * values for values in _SENT]
+    return _RECORD + kept if kept == sent in sizes and chip in _CHIPS else 0
+
+
+def _picoscenes_length(head: bytes) -> int:
+    """The same of PicoScenes."""
+    length, magic = struct.unpack_from("<II", head)
+    return length + 4 if magic == _PICOSCENES else 0
+
+
+# Bytes in which files are recognised, of a record those that tell its length, and records that must
+# follow each other: of random bytes, fewer than one in a billion files do so.
+_SEARCHED_BYTES, _HEAD, _FOLLOWING = 1 << 16, 76, 4
+_RECORDS = {
+    "intel": _intel_length,
+    "atheros": _atheros_length,
+    "nexmon": _pcap_length,
+    "PicoScenes": _picoscenes_length,
+}
 
 
 def sent_subcarriers(size: int) -> np.ndarray:
@@ -68,17 +131,18 @@ def sent_subcarriers(size: int) -> np.ndarray:
     return np.r_[-highest : 1 - lowest, lowest : highest + 1]
 
 
-def _nexmon_tool(start: bytes) -> str | None:
-    """Chip and bandwidth of the first packet of a pcap file, where it is one of nexmon_csi."""
+def _nexmon_tool(path: Path, start: bytes) -> str:
+    """Chip and bandwidth of the first packet of a pcap file; refuses those of other programs."""
     order = _PCAP[start[:4]]
-    if len(start) < 24 + _RECORD + _PACKET + _NEXMON:
-        return None
-    (length,) = struct.unpack(order + "I", start[24 + 8 : 24 + 12])
     payload = start[24 + _RECORD + _PACKET :]
-    values = (length - _PACKET - _NEXMON) // 4
-    chip = _CHIPS.get(struct.unpack("<H", payload[16:18])[0])
-    if chip is None or values not in (64, 128, 256):
-        return None
+    chip = values = None
+    if len(payload) >= _NEXMON:
+        (length,) = struct.unpack(order + "I", start[24 + 8 : 24 + 12])
+        values = (length - _PACKET - _NEXMON) // 4
+        chip = _CHIPS.get(struct.unpack("<H", payload[16:18])[0])
+    if chip is None or values not in _SENT:
+        rule = "is a pcap file whose first packet is none of nexmon_csi; name CHIP and MHZ by "
+        raise InputError(path, rule + "--csi-tool")
     return f"nexmon/{chip}/{values * 20 // 64}"
 
 
