@@ -103,11 +103,13 @@ def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines |
     for rows in stretches:
         times_s = time_s[rows] - time_s[rows[0]]
         power += _spectrum(times_s, _without_states(values[rows], label[rows]))[bins]
-    noise = _running_median(power, round(_FLOOR_HZ / _STEP_HZ))
+    # Packets are stored in single precision: what does not exceed its rounding is no line.
+    rounding = sum(map(len, stretches)) * np.finfo(np.float32).eps ** 2
+    noise = np.maximum(_running_median(power, round(_FLOOR_HZ / _STEP_HZ)), rounding)
     clocks = np.arange(*_CLOCKS_HZ, _STEP_HZ / _LINES)
     lines = np.rint(np.multiply.outer(clocks, np.arange(1, _LINES + 1)) / _STEP_HZ).astype(int)
     lines -= bins[0]
-    ratio = power / np.maximum(noise, 1e-300)
+    ratio = power / noise
     score = np.log(np.maximum(ratio[lines], 1e-3)).sum(axis=1)
     score -= np.median(score)
     best = int(np.argmax(score))
@@ -119,7 +121,7 @@ def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines |
         return None
     counts = np.array([len(rows) for rows in stretches])
     line = excess / float(np.sum(counts**2))
-    snr = line / max(float(noise[first]) / float(np.sum(counts)), 1e-300)
+    snr = line / (float(noise[first]) / float(np.sum(counts)))
     return TagLines(
         float(clocks[best]), 10 * float(np.log10(line)), 10 * float(np.log10(snr)), stds
     )

@@ -59,6 +59,7 @@ _DEAD_SHARE = 0.5
 # 0.05 elsewhere, with magnitudes that part by 0.03. Neighbours that are compared, more than fade at
 # once, and packets that are looked at.
 _MORE_PHASE, _LEAST_RAD, _BESIDE, _MOST_COMPARED = 4.0, 0.2, 4, 4000
+_REPEATED = "antenna with the values of another one"
 _STRANGE = "subcarrier whose phase does not follow the others, such as pilots of an Intel AX200"
 
 
@@ -175,6 +176,15 @@ def checked_snapshots(
         rule = f"must hold {LEAST_PACKETS} packets or more that differ and are finite"
         raise InputError(path, f"channel: {rule}", int(np.count_nonzero(kept)))
     times, values = times[kept], values[kept]
+    # Of two antennas that were stored with the same values, the second says nothing.
+    antennas: list[int] = []
+    for antenna in range(values.shape[2]):
+        values_of_one = values[:, :, antenna]
+        if not any(np.array_equal(values_of_one, values[:, :, other]) for other in antennas):
+            antennas.append(antenna)
+    if repeated := values.shape[2] - len(antennas):
+        left_out = (*left_out, (_REPEATED, repeated))
+        values = values[:, :, antennas]
     alive = np.mean(np.abs(values).min(axis=2) == 0, axis=0) <= _DEAD_SHARE
     if np.count_nonzero(alive) < LEAST_SUBCARRIERS:
         rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more on which every antenna "
