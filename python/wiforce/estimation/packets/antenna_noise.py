@@ -15,9 +15,8 @@ from .packet_channels import DividedPackets
 
 # Frequencies beside a tone, in resolutions of a group, at which a tag has nothing.
 _BESIDE = (-2, -1, 1, 2)
-# Groups in which noise is measured: their number times that of the tones and of the frequencies
-# beside each gives it to a few percent.
-_MOST_GROUPS = 64
+# Values by which noise is measured: their number gives its power to 1 / sqrt(4096), 1.6 %.
+_VALUES = 4096
 
 
 def without_shared_noise(
@@ -71,7 +70,8 @@ def _beside_tones(
     power = np.array([_power(tone) for tone in lines])
     power = np.concatenate([power[::-1], power]) / power.sum()
     found = []
-    for first, last in chosen[:: -(-len(chosen) // _MOST_GROUPS)]:
+    each = len(_BESIDE) * len(power)
+    for first, last in chosen[:: -(-len(chosen) * each // _VALUES)]:
         rows = np.arange(first, last)[state[first:last] >= 0]
         center_s = (time_s[first] // period_s + 0.5) * period_s
         own = []
