@@ -40,6 +40,14 @@ protected:
     // The receiver's settings changed before the group at hand, or inside it.
     void mark_group_retuned() { d_retuned = true; }
 
+    // Frame timing slipped before the group at hand, or inside it: frames before it may
+    // lie elsewhere. Takes the value of a tag.
+    void mark_group_slipped(const pmt::pmt_t& misplaced)
+    {
+        for (const std::uint64_t frame : pmt::u64vector_elements(misplaced))
+            d_misplaced.push_back(frame);
+    }
+
     // Ends the group at hand; returns the items written after the `produced` first ones.
     int end_group(kernel::fc32* out, int produced)
     {
@@ -67,6 +75,11 @@ protected:
             if (d_retuned)
                 tag(produced, names::RETUNED, 1);
             d_retuned = false;
+            if (!d_misplaced.empty())
+                tag(produced,
+                    names::SLIPPED,
+                    pmt::init_u64vector(d_misplaced.size(), d_misplaced));
+            d_misplaced.clear();
             tag(produced, names::GROUP, d_collector.index());
             d_collector.transform(out + produced * d_collector.size());
             d_groups += 1;
@@ -116,6 +129,7 @@ private:
 
     const pmt::pmt_t d_incomplete_port = pmt::mp(names::INCOMPLETE);
     bool d_retuned = false;
+    std::vector<std::uint64_t> d_misplaced; // first and end of a range, for each slip
 };
 
 } // namespace gr::wiforce

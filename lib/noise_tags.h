@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "kernel/fold/frame_walk.h"
 #include "kernel/types.h"
 #include <gnuradio/tags.h>
 #include <pmt/pmt.h>
@@ -17,6 +18,12 @@ namespace gr::wiforce {
 inline pmt::pmt_t noise_value(const kernel::snapshot_noise* noise, int count)
 {
     return pmt::init_f32vector(2 * count, reinterpret_cast<const float*>(noise));
+}
+
+// Value of the tag `slipped`: the frames before a slip that may lie elsewhere.
+inline pmt::pmt_t slip_value(const kernel::frame_range& misplaced)
+{
+    return pmt::init_u64vector(2, { misplaced.first, misplaced.second });
 }
 
 // The noise of folded vectors, by their tags.

@@ -21,6 +21,7 @@ std::size_t vector_bytes(int symbol_length)
 
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
+const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 } // namespace
@@ -85,13 +86,13 @@ void phase_group_doppler_impl::forecast(int, gr_vector_int& ninput_items_require
     ninput_items_required[0] = 1;
 }
 
-int phase_group_doppler_impl::tagged_among(int count,
-                                           std::uint64_t first,
-                                           const pmt::pmt_t& key)
+std::vector<gr::tag_t> phase_group_doppler_impl::tags_among(int count,
+                                                            std::uint64_t first,
+                                                            const pmt::pmt_t& key)
 {
     std::vector<gr::tag_t> tags;
     get_tags_in_range(tags, 0, first, first + count, key);
-    return tags.size();
+    return tags;
 }
 
 void phase_group_doppler_impl::collect_noise(int available)
@@ -141,9 +142,11 @@ int phase_group_doppler_impl::general_work(int noutput_items,
                 std::copy_n(snapshots, n * d_symbol_length, slots);
                 d_noise.write(here, n, noise);
             });
-        d_collector.note_saturated(tagged_among(count, here, saturated_key));
-        if (tagged_among(count, here, retuned_key) > 0)
+        d_collector.note_saturated(tags_among(count, here, saturated_key).size());
+        if (!tags_among(count, here, retuned_key).empty())
             mark_group_retuned();
+        for (const gr::tag_t& tag : tags_among(count, here, slipped_key))
+            mark_group_slipped(tag.value);
         consumed += count;
         d_snapshot += count;
         if (d_collector.is_full())

@@ -26,8 +26,9 @@ public:
     std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }
 
 private:
-    // Input items that carry a tag.
-    int tagged_among(int count, std::uint64_t first, const pmt::pmt_t& key);
+    // Tags of so many input items.
+    std::vector<gr::tag_t>
+    tags_among(int count, std::uint64_t first, const pmt::pmt_t& key);
 
     void collect_noise(int available);
 

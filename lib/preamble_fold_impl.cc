@@ -26,6 +26,7 @@ std::size_t vector_bytes(const kernel::preamble_folder& folder)
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
+const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
 void check(double sample_rate, const std::string& item_type)
@@ -225,6 +226,7 @@ void preamble_fold_impl<Sample>::follow_frames()
     d_logger->warn("frame timing slipped by {:d} samples; resynchronised", lost);
     // The next rx_time counts them as well, and says how many whole frames they exceed.
     d_events.expect_loss(lost, d_folder.frame_length());
+    mark_slipped(slip_value(d_walk.misplaced()));
     d_frames_moved += 1;
     d_samples_moved += lost;
 }
@@ -300,6 +302,10 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
                            retuned_key,
                            pmt::from_uint64(1));
     d_retuned = false;
+    for (const pmt::pmt_t& misplaced : d_slips)
+        this->add_item_tag(
+            0, this->nitems_written(0) + this->d_produced, slipped_key, misplaced);
+    d_slips.clear();
     d_noise.resize(count);
     this->d_folder.fold(averaged,
                         count,

@@ -50,6 +50,8 @@ protected:
     virtual int take(const Sample* averaged, int frames, std::uint64_t snapshot) = 0;
     // The samples that follow were received with settings that were changed meanwhile.
     virtual void mark_retuned() = 0;
+    // Frame timing slipped before them; the value of the tag.
+    virtual void mark_slipped(const pmt::pmt_t& misplaced) = 0;
 
     const kernel::preamble_folder d_folder;
     kernel::fc32* d_out = nullptr;
@@ -100,10 +102,15 @@ public:
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
     void mark_retuned() override { d_retuned = true; }
+    void mark_slipped(const pmt::pmt_t& misplaced) override
+    {
+        d_slips.push_back(misplaced);
+    }
 
 private:
     std::optional<std::uint64_t> d_expected;
     bool d_retuned = false;
+    std::vector<pmt::pmt_t> d_slips;             // before the next frame
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
 };
 
@@ -121,6 +128,10 @@ public:
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
     void mark_retuned() override { this->mark_group_retuned(); }
+    void mark_slipped(const pmt::pmt_t& misplaced) override
+    {
+        this->mark_group_slipped(misplaced);
+    }
 };
 
 } // namespace gr::wiforce

@@ -11,6 +11,7 @@ namespace gr::wiforce {
 
 namespace {
 
+const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
@@ -79,6 +80,11 @@ int recording_source_impl::work(int noutput_items,
         if (ready == 0)
             break;
         const std::uint64_t first = d_frames.frame();
+        for (; d_slips < d_frames.misplaced().size(); d_slips++)
+            add_item_tag(0,
+                         nitems_written(0) + produced,
+                         slipped_key,
+                         slip_value(d_frames.misplaced()[d_slips]));
         const int count = std::min<std::uint64_t>(ready, noutput_items - produced);
         d_noise.resize(count);
         d_frames.fold(count, out + produced * d_frames.symbol_length(), d_noise.data());

@@ -30,6 +30,7 @@ private:
     kernel::recorded_frames d_frames;
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
     std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
+    std::size_t d_slips = 0;                     // that are tagged
 };
 
 } // namespace gr::wiforce

@@ -17,6 +17,7 @@ constexpr char REJECTED[] = "rejected";
 constexpr char DISTURBED[] = "disturbed";
 constexpr char SATURATED[] = "saturated";
 constexpr char RETUNED[] = "retuned";
+constexpr char SLIPPED[] = "slipped";
 constexpr char STATIC[] = "static";
 constexpr char STATE[] = "state";
 constexpr char MASK[] = "mask"; // also a key of the PDUs on the port "incomplete"

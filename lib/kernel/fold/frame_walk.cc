@@ -45,6 +45,7 @@ std::uint64_t frame_walk::decide()
     const std::uint64_t shift = d_watch.decide();
     if (shift == 0)
         return 0;
+    d_misplaced = { frame() - std::min(frame(), frame_watch::UNNOTICED), frame() };
     const std::uint64_t lost = d_frame_length - shift;
     skip(lost);
     return lost;

@@ -6,8 +6,12 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 
 namespace gr::wiforce::kernel {
+
+// A frame and the one behind the last.
+using frame_range = std::pair<std::uint64_t, std::uint64_t>;
 
 /*
  * Walks over the frames of a stream of samples: which are whole, where the next one lies,
@@ -64,6 +68,9 @@ public:
     // samples were lost or repeated that nobody reported: their number, known modulo the
     // frame length, is skipped and returned. 0 when the frames stayed in place.
     std::uint64_t decide();
+    // First frame before the last slip, and the one behind the last, that may lie
+    // elsewhere.
+    const frame_range& misplaced() const { return d_misplaced; }
 
 private:
     const std::uint64_t d_frame_length;
@@ -71,6 +78,7 @@ private:
     const std::uint64_t d_first_averaged; // position in the stream, of frame 0
     std::uint64_t d_position = 0;
     frame_watch d_watch;
+    frame_range d_misplaced;
 };
 
 } // namespace gr::wiforce::kernel

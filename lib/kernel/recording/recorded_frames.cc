@@ -55,12 +55,11 @@ void recorded_frames::fold(int frames, fc32* folded, snapshot_noise* noise)
 
 void recorded_frames::follow_frames()
 {
-    const std::uint64_t end = d_walk.frame();
     const std::uint64_t lost = d_walk.decide();
     if (lost == 0)
         return;
     d_frames_moved += 1;
-    d_misplaced.emplace_back(end - std::min(end, frame_watch::UNNOTICED), end);
+    d_misplaced.push_back(d_walk.misplaced());
     if (d_on_slip)
         d_on_slip(lost);
 }

@@ -43,11 +43,8 @@ public:
 
     std::uint64_t folded() const { return d_folded; } // frames
     std::uint64_t frames_moved() const { return d_frames_moved; }
-    // First frame and the one behind the last, before each slip, that may lie elsewhere.
-    const std::vector<std::pair<std::uint64_t, std::uint64_t>>& misplaced() const
-    {
-        return d_misplaced;
-    }
+    // Frames before each slip that may lie elsewhere.
+    const std::vector<frame_range>& misplaced() const { return d_misplaced; }
     std::uint64_t samples_missing() const { return d_recording.samples_missing(); }
 
 private:
@@ -62,7 +59,7 @@ private:
     std::vector<int> d_saturated;
     counter d_folded;
     counter d_frames_moved;
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> d_misplaced;
+    std::vector<frame_range> d_misplaced;
 };
 
 } // namespace gr::wiforce::kernel

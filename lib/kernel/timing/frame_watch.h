@@ -28,10 +28,11 @@ public:
     static constexpr int LONGEST_WHOLE = 8192;
     static constexpr int LONGEST_FRAME = 16 * LONGEST_WHOLE;
 
+    static constexpr std::uint64_t AVERAGED = 16; // frames that are compared at a time
+
 private:
     static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
-    static constexpr std::uint64_t AVERAGED = 16; // frames
-    static constexpr std::uint64_t PERIOD = 1024; // of them
+    static constexpr std::uint64_t PERIOD = 1024; // frames
     static constexpr int LONGEST_SEARCH = 3;      // averages in a row
 
 public:

@@ -277,10 +277,12 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
     static const auto disturbed_key = pmt::mp(names::DISTURBED);
     static const auto saturated_key = pmt::mp(names::SATURATED);
     static const auto retuned_key = pmt::mp(names::RETUNED);
+    static const auto slipped_key = pmt::mp(names::SLIPPED);
     struct group {
         std::uint64_t index = 0, saturated = 0;
         bool retuned = false;
         py::object present = py::none(), undisturbed = py::none();
+        std::vector<std::pair<std::uint64_t, std::uint64_t>> misplaced; // of each slip
     };
     std::vector<group> groups(count);
     for (const gr::tag_t& tag : tags) {
@@ -291,7 +293,11 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
             own.saturated = pmt::to_uint64(tag.value);
         else if (pmt::eq(tag.key, retuned_key))
             own.retuned = true;
-        else if (pmt::eq(tag.key, mask_key))
+        else if (pmt::eq(tag.key, slipped_key)) {
+            const auto frames = pmt::u64vector_elements(tag.value);
+            for (std::size_t i = 0; i + 1 < frames.size(); i += 2)
+                own.misplaced.emplace_back(frames[i], frames[i + 1]);
+        } else if (pmt::eq(tag.key, mask_key))
             own.present = marks_of(pmt::u8vector_elements(tag.value), 1);
         else if (pmt::eq(tag.key, disturbed_key))
             own.undisturbed = marks_of(pmt::u8vector_elements(tag.value), 0);
@@ -301,8 +307,13 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
     for (const group& own : groups) {
         // An array of memory that something else owns has a base, of which nothing comes.
         const py::array_t<gr_complex> folded({ group_length, length }, item, py::none());
-        result.append(py::make_tuple(
-            own.index, folded, own.present, own.undisturbed, own.saturated, own.retuned));
+        result.append(py::make_tuple(own.index,
+                                     folded,
+                                     own.present,
+                                     own.undisturbed,
+                                     own.saturated,
+                                     own.retuned,
+                                     own.misplaced));
         item += group_length * length;
     }
     return result;
@@ -360,7 +371,8 @@ PYBIND11_MODULE(wiforce_python, m)
         "group_length"_a,
         "The groups of collected snapshots at the input of a block, as tuples: index, "
         "folded (N, L)\nin the buffer, present (N,) or None for all, undisturbed (N,) or "
-        "None for all, snapshots at\nfull scale, whether retuned.");
+        "None for all, snapshots at\nfull scale, whether retuned, first frame and end "
+        "before each slip that may lie elsewhere.");
     m.def("kept_with",
           &kept_with,
           "block"_a,

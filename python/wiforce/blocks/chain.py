@@ -12,6 +12,7 @@ from gnuradio import gr
 
 from ..errors import InputError
 from ..estimation.capture.folded_groups import FoldedGroups
+from ..estimation.capture.slips import Slips
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups, is_clipped
 from ..estimation.phases.average import SubcarrierAverage
@@ -26,6 +27,7 @@ from .group_block import (
     Tags,
     count_of,
     groups_of,
+    misplaced_in,
     occupied_subcarriers,
     state_from_pmt,
     whole_spectra,
@@ -41,6 +43,7 @@ class ToneInput:
         self._folded = FoldedGroups(plan.table, plan.waveform, derotated)
         self._messages: dict[int, tuple[Array, Array]] = {}
         self._expected: int | None = None
+        self._slips = Slips(plan.group_length)
 
     def on_incomplete(self, message: Any) -> None:
         """Take the snapshots of a group with gaps (message port ``incomplete``)."""
@@ -86,6 +89,13 @@ class ToneInput:
             rejected[:count] / group_length,
             static[:count],
         )
+        kept = np.ones(count, bool)
+        for row, own in enumerate(tags[:count]):
+            # What was given before a slip was found cannot be left out.
+            self._slips.add(misplaced_in(own))
+            kept[row] = not self._slips.elsewhere(groups.index[row : row + 1])[0]
+        groups = groups[np.flatnonzero(kept)]
+        groups.slipped |= self._slips.behind(groups.index)
         return count, groups
 
     def _solved(self, group: int) -> tuple[Array | float, ...]:

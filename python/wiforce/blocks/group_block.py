@@ -251,11 +251,12 @@ class SnapshotSink(GroupBlock):
         try:
             groups = []
             for each in collected_groups(self.gateway, count, len(everything)):
-                index, folded, present, undisturbed, saturated, retuned = each
+                index, folded, present, undisturbed, saturated, retuned, misplaced = each
                 present = everything if present is None else present
                 kept = present if undisturbed is None else present & undisturbed
-                group = SnapshotGroup(index, folded, None, present, saturated, retuned, kept)
-                groups.append(group)
+                groups.append(
+                    SnapshotGroup(index, folded, None, present, saturated, retuned, kept, misplaced)
+                )
             self.read(groups)
         except Exception as error:
             self.fail(error)
@@ -287,6 +288,14 @@ def groups_of(tags: Tags) -> Groups:
 def count_of(tags: dict[str, Any], name: str) -> int:
     """Value of a tag that counts, 0 where an item has none."""
     return int(pmt.to_uint64(tags[name])) if name in tags else 0
+
+
+def misplaced_in(tags: dict[str, Any]) -> list[tuple[int, int]]:
+    """Frames before each slip that may lie elsewhere, by an item's tag: the first, the end."""
+    if names.SLIPPED not in tags:
+        return []
+    ranges = np.array(pmt.u64vector_elements(tags[names.SLIPPED]), np.int64)
+    return [(int(first), int(end)) for first, end in ranges.reshape(-1, 2)]
 
 
 class ReadingPort:

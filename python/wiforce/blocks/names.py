@@ -13,6 +13,7 @@ REJECTED = "rejected"
 DISTURBED = "disturbed"
 SATURATED = "saturated"
 RETUNED = "retuned"
+SLIPPED = "slipped"
 STATIC = "static"
 STATE = "state"
 MASK = "mask"  # also a key of the PDUs on the port "incomplete", with GROUP

@@ -16,6 +16,7 @@ from .group_block import NoiseTags, noise_value
 from .stream_watch import Timeline
 
 _NOISE = pmt.intern(names.NOISE)
+_SLIPPED = pmt.intern(names.SLIPPED)
 
 
 class antenna_ratio(Kept, gr.sync_block):
@@ -27,7 +28,7 @@ class antenna_ratio(Kept, gr.sync_block):
 
     Input 0 and 1: vectors of a symbol's samples, a frame each (``preamble_fold``,
     ``capture_source``), of the same frames; gaps must be the same. Output: the like; tags are
-    those of input 0, with the noise of both.
+    those of input 0, with the noise and the slips of both.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ class antenna_ratio(Kept, gr.sync_block):
             if not pmt.equal(tag.key, _NOISE):
                 offset = start + tag.offset - self.nitems_read(0)
                 self.add_item_tag(0, offset, tag.key, tag.value)
+        for tag in self.get_tags_in_window(1, 0, count, _SLIPPED):
+            self.add_item_tag(0, start + tag.offset - self.nitems_read(1), tag.key, tag.value)
         if count:
             value = noise_value(ratio_noise((first, second), noise, ratio))
             self.add_item_tag(0, start, _NOISE, value)

@@ -141,7 +141,8 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     if not count:
         return None
     recordings = _recordings(recording, plan)
-    return survey_reference(plan, *first_frames(recordings, plan.waveform, frame_offset, count))
+    frames = first_frames(recordings, plan.waveform, frame_offset, count, plan.group_length)
+    return survey_reference(plan, *frames)
 
 
 def _compression_of(

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
 from ..estimation.capture.folded_groups import FoldedGroups, GroupScreen, SnapshotGroup
+from ..estimation.capture.slips import Slips
 from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
 from ..io.readings import GroupCounts, Reading
@@ -138,6 +140,8 @@ class StreamReader:
         self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
+        self._slips = Slips(plan.group_length)
+        self._arrived: deque[SnapshotGroup] = deque()  # in which a slip may still be found
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None
         self._in_tare = False  # whether these are the groups of a tare
@@ -158,9 +162,39 @@ class StreamReader:
         Arrays of the groups may be overwritten after the call; groups that were not received are
         flagged ``gap``.
         """
+        return self._take(self._verified(map(self._screen.process, groups)))
+
+    def _verified(self, groups: Iterable[SnapshotGroup]) -> Iterator[SnapshotGroup]:
+        """Leave out groups that hold frames before a slip.
+
+        Those of the reference wait until no slip can be found in them any more, since they count
+        for all that follow. Later ones are given as they come, for readings in time.
+        """
+        slips, reference = self._slips, self._scene_plan.reference_groups
+        for group in groups:
+            slips.add(group.misplaced)
+            self._arrived.append(group)
+            while self._arrived and (
+                self._arrived[0].index >= reference
+                or self._arrived[0].index <= group.index - slips.unsure
+            ):
+                yield from self._in_place(self._arrived.popleft())
+            if self._arrived:
+                self._arrived[-1] = group.copy()
+
+    def _in_place(self, group: SnapshotGroup) -> list[SnapshotGroup]:
+        """The group, marked where it is the first one behind a slip; none if it holds frames before
+        one.
+        """
+        index = np.array([group.index])
+        if self._slips.elsewhere(index)[0]:
+            return []
+        return [replace(group, slipped=bool(self._slips.behind(index)[0]))]
+
+    def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
         readings: list[Reading] = []
         waiting: list[SnapshotGroup] = []
-        for group in map(self._screen.process, groups):
+        for group in groups:
             if self._receiver is not None:
                 waiting.append(group)
             if self._kept is None and self._due is not None and group.index >= self._due:
@@ -225,9 +259,10 @@ class StreamReader:
 
     def finish(self) -> list[Reading]:
         """Give the readings of all groups that are still held back."""
-        readings: list[Reading] = []
+        arrived, self._arrived = self._arrived, deque()
+        readings = self._take(each for group in arrived for each in self._in_place(group))
         if self._receiver is None and self._kept is not None and self._kept.groups:
-            readings = self._adapt(self._kept)
+            readings += self._adapt(self._kept)
         return readings + self._receiver.finish() if self._receiver is not None else []
 
     @property

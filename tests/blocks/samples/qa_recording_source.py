@@ -24,6 +24,13 @@ def as_complex(samples):
     return (samples[:, 0] + 1j * samples[:, 1]) / scale
 
 
+def value_of(tag):
+    """The number, or the numbers, of a tag."""
+    if pmt.is_u64vector(tag.value):
+        return tuple(pmt.u64vector_elements(tag.value))
+    return pmt.to_uint64(tag.value)
+
+
 def run(source):
     """Output and tags {key: {offset: value}} of a source."""
     sink = blocks.vector_sink_c(64)
@@ -33,7 +40,7 @@ def run(source):
     tags = {}
     for tag in sink.tags():
         if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
-            tags.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+            tags.setdefault(str(tag.key), {})[tag.offset] = value_of(tag)
     return np.array(sink.data()).reshape(-1, 64), tags
 
 
@@ -169,6 +176,7 @@ def test_frames_that_move_without_a_tag_are_followed_as_in_a_stream_to_the_last_
     np.testing.assert_array_equal(folded, want)
     assert tags == want_tags
     assert len(tags["snapshot"]) == 4  # the start, the gap, and where frames were found again
+    assert len(tags["slipped"]) == 2
 
 
 def folded_in_a_stream(samples, item_type, times, length, offset):
@@ -187,5 +195,5 @@ def folded_in_a_stream(samples, item_type, times, length, offset):
     found = {}
     for tag in sink.tags():
         if str(tag.key) != names.NOISE:
-            found.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+            found.setdefault(str(tag.key), {})[tag.offset] = value_of(tag)
     return np.array(sink.data()).reshape(-1, 64), found

@@ -5,10 +5,12 @@ import copy
 import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
-from gnuradio import wiforce
+from gnuradio import gr, wiforce
+from gnuradio.wiforce.estimation.capture import folded_groups
 from long_cases import cases
-from press_capture import SCENE
+from press_capture import SCENE, array_source
 
 RATE_HZ = 12.5e6
 
@@ -26,14 +28,16 @@ def press_of_two(tmp_path_factory):
 
 
 def press_of(tmp_path_factory, **environment):
-    scene = copy.deepcopy(SCENE)
-    scene["environment"] = {**scene.get("environment", {}), **environment}
-    scene["reference_s"] = 0.5
+    name = tmp_path_factory.mktemp("slip") / "press"
+    wiforce.simulate(scene_with(**environment), name)
+    return name
+
+
+def scene_with(**environment):
+    scene = copy.deepcopy(SCENE) | {"reference_s": 0.5, "environment": environment}
     scene["simulation"]["duration_s"] = 1.4
     scene["simulation"]["presses"][0]["start_s"] = 0.8
-    name = tmp_path_factory.mktemp("slip") / "press"
-    wiforce.simulate(scene, name)
-    return name
+    return scene
 
 
 def slip(capture, name, at_s, lost):
@@ -89,3 +93,72 @@ def test_samples_lost_at_two_antennas_cost_their_groups_only(
     assert (found["flags"] == "").mean() > 0.85
     change = found["force_n"].to_numpy() - whole.loc[steady, "force_n"].to_numpy()
     assert np.isfinite(change).sum() > 5 and np.nanmax(np.abs(change)) < 0.2
+
+
+def read_as_a_stream(capture, scene, input_type):
+    """Readings of a capture whose samples, or folded frames, pass a flowgraph."""
+    found = []
+    reader = wiforce.reader(scene, input_type=input_type, on_reading=found.append)
+    flowgraph = gr.top_block()
+    if input_type == "sc16":
+        samples = array_source(np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2))
+        flowgraph.connect(samples, reader)
+    elif scene["environment"]["receive_antennas"] == 1:
+        flowgraph.connect(wiforce.capture_source(capture, scene), reader)
+    else:
+        ratio = wiforce.antenna_ratio()
+        for port, suffix in enumerate(("", ".antenna2")):
+            flowgraph.connect(wiforce.capture_source(f"{capture}{suffix}", scene), (ratio, port))
+        flowgraph.connect(ratio, reader)
+    flowgraph.run()
+    assert reader.failure is None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("antennas", "input_type", "at_s", "lost"),
+    cases(
+        *((1, "sc16", 0.25, -1), (1, "folded", 0.1, 1), (2, "folded", 0.25, -1)),
+        long=((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 300), (2, "folded", 0.1, 1)),
+    ),
+)
+def test_slip_within_the_reference_reads_alike_from_file_and_stream(
+    request, tmp_path, antennas, input_type, at_s, lost
+):
+    """A stream took frames before the slip into its reference, and flagged all that followed."""
+    capture = request.getfixturevalue("press" if antennas == 1 else "press_of_two")
+    for suffix in ("", ".antenna2")[:antennas]:
+        slip(f"{capture}{suffix}", f"{tmp_path / 'a'}{suffix}", at_s, lost)
+    clock = "free" if antennas == 2 else "shared"
+    scene = scene_with(reader_clock=clock, receive_antennas=antennas)
+    wanted = wiforce.read(tmp_path / "a")
+    found = read_as_a_stream(tmp_path / "a", scene, input_type)
+    assert wanted["flags"].str.contains("gap").any()
+    assert [" ".join(reading.flags) for reading in found] == wanted["flags"].tolist()
+    for column in ("force_n", "phase1_deg", "time_s"):
+        values = np.array([getattr(reading, column) for reading in found], float)
+        np.testing.assert_allclose(values, wanted[column], atol=2e-3)
+
+
+def test_slip_that_a_stream_finds_during_a_press_leaves_no_wrong_reading(press, tmp_path):
+    """Readings are given before a slip is found: they are flagged then, and go on behind it."""
+    slip(press, tmp_path / "a", 0.9, 1)
+    found = read_as_a_stream(tmp_path / "a", scene_with(receive_antennas=1), "sc16")
+    touched = [reading for reading in found if reading.touch == 1 and not reading.flags]
+    assert len(touched) >= 5 and sum("gap" in reading.flags for reading in found) == 1
+    assert max(abs(reading.force_n - 4.0) for reading in touched) < 0.2
+
+
+@pytest.mark.parametrize(("antennas", "groups"), [(1, 3), (2, 1)])
+def test_slip_behind_the_groups_that_are_read_at_once_reads_alike(
+    request, tmp_path, monkeypatch, antennas, groups
+):
+    """What was read before a slip was found depended on how much was read at once, and a recording
+    of two antennas ended where all of it lay before the slip.
+    """
+    capture = request.getfixturevalue("press" if antennas == 1 else "press_of_two")
+    for suffix in ("", ".antenna2")[:antennas]:
+        slip(f"{capture}{suffix}", f"{tmp_path / 'a'}{suffix}", 0.02, 1)
+    wanted = wiforce.read(tmp_path / "a")
+    monkeypatch.setattr(folded_groups, "_BATCH", groups)
+    pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)

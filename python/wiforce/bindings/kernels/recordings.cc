@@ -155,6 +155,8 @@ static void bind_counters(py::class_<Reader>& reader)
 
 void bind_recordings(py::module& m)
 {
+    m.attr("COMPARED_FRAMES") = frame_watch::AVERAGED;
+    m.attr("UNNOTICED_FRAMES") = frame_watch::UNNOTICED;
     py::class_<folded_reader> folded(
         m,
         "folded_reader",

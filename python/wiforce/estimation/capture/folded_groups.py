@@ -16,6 +16,7 @@ from ...signal.weights import ToneTable
 from ...wiforce_kernels import folded_reader, interference_screen, tone_reader, tone_transform
 from ..groups import Array, Groups, is_clipped
 from .antennas import folded_ratio, ratio_noise
+from .slips import Slips
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,9 @@ class SnapshotGroup:
     retuned: bool = False  # rate or carrier was changed before the group
     # (N,), to be used: set by blocks, or by GroupScreen
     kept: Array | None = field(default=None, repr=False)
+    # (k, 2), frames before slips found in it that may lie elsewhere: the first, the end
+    misplaced: Sequence[tuple[int, int]] = ()
+    slipped: bool = False  # the first one behind a slip: set by StreamReader
 
     @property
     def snapshots(self) -> Array:
@@ -143,6 +147,7 @@ class FoldedGroups:
             None if weights.all() else weights,
             rejected / length,
             static,
+            slipped=np.array([group.slipped for group in received], bool),
         )
 
 
@@ -168,19 +173,30 @@ def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) ->
 
 
 def first_frames(
-    recordings: Sequence[Capture], waveform: Waveform, frame_offset: int, count: int
+    recordings: Sequence[Capture],
+    waveform: Waveform,
+    frame_offset: int,
+    count: int,
+    group_length: int,
 ) -> tuple[Array, Array]:
     """The first frames of a recording, or of the ratio of two antennas: indices (n,), folded
     frames.
 
-    Fewer than ``count`` where a recording ends.
+    Without groups that hold frames elsewhere. Fewer than ``count`` where a recording ends.
     """
     kernels = [folded_reader(**frame_settings(each, waveform, frame_offset)) for each in recordings]
+    slips = Slips(group_length)
+    count += slips.unsure * group_length
     if len(kernels) == 2:
         snapshots, folded, *_ = _ratio_frames(kernels, waveform, count)
-        return snapshots, folded
-    found = kernels[0].read(count)
-    return found["snapshot"], found["folded"]
+    else:
+        found = kernels[0].read(count)
+        snapshots, folded = found["snapshot"], found["folded"]
+    for kernel in kernels:
+        slips.add(kernel.misplaced())
+    kept = ~slips.elsewhere(snapshots // group_length)
+    kept[count - slips.unsure * group_length :] = False
+    return snapshots[kept], folded[kept]
 
 
 def _ratio_frames(
@@ -195,36 +211,6 @@ def _ratio_frames(
     ratio = folded_ratio(*folded, waveform)
     noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
     return common, ratio, noise, first["saturated"][rows]
-
-
-class _Slips:
-    """Slips of the frame timing in a recording, or in those of two antennas."""
-
-    def __init__(self, kernels: Iterable[tone_reader | folded_reader], group_length: int) -> None:
-        self._kernels, self._length = list(kernels), group_length
-        self._found = [0] * len(self._kernels)
-        self._ends: list[int] = []
-
-    def elsewhere(self, group: Array) -> Array:
-        """Which groups (n,) hold frames before slips found now, which may lie elsewhere: what
-        stands still would be noise, and a press.
-        """
-        found = np.zeros(len(group), bool)
-        for i, kernel in enumerate(self._kernels):
-            slips = kernel.misplaced()[self._found[i] :]
-            self._found[i] += len(slips)
-            for first, end in slips:
-                found |= (group >= first // self._length) & (group * self._length < end)
-                self._ends.append(end)
-        return found
-
-    def mark(self, groups: Groups) -> None:
-        """Mark the first groups behind slips, which may be found in a later batch."""
-        for end in self._ends.copy():
-            behind = groups.index * self._length >= end
-            if behind.any():
-                groups.slipped[np.argmax(behind)] = True
-                self._ends.remove(end)
 
 
 class RecordedGroups:
@@ -244,19 +230,24 @@ class RecordedGroups:
             rotation=rotation,
             bins=waveform.bins,
         )
-        self._slips = _Slips([self._kernel], self._length)
+        self._slips = Slips(self._length)
+        self._held = Groups(np.zeros(0, np.int64))  # in which a slip may still be found
         self.captures: tuple[Capture, ...] = (recording,)
         self.kernels = {recording.path: self._kernel}
 
     def read(self) -> Groups:
         """Give the next groups; none at the end."""
-        while len((found := self._kernel.read(self._batch))["index"]):
-            groups = self._groups(found)
-            groups = groups[np.flatnonzero(~self._slips.elsewhere(groups.index))]
-            if len(groups):
-                self._slips.mark(groups)
-                return groups
-        return Groups(np.zeros(0, np.int64))
+        groups, ended = self._held[:0], False
+        while not len(groups) and not ended:
+            found = self._kernel.read(self._batch)
+            ended = len(found["index"]) < self._batch
+            self._slips.add(self._kernel.misplaced())
+            groups = Groups.concatenate([self._held, self._groups(found)])
+            sure = groups.index <= groups.index.max(initial=0) - self._slips.unsure * (not ended)
+            self._held = groups[np.flatnonzero(~sure)]
+            groups = groups[np.flatnonzero(sure & ~self._slips.elsewhere(groups.index))]
+        groups.slipped |= self._slips.behind(groups.index)
+        return groups
 
     def _groups(self, found: dict[str, Any]) -> Groups:
         static = found["tones"][:, -1]
@@ -297,53 +288,40 @@ class RecordedRatio:
             each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
             for each in recordings
         }
-        self._slips = _Slips(self.kernels.values(), self._length)
-        self._kept = self._in_place(self._read_frames())
+        self._slips = Slips(self._length)
+        self._held: tuple[Array, ...] = ()  # frames in whose groups a slip may still be found
 
     def read(self) -> Groups:
-        """Give the next groups; none at the end.
-
-        A group ends with its last frame, or before a frame of a later one.
-        """
-        while not len(self._kept[0]) or self._kept[0][0] // self._length == (
-            self._kept[0][-1] // self._length
-        ):
-            more = self._read_frames()
-            if not len(more[0]) and not len(self._kept[0]):
-                return Groups(np.zeros(0, np.int64))
-            if not len(more[0]):
-                return self._groups(self._frames_before(self._kept[0][-1] + 1))
-            self._kept = self._in_place(map(np.concatenate, zip(self._kept, more, strict=True)))
-        return self._groups(self._frames_before(self._kept[0][-1]))
-
-    def _in_place(self, frames: Iterable[Array]) -> tuple[Array, ...]:
-        """Frames without those of groups before slips that are found now."""
-        snapshots, *others = frames
-        kept = ~self._slips.elsewhere(snapshots // self._length)
-        return tuple(values[kept] for values in (snapshots, *others))
-
-    def _frames_before(self, snapshot: int) -> int:
-        """Number of kept frames that belong to groups complete before a snapshot."""
-        whole = snapshot // self._length * self._length
-        return int(np.searchsorted(self._kept[0], whole))
+        """Give the next groups; none at the end."""
+        groups, ended = Groups(np.zeros(0, np.int64)), False
+        while not len(groups) and not ended:
+            frames = self._read_frames()
+            ended = not len(frames[0])
+            for kernel in self.kernels.values():
+                self._slips.add(kernel.misplaced())
+            if self._held:
+                frames = tuple(map(np.concatenate, zip(self._held, frames, strict=True)))
+            group = frames[0] // self._length
+            # Whole groups; before the end those in which no slip can be found any more.
+            whole = (frames[0].max(initial=-1) + 1) // self._length
+            sure = group < whole - self._slips.unsure * (not ended)
+            self._held = tuple(values[~sure] for values in frames)
+            sure &= ~self._slips.elsewhere(group)
+            groups = self._groups(tuple(values[sure] for values in frames))
+        groups.slipped |= self._slips.behind(groups.index)
+        return groups
 
     def _read_frames(self) -> tuple[Array, ...]:
         count = max(1, groups_at_once(self._waveform) // 4) * self._length
         return _ratio_frames(self.kernels.values(), self._waveform, count)
 
-    def _groups(self, count: int) -> Groups:
-        """Groups of the first frames that are kept."""
-        if not count:
+    def _groups(self, frames: tuple[Array, ...]) -> Groups:
+        """Groups of some frames, which hold whole ones."""
+        if not len(frames[0]):
             return Groups(np.zeros(0, np.int64))
-        first, self._kept = (
-            tuple(values[:count] for values in self._kept),
-            tuple(values[count:] for values in self._kept),
-        )
-        starts = np.unique(first[0] // self._length, return_index=True)[1]
-        runs = zip(*(np.split(values, starts[1:]) for values in first), strict=True)
-        groups = self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
-        self._slips.mark(groups)
-        return groups
+        starts = np.unique(frames[0] // self._length, return_index=True)[1]
+        runs = zip(*(np.split(values, starts[1:]) for values in frames), strict=True)
+        return self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
 
     def _group(
         self, snapshots: Array, folded: Array, noise: Array, saturated: Array

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...signal.waveform import Waveform
+from ...wiforce_kernels import COMPARED_FRAMES
 from ..groups import Array
 
 # Samples from the frame's start to the strongest path: weaker paths may arrive up to 8 samples
@@ -19,8 +20,6 @@ SEARCHED_FRAMES = 2000
 # Samples after which longer frames are no longer averaged: 92 MB, and 2000 frames of up to 2880.
 _SEARCHED_SAMPLES = 5_760_000
 _FEWEST_FRAMES = 16
-# First frames, which all later ones are compared with (AVERAGED in frame_watch.h).
-_FOLLOWED = 16
 # Ratio of the best match to the rms match of noise that counts as a preamble. The largest of 720
 # matches of Gaussian noise exceeds 4.3 times their rms once in 10^5 searches.
 _CLEAR = 12.0
@@ -101,8 +100,9 @@ def frame_offset_in(samples: Array, waveform: Waveform) -> int:
     """
     offset, length = find_frame_offset(samples, waveform), waveform.frame_length
     if offset is not None and has_quiet_samples(waveform):
-        # Behind a slip, most frames are elsewhere.
-        first = find_frame_offset(samples[: _FOLLOWED * length], waveform)
+        # Behind a slip, most frames are elsewhere. The first ones are those that all later ones are
+        # compared with.
+        first = find_frame_offset(samples[: COMPARED_FRAMES * length], waveform)
         if first is not None and MARGIN < (first - offset) % length < length - MARGIN:
             offset = first
     return 0 if offset is None or keeps_alignment(offset, waveform) else offset

@@ -28,8 +28,6 @@ _LEAST_S = 0.4
 _LARGEST_BIAS = np.radians(0.1)
 # Gauss-Newton steps from the phases of the likelihood.
 _REFINEMENTS = 3
-# Frames by which times behind a slip may be off: 16 packets of a USRP hold 8 frames of 720 samples.
-_SLIPPED_FRAMES = 8
 
 
 class ClockSearch:
@@ -104,9 +102,13 @@ class ClockSearch:
         return _best_of(late_s, np.array(found))
 
     def _late_s(self) -> Array:
-        return self._model.table.snapshot_period_s * np.arange(
-            -_SLIPPED_FRAMES, _SLIPPED_FRAMES + 1
-        )
+        """Times by which groups may be late: by whole frames, up to half a period of the slowest
+        clock. Beyond that, no clock tells it.
+        """
+        period_s = self._model.table.snapshot_period_s
+        half_s = np.pi / min(tag.rate for tag in self._model.tags)
+        most = int(half_s / period_s)
+        return period_s * np.arange(-most, most + 1)
 
     def retry(self, tag: TrackedTag, group: GroupTones) -> None:
         """Try to acquire a lost tag over the latest groups, the last of which is given."""
