@@ -328,8 +328,9 @@ _NEXMON_CHIPS = ("4339", "43455c0", "4358", "4366c0")
 # Shortest record: 27 bytes, and 56 subcarriers of one antenna and stream at 20 bits each. csiread
 # assumes longer ones, and has no room for the rest.
 _ATHEROS_BYTES = 27 + 140
-# Longest time that a conversion may take, in s: a file of 1 GB takes about one minute.
-_LONGEST_S = 600
+# Longest time that a conversion may take, in s and s per byte: a file of 1 GB takes about one
+# minute, and csiread never ends with some damaged ones.
+_START_S, _BYTE_S = 10.0, 6e-7
 _CHILD = "import sys; from gnuradio.wiforce.io.csi_tools import convert; convert(*sys.argv[1:])"
 
 
@@ -388,10 +389,11 @@ nexmon/CHIP/MHZ, got 'intel2'
     with tempfile.TemporaryDirectory(prefix=".csi-") as folder:
         output = Path(folder) / "csi.npz"
         command = [sys.executable, "-c", _CHILD, str(path.resolve()), tool, str(output), mac or ""]
+        limit_s = _START_S + _BYTE_S * path.stat().st_size
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s)
         except subprocess.TimeoutExpired as error:
-            raise InputError(path, f"takes csiread longer than {_LONGEST_S} s") from error
+            raise InputError(path, f"takes csiread longer than {limit_s:.0f} s") from error
         if done.returncode or not output.exists():
             said = done.stderr.strip().splitlines()
             reason = said[-1] if said and done.returncode > 0 else "its parser crashed"

@@ -136,3 +136,27 @@ def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
 def test_names_that_no_file_has_are_refused(arguments):
     done = run_command(*arguments)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.7j])
+def test_antenna_that_repeats_another_shows_no_tag(factor, tmp_path):
+    """Rounding is all that is left between them, and may have the lines of a clock."""
+    arrays = dict(np.load(snapshots(tmp_path)))
+    one = arrays["channel"][:, :, :1]
+    arrays["channel"] = np.concatenate([one, factor * one], axis=2).astype(np.complex64)
+    np.savez(tmp_path / "a.npz", **arrays)
+    found, text = checked(tmp_path / "a.npz")
+    alone = factor == 1.0
+    assert found["antennas"]["count"] == 2 - alone
+    assert ("antenna with the values of another" in text) == alone
+    assert alone or found["tag"] is None
+
+
+@pytest.mark.parametrize(
+    ("start", "says"), [(b"\n\r\r\n", "pcapng file"), (b"\xd4\xc3\xb2\xa1", "none of nexmon_csi")]
+)
+def test_files_of_packets_are_not_taken_for_samples(start, says, tmp_path):
+    (tmp_path / "a.pcap").write_bytes(start + bytes(9000))
+    done = run_command("check", tmp_path / "a.pcap")
+    assert done.returncode == 2 and says in done.stderr
+    assert len(done.stderr.splitlines()) == 1
