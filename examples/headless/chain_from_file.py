@@ -54,8 +54,9 @@ class Chain:
     def check(self):
         """Raise the exception that ended the flowgraph, if there was one."""
         for block in self.to_force:
-            if block.failure is not None:
-                raise block.failure
+            failure = getattr(block, "failure", None)  # of the module's own blocks
+            if failure is not None:
+                raise failure
 
 
 def steps_to_force(plan, on_reading):

@@ -5,7 +5,7 @@
 The same as read_recording.grc, without a window:
 
     build/run gr-wiforce simulate tabletop table
-    build/run python3 examples/headless/read_recording.py table tabletop readings.csv
+    build/run python3 examples/headless/read_recording.py table readings.csv tabletop
 """
 
 import sys
@@ -15,7 +15,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 
 
-def main(capture, scene, output):
+def main(capture, output, scene):
     capture, scene = open_capture(capture), wiforce.load_scene(scene)
     flowgraph = gr.top_block("read_recording", catch_exceptions=False)
     source = wiforce.capture_source(capture, scene)
@@ -30,7 +30,7 @@ def main(capture, scene, output):
 
 if __name__ == "__main__":
     if len(sys.argv) != 4:
-        sys.exit("usage: read_recording.py CAPTURE SCENE READINGS.csv")
+        sys.exit("usage: read_recording.py CAPTURE READINGS.csv SCENE")
     try:
         main(*sys.argv[1:])
     except InputError as error:  # no such capture, or not of this scene: a sentence says which

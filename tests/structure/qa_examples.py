@@ -94,10 +94,8 @@ def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
 
 
 def test_read_recording_of_another_scene_ends_with_one_sentence(capture, tmp_path):
-    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], "demo"]
-    done = subprocess.run(
-        [*command, tmp_path / "out.csv"], capture_output=True, text=True, timeout=300
-    )
+    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], tmp_path / "out.csv"]
+    done = subprocess.run([*command, "demo"], capture_output=True, text=True, timeout=300)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "sample rate must be radio.sample_rate_hz of the scene" in done.stderr
 
@@ -357,7 +355,7 @@ def assert_equal_files(path, other):
 def of_the_reader(capture, tmp_path_factory):
     """The file that the reader makes of the recording."""
     path = tmp_path_factory.mktemp("expected") / "readings.csv"
-    headless("read_recording.py", capture[0], "tabletop", path)
+    headless("read_recording.py", capture[0], path, "tabletop")
     return path
 
 
@@ -408,7 +406,7 @@ def test_headless_two_sensors_prints_both_forces():
 
 def test_headless_read_recording_writes_readings(capture, tmp_path):
     name, truth = capture
-    headless("read_recording.py", name, "tabletop", tmp_path / "out.csv")
+    headless("read_recording.py", name, tmp_path / "out.csv", "tabletop")
     assert_true(tmp_path / "out.csv", truth)
 
 

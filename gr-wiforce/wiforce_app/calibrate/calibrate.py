@@ -216,7 +216,7 @@ def calibrate(
     carrier_hz = model.frequencies_hz[0]
     click.echo(
         f"next: put 'model: {output}' into a scene at {carrier_hz / 1e6:g} MHz, and ask "
-        "`gr-wiforce plan SCENE.yaml` for the errors with a radio (medians: 0.67 of a deviation)"
+        "`gr-wiforce plan SCENE.yaml` for the errors with a radio, as medians (0.67 deviations)"
     )
 
 

@@ -357,6 +357,9 @@ class force_inversion(ReadingPort, GroupBlock):
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         groups = groups_of(tags).having(ratios=items.astype(complex))
+        if len(groups) and groups.phase_std_deg is None:
+            rule = "must hold phase_std_deg, which Subcarrier Average adds: degrees, an f64vector"
+            raise InputError("tag state", rule)
         self.publish(self.stage.process(groups))
         return len(items), groups[:0]
 

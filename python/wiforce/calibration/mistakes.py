@@ -84,14 +84,17 @@ def concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
     ``rows``: touched rows of one carrier; ``slopes`` (n,): of port 2, in deg/mm; port 1 has the
     opposite one.
     """
-    values = np.zeros((2, len(slopes)))
-    for row, (port, sign) in enumerate(((1, -1), (2, 1))):
-        places, phasors = _mean_phasors(rows, port)
-        if len(places) < 2:
-            return np.zeros(len(slopes))
-        turns = np.exp(-1j * np.radians(sign * slopes[:, None] * places))
-        values[row] = np.abs(np.mean(phasors * turns, axis=1))
-    return values.mean(axis=0)
+    values = [_port_concentrations(rows, port, slopes) for port in (1, 2)]
+    return np.mean(values, axis=0) if np.all(values) else np.zeros(len(slopes))
+
+
+def _port_concentrations(rows: CalibrationTable, port: int, slopes: np.ndarray) -> np.ndarray:
+    """The same of one port; shape (n,)."""
+    places, phasors = _mean_phasors(rows, port)
+    if len(places) < 2:
+        return np.zeros(len(slopes))
+    turns = np.exp(1j * np.radians((slopes if port == 1 else -slopes)[:, None] * places))
+    return np.asarray(np.abs(np.mean(phasors * turns, axis=1)))
 
 
 def _mean_phasors(rows: CalibrationTable, port: int) -> tuple[np.ndarray, np.ndarray]:
@@ -178,6 +181,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
         found += (
             _radians_at_places(rows, slope)
+            or _direction_of_a_port(rows, slope)
             or _constant(rows, slope)
             or _swapped_at_places(rows, slope)
             or _direction(rows, slope)
@@ -396,6 +400,28 @@ def _direction(rows: CalibrationTable, slope: float) -> list[str]:
         "phases move with location and with force in the wrong direction: is their sign inverted "
         "(they must be those of arg S11 and arg S22)?"
     ]
+
+
+def _direction_of_a_port(rows: CalibrationTable, slope: float) -> list[str]:
+    """Whether the sign, or the location, of one port alone is reversed."""
+    slopes = slope * _DIRECTION_SLOPES
+    reverse, right = [], []
+    for port in (1, 2):
+        expected, other = (
+            float(_port_concentrations(rows, port, sign * slopes).max()) for sign in (1, -1)
+        )
+        if other >= ON_A_LINE and 1 - other <= _REVERSED * (1 - expected):
+            reverse.append(port)
+        elif expected >= ON_A_LINE:
+            right.append(port)
+    if len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS or not reverse or not right:
+        return []
+    (port,) = reverse
+    if _movement_deg(rows.take(rows.port == port)) > 0:
+        cause = "are its locations measured from the other end than those of the other port?"
+    else:
+        cause = "is its sign inverted?"
+    return [f"the phase of port {port} alone moves with location in the wrong direction: {cause}"]
 
 
 def _movement_deg(rows: CalibrationTable) -> float:

@@ -46,6 +46,9 @@ MISTAKES = [
     (lambda t: {"port": 3 - t.port}, "ports swapped"),
     (lambda t: {"location_mm": 80 - t.location_mm}, "location measured from port 2"),
     (lambda t: {"phase_deg": -t.phase_deg}, "sign inverted"),
+    (lambda t: {"phase_deg": np.where(t.port == 2, -t.phase_deg, t.phase_deg)}, "its sign inv"),
+    (lambda t: {"location_mm": of_port(t, 1)}, "port 1 alone moves with location in the wrong"),
+    (lambda t: {"location_mm": of_port(t, 2)}, "measured from the other end than those of the"),
     (lambda t: {"force_n": t.force_n / 9.81}, "in kg"),
     (lambda t: {"phase_deg": constant(t, ~t.untouched | t.untouched)}, "is the sensor connected"),
     (lambda t: {"phase_deg": constant(t, t.port == 2)}, "the phase of port 2 (-70 deg) is the sam"),
@@ -59,6 +62,11 @@ def constant(table, which):
     """Phases (n,) as of an open cable in some rows: the same but for noise."""
     noise = 0.2 * np.random.default_rng(5).standard_normal(len(table.row))
     return np.where(which, np.where(table.port == 1, 20.0, -70.0) + noise, table.phase_deg)
+
+
+def of_port(table, port):
+    """Locations (n,) with those of one port counted from the other end."""
+    return np.where(table.port == port, 80 - table.location_mm, table.location_mm)
 
 
 def swapped(table, place):

@@ -12,7 +12,7 @@ gr-wiforce read press --scene tabletop -o press.csv --plot press.png
 test "$(grep -c '^' press.csv)" -gt 20
 gr-wiforce plan demo >plan.txt
 examples=/usr/share/doc/gr-wiforce/examples
-python3 $examples/headless/read_recording.py press tabletop flowgraph.csv
+python3 $examples/headless/read_recording.py press flowgraph.csv tabletop
 test "$(grep -c '^' flowgraph.csv)" -eq "$(grep -c '^' press.csv)"
 # Every block in Companion's platform, and a flowgraph with a window that runs for ten seconds.
 python3 - <<'PYTHON'

@@ -136,6 +136,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
             "(--datatype ci16_le or cf32_le)"
         )
+        if path.suffix in (".csv", ".jsonl", ".parquet", ".mcap"):
+            rule = "is a file of readings, not a capture; pandas loads it (docs/outputs.md)"
         if path.suffix == ".npz":
             rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"
         raise InputError(path, rule)
