@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     against_reference,
@@ -185,7 +186,7 @@ def rows(path, line_db, seeds, period_s, reference_s, repeats=1):
         start += f" {np.median(newtons):.3f} N"
         try:
             found = tag.readings()
-        except wiforce.InputError as error:
+        except InputError as error:
             print(f"{start}; refused: {error}", flush=True)
             continue
         found["group"] = np.rint(found["time_s"] / period_s - 0.5).astype(int)

@@ -180,8 +180,8 @@ def simulation_warnings(scene: Scene) -> list[str]:
     ]
     return found + [
         f"sensor '{tag.sensor}': the model that is pressed and the one that reads it are the same "
-        f"({tag.truth_model}): readings will show no calibration error; set "
-        "simulation.truth_model to another sensor for honest errors"
+        f"({tag.truth_model}): readings will show no calibration error, which `gr-wiforce plan` "
+        "states over the calibrated span"
         for tag in scene.simulation.tags
         if _same_model(scene, tag.truth_model, models[tag.sensor])
     ]
