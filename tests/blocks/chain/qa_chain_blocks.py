@@ -9,6 +9,7 @@ from chain_runs import assert_equal_readings, readings_of_chain, readings_of_rea
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
@@ -227,3 +228,25 @@ def test_chain_block_without_the_blocks_before_it_ends_the_flowgraph(plan, make)
     run(*chain)
     assert isinstance(block.failure, RuntimeError)
     assert "connect after end_separation" in str(block.failure)
+
+
+class Mean(gr.sync_block):
+    """A block of a user's own in place of Subcarrier Average: the plain mean, no deviation."""
+
+    def __init__(self):
+        gr.sync_block.__init__(self, "mean", [(np.complex64, 128)], [(np.complex64, 2)])
+
+    def work(self, input_items, output_items):
+        output_items[0][:] = input_items[0].reshape(-1, 2, 64).mean(axis=2)
+        return len(output_items[0])
+
+
+def test_block_of_ones_own_is_told_what_the_next_one_needs(plan, codes):
+    chain = Chain(plan, print)
+    chain.to_force[2] = Mean()
+    flowgraph = gr.top_block()
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    chain.connect(flowgraph, blocks.vector_source_s(codes.ravel().tolist(), False, 2), fold)
+    flowgraph.run()
+    with pytest.raises(InputError, match="^tag state: must hold phase_std_deg, which Subcarrier"):
+        chain.check()
