@@ -155,11 +155,12 @@ _LARGEST_FORCE_N = 100.0
 _SMALLEST_FORCE_N = 0.9
 # A change is none if its standard deviation times this exceeds it.
 _SIGNIFICANT = 3.0
-# Presses within a tenth of the line are not a calibration, but one in other units.
+# Presses within a tenth of the line are not a calibration, but one in other units. Phases that
+# move by a tenth of what the line does from location to location are of no line.
 _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
-_DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
+_DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
 # Readings of which so many are unexplained are suspicious, and explained if so few are.
 _MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
 _UNEXPLAINED = {"inconsistent", "extrapolated"}
@@ -275,12 +276,13 @@ def _radians_at_places(rows: CalibrationTable, slope: float) -> list[str]:
 def _swapped_at_places(rows: CalibrationTable, slope: float) -> list[str]:
     """Locations whose ports are swapped, where the others are right."""
     before = float(concentrations(rows, slope * _SLOPES).max())
-    if before >= ON_A_LINE:
+    if before >= ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
         return []
     found = []
     for place in np.unique(rows.location_mm):
         swapped = replace(rows, port=np.where(rows.location_mm == place, 3 - rows.port, rows.port))
-        if float(concentrations(swapped, slope * _SLOPES).max()) >= ON_A_LINE:
+        after = float(concentrations(swapped, slope * _SLOPES).max())
+        if after >= ON_A_LINE and 1 - after <= _REVERSED * (1 - before):
             found.append(
                 f"the phases at location {place:g} mm would fit the others with the ports swapped: "
                 "are they swapped there, or is location measured from port 2?"
@@ -302,9 +304,10 @@ def _constant(rows: CalibrationTable, slope: float) -> list[str]:
             continue
         mean = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(own.phase_deg)))))
         about = wrap_deg(own.phase_deg - mean)
-        steps = np.concatenate([_steps_over_force(own, place) for place in places])
-        # The median of squared differences of noise is .91 of its variance.
-        if np.mean(about**2) <= 2 * np.median(steps**2):
+        means = [np.mean(about[own.location_mm == place]) for place in places]
+        lines = np.array([_line_over_force(own, place) for place in places])
+        moves = np.any(np.abs(lines[:, 0]) > _SIGNIFICANT * lines[:, 1])
+        if np.ptp(means) <= _SMALLEST_SHARE * slope * np.ptp(places) and not moves:
             dead.append(f"{port} ({mean:.0f} deg)")
     if dead:
         return [
@@ -313,6 +316,10 @@ def _constant(rows: CalibrationTable, slope: float) -> list[str]:
         ]
     places = np.unique(rows.location_mm)
     moved = np.array([_movement(rows, place) for place in places])
+    told = np.isfinite(moved[:, 1])
+    places, moved = places[told], moved[told]
+    if not len(moved):
+        return []
     change, std = np.abs(moved[:, 0].mean()), np.sqrt(np.sum(moved[:, 1] ** 2)) / len(moved)
     if change <= _SIGNIFICANT * std:
         if float(concentrations(rows, slope * _SLOPES).max()) >= ON_A_LINE:
@@ -345,7 +352,8 @@ def _movement(rows: CalibrationTable, place: float) -> tuple[float, float]:
 def _line_over_force(own: CalibrationTable, place: float) -> tuple[float, float]:
     """Change of the phase of one port and location over its forces, in deg, and its deviation.
 
-    Both are of a straight line; what lies beside it, such as an onset, widens the deviation.
+    Both are of a straight line; what lies beside it, such as an onset, widens the deviation, which
+    is infinite where too few forces tell.
     """
     here = own.take(own.location_mm == place)
     order = np.argsort(here.force_n, kind="stable")
@@ -358,13 +366,6 @@ def _line_over_force(own: CalibrationTable, place: float) -> tuple[float, float]
     residual = phase - phase.mean() - slope * centred
     variance = float(residual @ residual) / (len(order) - 2)
     return slope * span, span * float(np.sqrt(variance / spread))
-
-
-def _steps_over_force(own: CalibrationTable, place: float) -> np.ndarray:
-    """Differences of the phase of one port and location from a force to the next, in deg."""
-    here = own.take(own.location_mm == place)
-    order = np.argsort(here.force_n, kind="stable")
-    return np.asarray(wrap_deg(np.diff(here.phase_deg[order])))
 
 
 def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
@@ -410,7 +411,7 @@ def _direction_of_a_port(rows: CalibrationTable, slope: float) -> list[str]:
         expected, other = (
             float(_port_concentrations(rows, port, sign * slopes).max()) for sign in (1, -1)
         )
-        if other >= ON_A_LINE and 1 - other <= _REVERSED * (1 - expected):
+        if other >= ON_A_LINE > expected and 1 - other <= _REVERSED * (1 - expected):
             reverse.append(port)
         elif expected >= ON_A_LINE:
             right.append(port)

@@ -330,7 +330,7 @@ _NEXMON_CHIPS = ("4339", "43455c0", "4358", "4366c0")
 _ATHEROS_BYTES = 27 + 140
 # Longest time that a conversion may take, in s and s per byte: a file of 1 GB takes about one
 # minute, and csiread never ends with some damaged ones.
-_START_S, _BYTE_S = 10.0, 6e-7
+_START_S, _BYTE_S = 60.0, 6e-7
 _CHILD = "import sys; from gnuradio.wiforce.io.csi_tools import convert; convert(*sys.argv[1:])"
 
 

@@ -93,6 +93,19 @@ def test_suspicions_of_a_right_table_are_none(name, places):
         assert suspicions(table, 80.0, 1.0) == []
 
 
+@pytest.mark.parametrize("forces", [(4.0,), (1.0, 8.0), (1.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0)])
+@pytest.mark.parametrize("name", MODELS)
+def test_suspicions_of_few_forces_are_none(name, forces):
+    """What forces change is no noise; three equal steps of location may be a turn each."""
+    model = load_sensor(name)
+    for places in ((30.0, 40.0, 50.0), (20.0, 30.0, 40.0, 50.0, 60.0), (10.0, 40.0, 70.0)):
+        if model.location_span_mm[0] > places[0]:
+            continue
+        found = suspicions(measure_vna(model, places, np.array(forces), 0.2, seed=3), 80.0, 1.0)
+        # Where no touch is light, the short is as wide as the steps, as on another line.
+        assert [each for each in found if "check --permittivity" not in each] == [], places
+
+
 def test_suspicions_of_constant_phases_hold_without_noise(table):
     """Rounded phases of an unconnected port have no scatter at all."""
     dead = replace(table, phase_deg=np.where(table.port == 1, 20.0, -70.0))
