@@ -280,16 +280,17 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
     static const auto slipped_key = pmt::mp(names::SLIPPED);
     struct group {
         std::uint64_t index = 0, saturated = 0;
-        bool retuned = false;
+        bool numbered = false, retuned = false;
         py::object present = py::none(), undisturbed = py::none();
         std::vector<std::pair<std::uint64_t, std::uint64_t>> misplaced; // of each slip
     };
     std::vector<group> groups(count);
     for (const gr::tag_t& tag : tags) {
         group& own = groups.at(tag.offset - first);
-        if (pmt::eq(tag.key, index_key))
+        if (pmt::eq(tag.key, index_key)) {
             own.index = pmt::to_uint64(tag.value);
-        else if (pmt::eq(tag.key, saturated_key))
+            own.numbered = true;
+        } else if (pmt::eq(tag.key, saturated_key))
             own.saturated = pmt::to_uint64(tag.value);
         else if (pmt::eq(tag.key, retuned_key))
             own.retuned = true;
@@ -305,8 +306,13 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
     const auto* item = static_cast<const gr_complex*>(input->read_pointer());
     py::list result;
     for (const group& own : groups) {
+        if (!own.numbered)
+            throw std::invalid_argument(
+                "snapshots without a tag 'group': connect after a "
+                "block that collects them");
         // An array of memory that something else owns has a base, of which nothing comes.
-        const py::array_t<gr_complex> folded({ group_length, length }, item, py::none());
+        py::array_t<gr_complex> folded({ group_length, length }, item, py::none());
+        folded.attr("setflags")("write"_a = false);
         result.append(py::make_tuple(own.index,
                                      folded,
                                      own.present,

@@ -44,6 +44,7 @@ class ToneInput:
         self._messages: dict[int, tuple[Array, Array]] = {}
         self._expected: int | None = None
         self._slips = Slips(plan.group_length)
+        self._retuned = False  # in a group that was left out
 
     def on_incomplete(self, message: Any) -> None:
         """Take the snapshots of a group with gaps (message port ``incomplete``)."""
@@ -94,6 +95,8 @@ class ToneInput:
             # What was given before a slip was found cannot be left out.
             self._slips.add(misplaced_in(own))
             kept[row] = not self._slips.elsewhere(groups.index[row : row + 1])[0]
+            groups.retuned[row] |= self._retuned
+            self._retuned = bool(groups.retuned[row] and not kept[row])
         groups = groups[np.flatnonzero(kept)]
         groups.slipped |= self._slips.behind(groups.index)
         return count, groups

@@ -9,6 +9,9 @@ import pandas as pd
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.estimation.capture import folded_groups
+from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
+from gnuradio.wiforce.estimation.capture.slips import Slips
+from gnuradio.wiforce.receiver.stream import StreamReader
 from long_cases import cases
 from press_capture import SCENE, array_source
 
@@ -162,3 +165,38 @@ def test_slip_behind_the_groups_that_are_read_at_once_reads_alike(
     wanted = wiforce.read(tmp_path / "a")
     monkeypatch.setattr(folded_groups, "_BATCH", groups)
     pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)
+
+
+def test_group_left_out_before_a_slip_passes_on_that_the_device_was_tuned():
+    """Its phases are new for all that follow, though nothing of the group itself is read."""
+    plan = wiforce.plan(SCENE)
+    length, first = plan.group_length, plan.reference_groups + 20
+    stream = StreamReader(plan)
+
+    def group(index, **found):
+        folded = np.zeros((length, plan.waveform.symbol_length), np.complex64)
+        present = np.ones(length, bool)
+        return SnapshotGroup(index, folded, None, present, kept=present, **found)
+
+    begin = first * length
+    given = stream._verified(
+        [
+            group(first, retuned=True, misplaced=[(begin, begin + 9)]),
+            group(first + 1),
+            group(first + 2),
+        ]
+    )
+    assert [(each.index, each.retuned, each.slipped) for each in given] == [
+        (first + 1, True, True),
+        (first + 2, False, False),
+    ]
+
+
+def test_slips_of_the_past_are_forgotten():
+    """A device that loses samples for days would be read slower and slower."""
+    slips = Slips(625)
+    for group in range(0, 4000, 2):
+        slips.add([(625 * group, 625 * group + 5)])
+        assert slips.elsewhere(np.array([group])).all()
+        assert slips.behind(np.array([group + 1])).all()
+        assert len(slips._misplaced) == 1

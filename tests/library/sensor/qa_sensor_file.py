@@ -152,7 +152,7 @@ def test_number_typed_as_text_is_read_as_number(tmp_path):
         (["carriers", 0, "frequency_hz"], 1e-300, "frequency_hz: must be a number from 1 to"),
         (["provenance", "date"], None, "provenance.date"),
         (["provenance", "assumed"], "much", "provenance.assumed: must be a list of texts"),
-        (["form"], "septic", "form: must be 'cubic' or 'power' or 'spline'"),
+        (["form"], "septic", "form: must be 'power' or 'cubic' or 'spline'"),
         (["form"], "cubic", "knots_n: must be at least two rising positive forces"),
         (["knots_n"], [1, 2], "knots_n: must be left out where form is 'power'"),
         (["carriers", 0, "covariance_deg2", 0, 0, 0, 0], -9, "must hold symmetric, non-negative"),

@@ -20,6 +20,7 @@ class Slips:
 
     def __init__(self, group_length: int) -> None:
         self._length = group_length
+        self._known: set[tuple[int, int]] = set()
         self._misplaced: list[tuple[int, int]] = []
         self._ends: list[int] = []
         # Groups before the latest one in which a slip may still be found.
@@ -31,13 +32,17 @@ class Slips:
         Those that are known already may come again.
         """
         for frames in misplaced:
-            if frames not in self._misplaced:
+            if frames not in self._known:
+                self._known.add(frames)
                 self._misplaced.append(frames)
                 self._ends.append(frames[1])
 
     def elsewhere(self, group: Array) -> Array:
-        """Which groups (n,) hold frames that may lie elsewhere."""
+        """Which groups (n,) hold frames that may lie elsewhere; none of a later call is earlier."""
         found = np.zeros(len(group), bool)
+        if len(group):
+            begin = int(group.min()) * self._length
+            self._misplaced = [frames for frames in self._misplaced if frames[1] > begin]
         for first, end in self._misplaced:
             found |= (group >= first // self._length) & (group * self._length < end)
         return found
