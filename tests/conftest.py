@@ -5,6 +5,7 @@ import faulthandler
 import os
 import signal
 import sys
+import threading
 from itertools import zip_longest
 from pathlib import Path
 
@@ -125,15 +126,20 @@ def time_limit(request):
         faulthandler.dump_traceback(file=sys.__stderr__)
         pytest.fail(f"still running after {seconds} s")
 
-    before = signal.signal(signal.SIGALRM, expired)
-    signal.alarm(seconds)
+    # On a busy machine execnet may start a worker's tests in another thread than the main one, where
+    # no signal can be handled: the end of the process below is left then.
+    signalled = threading.current_thread() is threading.main_thread()
+    if signalled:
+        before = signal.signal(signal.SIGALRM, expired)
+        signal.alarm(seconds)
     # A signal is handled between bytecodes, and a flowgraph that hangs in C++ never gets there: its
     # process ends, and the whole run, since pytest-xdist does not go on without a worker.
     faulthandler.dump_traceback_later(seconds + 60, exit=True, file=sys.__stderr__)
     yield
     faulthandler.cancel_dump_traceback_later()
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    if signalled:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(scope="module")
