@@ -126,8 +126,8 @@ def time_limit(request):
         faulthandler.dump_traceback(file=sys.__stderr__)
         pytest.fail(f"still running after {seconds} s")
 
-    # On a busy machine execnet may start a worker's tests in another thread than the main one, where
-    # no signal can be handled: the end of the process below is left then.
+    # On a busy machine execnet may start a worker's tests in another thread than the main one,
+    # where no signal can be handled: the end of the process below is left then.
     signalled = threading.current_thread() is threading.main_thread()
     if signalled:
         before = signal.signal(signal.SIGALRM, expired)
