@@ -124,10 +124,14 @@ void press_filter::begin_turn_earlier(explanation& to, double variance) const
                  error = d_off.variance({}, to.shown.at),
                  seen = error + 4 * d_amplitude_noise,
                  all = squared(slope) * variance + seen;
-    const double turned = slope * variance / all * to.shown.mean;
-    to.common.turn(turned);
-    to.common.widen(variance * seen / all);
-    own.difference -= slope * turned;
+    // Of what it showed, this is the share that counted as their error.
+    const double of_error = slope * variance / all * to.shown.mean;
+    if (error > 0) {
+        to.common.turn(of_error * seen / error);
+        to.common.widen(variance * seen / all);
+    } else
+        to.common.widen(variance); // no share of it was kept
+    own.difference -= slope * of_error;
     own.difference_variance += squared(slope * error) * variance / (all * seen);
     to.with_common -= slope * variance * error / all;
 }
