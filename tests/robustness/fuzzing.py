@@ -19,10 +19,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 from gnuradio.wiforce import sensor as sensors
+from gnuradio.wiforce.io import csi_tools
 from mutations import mutated, mutated_arrays, mutated_samples
 from wiforce_app.main import main
 
 LIMIT_S = 20
+# csiread never ends with some damaged files, which are waited for as long as an old machine starts.
+csi_tools._START_S = LIMIT_S / 2
 LIMIT_BYTES = 1 << 30
 CORPUS = Path(__file__).parent / "corpus"
 
