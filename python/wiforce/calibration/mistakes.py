@@ -183,7 +183,8 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
         found += (
             _radians_at_places(rows, slope)
             or _direction_of_a_port(rows, slope)
-            or _constant(rows, slope)
+            or _unconnected(rows, slope)
+            or _unpressed(rows, slope)
             or _swapped_at_places(rows, slope)
             or _direction(rows, slope)
         )
@@ -291,11 +292,8 @@ def _swapped_at_places(rows: CalibrationTable, slope: float) -> list[str]:
     return found if len(found) == 1 else []
 
 
-def _constant(rows: CalibrationTable, slope: float) -> list[str]:
-    """Ports whose phases are alike everywhere, and presses that move none, as without a sensor.
-
-    A line without a soft beam is shorted alike by all forces, but its phases follow location.
-    """
+def _unconnected(rows: CalibrationTable, slope: float) -> list[str]:
+    """Ports whose phases are alike at all locations and forces, as without a sensor."""
     dead = []
     for port in (1, 2):
         own = rows.take(rows.port == port)
@@ -309,15 +307,21 @@ def _constant(rows: CalibrationTable, slope: float) -> list[str]:
         moves = np.any(np.abs(lines[:, 0]) > _SIGNIFICANT * lines[:, 1])
         if np.ptp(means) <= _SMALLEST_SHARE * slope * np.ptp(places) and not moves:
             dead.append(f"{port} ({mean:.0f} deg)")
-    if dead:
-        return [
-            f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
-            "forces: is the sensor connected?"
-        ]
+    return dead and [
+        f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
+        "forces: is the sensor connected?"
+    ]
+
+
+def _unpressed(rows: CalibrationTable, slope: float) -> list[str]:
+    """Whether no force changes the phases, everywhere or at some locations.
+
+    A line without a soft beam is shorted alike by all forces, but its phases follow location.
+    """
     places = np.unique(rows.location_mm)
     moved = np.array([_movement(rows, place) for place in places])
-    told = np.isfinite(moved[:, 1])
-    places, moved = places[told], moved[told]
+    known = np.isfinite(moved[:, 1])
+    places, moved = places[known], moved[known]
     if not len(moved):
         return []
     change, std = np.abs(moved[:, 0].mean()), np.sqrt(np.sum(moved[:, 1] ** 2)) / len(moved)
