@@ -44,7 +44,6 @@ class ToneInput:
         self._messages: dict[int, tuple[Array, Array]] = {}
         self._expected: int | None = None
         self._slips = Slips(plan.group_length)
-        self._retuned = False  # in a group that was left out
 
     def on_incomplete(self, message: Any) -> None:
         """Take the snapshots of a group with gaps (message port ``incomplete``)."""
@@ -94,12 +93,12 @@ class ToneInput:
         for row, own in enumerate(tags[:count]):
             # What was given before a slip was found cannot be left out.
             self._slips.add(misplaced_in(own))
-            kept[row] = not self._slips.elsewhere(groups.index[row : row + 1])[0]
-            groups.retuned[row] |= self._retuned
-            self._retuned = bool(groups.retuned[row] and not kept[row])
-        groups = groups[np.flatnonzero(kept)]
-        groups.slipped |= self._slips.behind(groups.index)
-        return count, groups
+            marks = self._slips.mark(int(groups.index[row]), bool(groups.retuned[row]))
+            if marks is None:
+                kept[row] = False
+            else:
+                groups.slipped[row], groups.retuned[row] = marks
+        return count, groups[np.flatnonzero(kept)]
 
     def _solved(self, group: int) -> tuple[Array | float, ...]:
         """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""

@@ -141,7 +141,6 @@ class StreamReader:
         self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
         self._slips = Slips(plan.group_length)
-        self._retuned = False  # in a group that was left out
         self._arrived: deque[SnapshotGroup] = deque()  # in which a slip may still be found
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None
@@ -187,12 +186,8 @@ class StreamReader:
         """The group, marked where it is the first one behind a slip; none if it holds frames before
         one, but then the next one is still marked as tuned anew.
         """
-        index = np.array([group.index])
-        self._retuned |= group.retuned
-        if self._slips.elsewhere(index)[0]:
-            return []
-        retuned, self._retuned = self._retuned, False
-        return [replace(group, slipped=bool(self._slips.behind(index)[0]), retuned=retuned)]
+        marks = self._slips.mark(group.index, group.retuned)
+        return [] if marks is None else [replace(group, slipped=marks[0], retuned=marks[1])]
 
     def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
         readings: list[Reading] = []

@@ -23,6 +23,7 @@ class Slips:
         self._known: set[tuple[int, int]] = set()
         self._misplaced: list[tuple[int, int]] = []
         self._ends: list[int] = []
+        self._retuned = False  # in a group that was left out
         # Groups before the latest one in which a slip may still be found.
         self.unsure = -(-UNNOTICED_FRAMES // group_length)
 
@@ -56,3 +57,14 @@ class Slips:
                 found[np.argmax(later)] = True
                 self._ends.remove(end)
         return found
+
+    def mark(self, group: int, retuned: bool) -> tuple[bool, bool] | None:
+        """Whether the next group is the first one behind a slip, and whether the device was
+        retuned since the last one that was marked; None where the group is left out.
+        """
+        self._retuned |= retuned
+        index = np.array([group])
+        if self.elsewhere(index)[0]:
+            return None
+        retuned, self._retuned = self._retuned, False
+        return bool(self.behind(index)[0]), retuned
