@@ -10,7 +10,7 @@ from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note, recommendation
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
-from gnuradio.wiforce.planning.expected import CALIBRATION, RADIO, expect
+from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.off_states import off_states
 from gnuradio.wiforce.planning.plan import plan as plan_of
@@ -163,19 +163,9 @@ def _settings(settings):
     }
 
 
-# What is added to the line of a sensor; None: not readable.
-_LIMITED = {
-    None: "",
-    RADIO: "; limited by the noise of the radio",
-    CALIBRATION: "; limited by the calibration",
-}
-
-
 def _print(report, scene, summary, link, with_steps):
     chosen, *expected = summary.splitlines()
-    for line, sensor in zip(expected, (None, *report["expected"]), strict=True):
-        click.echo(line if sensor is None else line + _LIMITED[sensor["limited_by"]])
-    for line in link:
+    for line in (*expected, *link):
         click.echo(line)
     if "surface" in report:
         _print_surface(report["surface"], scene.surface.name)

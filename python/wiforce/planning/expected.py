@@ -163,6 +163,7 @@ _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
 _Stated = tuple[tuple[float, ...], float, float]
 # What limits the force, as Expected.limited_by.
 RADIO, CALIBRATION = "radio", "calibration"
+_LIMITS = {RADIO: "noise of the radio", CALIBRATION: "calibration"}
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ class Expected:
     force_error_n: float | None
     location_error_mm: float | None
     # What causes most of the variance of the force: the noise of the radio or the calibration.
-    limited_by: str | None = None
+    limited_by: str | None = None  # None if not readable
     # Medians of force (N) and location (mm) over the calibrated span, as the calibration states
     # them; None where the errors above are these, since the scene has no presses.
     over_span: tuple[float, float] | None = None
@@ -187,14 +188,16 @@ class Expected:
         error, std = self.phase_error_deg, self.phase_std_deg
         if error is None:
             return f"{self.sensor}: not readable"
-        where = "over the calibrated span"
-        if self.over_span is not None:
-            force_n, location_mm = self.over_span
-            where = f"in the scene's presses ({force_n:.3g} N, {location_mm:.3g} mm {where})"
+        # Presses that are known hide what the calibration states, and may be its best ones.
+        presses = (self.force_error_n, self.location_error_mm)
+        force_n, location_mm = self.over_span or presses
+        text = f"{self.sensor}: force {force_n:.3g} N and location {location_mm:.3g} mm over the "
+        text += "calibrated span"
+        if self.over_span:
+            text += f" ({presses[0]:.3g} N, {presses[1]:.3g} mm in the scene's presses)"
         return (
-            f"{self.sensor}: phases {error[0]:.3g}/{error[1]:.3g} deg "
-            f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {self.force_error_n:.3g} N, "
-            f"location {self.location_error_mm:.3g} mm {where}"
+            f"{text}, limited by the {_LIMITS[self.limited_by]}; phases {error[0]:.3g}/"
+            f"{error[1]:.3g} deg (noise {std[0]:.3g}/{std[1]:.3g} rms)"
         )
 
 

@@ -288,19 +288,20 @@ def test_command_names_what_limits_the_errors(snr_db, limit, tmp_path):
     text = f"sensors: {sensors}\nsimulation: {{snr_db: {snr_db}}}\n"
     (tmp_path / "scene.yaml").write_text(text)
     found = command(tmp_path / "scene.yaml").stdout
-    assert f"mm over the calibrated span; limited by {limit}\n" in found
+    assert f"mm over the calibrated span, limited by {limit}; phases" in found
 
 
 def test_plan_states_the_span_beside_the_presses_of_a_scene():
-    """One sensor had another error in each scene, and no line said why."""
+    """Errors in presses that are known were taken for those of the calibration."""
     sensors = [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}]
     simulation = {"truth_model": "line-900mhz", "presses": [PRESS]}
     (alone,) = expect(plan({"sensors": sensors}))
     (pressed,) = expect(plan({"sensors": sensors, "simulation": simulation}))
     stated = alone.force_error_n, alone.location_error_mm
     assert alone.over_span is None and pressed.over_span == pytest.approx(stated, rel=0.1)
-    assert str(alone).endswith(" mm over the calibrated span")
-    assert re.search(r" in the scene's presses \([\d.]+ N, [\d.]+ mm over the", str(pressed))
+    assert " mm over the calibrated span, limited by" in str(alone)
+    assert str(pressed).startswith(f"arm: force {pressed.over_span[0]:.3g} N and location ")
+    assert f"({pressed.force_error_n:.3g} N, " in str(pressed)
 
 
 def test_command_draws_errors_over_force_and_location(tmp_path):
