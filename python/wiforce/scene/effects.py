@@ -118,7 +118,6 @@ class RadioNoise:
     )
     spur_dbc: float | None = key(
         Number(unit="dBc", low=-150, high=-20, optional=True),
-        default=None,
         doc="Level of each of the two lines of a spur; null means none.",
     )
     spur_hz: float = key(
@@ -297,7 +296,6 @@ class Plate:
     )
     bearing_mm: float | None = key(
         Number(unit="mm", low=0.1, high=1000, optional=True),
-        default=None,
         doc="Width over which a strip bears the plate; null means the median distance of the "
         "strips, so that they bear all of the force.",
     )

@@ -63,13 +63,11 @@ class Layer:
     thickness_mm: float = key(Number(unit="mm", low=0, above=True, high=1000), doc="Its thickness.")
     permittivity: float | None = key(
         Number(low=1, high=1000, optional=True),
-        default=None,
         check=_stated_if_other,
         doc="Relative permittivity of another material.",
     )
     conductivity_s_m: float | None = key(
         Number(unit="S/m", low=0, high=1000, optional=True),
-        default=None,
         check=_stated_if_other,
         doc="Conductivity of another material.",
     )

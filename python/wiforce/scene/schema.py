@@ -171,23 +171,19 @@ class Sounding:
     )
     symbol_length: int | None = key(
         Integer(unit="samples", low=SHORTEST_SYMBOL, high=LONGEST_SYMBOL, optional=True),
-        default=None,
         doc="Length of the symbol of `repeated`, `chirp`, `fmcw` or `zadoff-chu`; 64, 128, 128 "
         "and 63 unless given.",
     )
     repetitions: int | None = key(
         Integer(low=1, high=MAX_REPETITIONS, optional=True),
-        default=None,
         doc="Times that the symbol is sent per frame, 5 unless given. Not for `wifi`.",
     )
     averaged_repetitions: int | None = key(
         Integer(low=1, high=MAX_REPETITIONS, optional=True),
-        default=None,
         doc="The last of them, which are averaged to a snapshot; all but the first unless given.",
     )
     symbol: str | None = key(
         Text(limit=_SYMBOL_TEXT, optional=True),
-        default=None,
         doc="The symbol of a `.npy` file, complex64 in base64. Captures store it, so that they "
         "can be read without the file.",
     )
@@ -267,7 +263,6 @@ class Environment:
     )
     band: str | None = key(
         Choice(words=tuple(BANDS), optional=True),
-        default=None,
         doc="Frequency band that you may transmit in; `plan` and `check` warn where the signal "
         "leaves it.",
     )
@@ -320,13 +315,11 @@ class SceneSensor:
     )
     drift_deg_per_sqrt_s: float | None = key(
         Number(unit="deg", low=0, high=360, optional=True),
-        default=None,
         doc="Random walk of the untouched phases: its standard deviation after one second. It "
         "raises the standard deviations during a touch. Learned while untouched when null.",
     )
     turns_per_s: float | None = key(
         Number(unit="1/s", low=0, high=10, optional=True),
-        default=None,
         doc="How often the tag or an antenna is turned or moved. Learned while untouched when "
         "null; state it where that happens during touches as well.",
     )
@@ -360,7 +353,6 @@ class Scene:
     sounding: Sounding = key(Mapping(of=Sounding), doc="The frame that the reader sends.")
     packets: Packets | None = key(
         Mapping(of=Packets, optional=True),
-        default=None,
         doc="Channel snapshots of packets, measured by another device; null means samples.",
     )
     phase_group: PhaseGroup = key(
@@ -374,7 +366,6 @@ class Scene:
     )
     surface: Surface | None = key(
         Mapping(of=Surface, optional=True),
-        default=None,
         doc="Sensors that lie side by side under one skin, and are read as a surface as well.",
     )
     reference_s: float = key(

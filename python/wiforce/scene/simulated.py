@@ -122,7 +122,6 @@ class Simulation:
 
     truth_model: str | None = key(
         Text(limit=MODEL_NAME_LENGTH, optional=True),
-        default=None,
         doc="Sensor model that is pressed; null means the sensor's `model`. It should differ from "
         "`model`, otherwise the reader knows the sensor better than any calibration could.",
     )
@@ -140,7 +139,6 @@ class Simulation:
     )
     link: Link | None = key(
         Mapping(of=Link, optional=True),
-        default=None,
         doc="A link budget, from which `snr_db` and `static_clutter_db` follow; null means none.",
     )
     snr_db: float = key(
@@ -157,7 +155,6 @@ class Simulation:
     )
     moving_clutter_db: float | None = key(
         Number(unit="dB", low=-100, high=140, optional=True),
-        default=None,
         doc="The same for everything that moves. Needs a `moving_clutter_hz` above 0.",
     )
     moving_clutter_hz: float = key(
@@ -171,7 +168,6 @@ class Simulation:
     )
     tag_coherence_hz: float | None = key(
         Number(unit="Hz", low=0, above=True, high=1e9, optional=True),
-        default=None,
         doc="Coherence bandwidth of Rayleigh fading on the tags' paths; null means flat paths.",
     )
     clock_offset_ppm: float = key(
@@ -204,45 +200,35 @@ class Simulation:
     )
     bursts: Bursts | None = key(
         Mapping(of=Bursts, optional=True),
-        default=None,
         doc="Bursts of other transmitters over the whole band; null means none.",
     )
     hopper: Hopper | None = key(
         Mapping(of=Hopper, optional=True),
-        default=None,
         doc="A narrow-band transmitter that hops; null means none.",
     )
     front_end: FrontEnd | None = key(
         Mapping(of=FrontEnd, optional=True),
-        default=None,
         doc="Imperfections of transmitter and receiver; null means none.",
     )
     radio_noise: RadioNoise | None = key(
         Mapping(of=RadioNoise, optional=True),
-        default=None,
         doc="Noise of synthesizers and transmitter; null means none.",
     )
     ripple: Ripple | None = key(
         Mapping(of=Ripple, optional=True),
-        default=None,
         doc="Amplitude modulation of the received signal; null means none.",
     )
     lamps: Lamps | None = key(
         Mapping(of=Lamps, optional=True),
-        default=None,
         doc="Lamps that modulate what they reflect; null means none.",
     )
-    fan: Fan | None = key(
-        Mapping(of=Fan, optional=True), default=None, doc="A fan; null means none."
-    )
+    fan: Fan | None = key(Mapping(of=Fan, optional=True), doc="A fan; null means none.")
     walker: Walker | None = key(
         Mapping(of=Walker, optional=True),
-        default=None,
         doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
     )
     packets: PacketFaults | None = key(
         Mapping(of=PacketFaults, optional=True),
-        default=None,
         doc="What happens to packets; null means nothing. Needs a scene with `packets`.",
     )
     other_tags: tuple[OtherTag, ...] = key(

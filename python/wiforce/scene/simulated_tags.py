@@ -80,7 +80,6 @@ class Tag:
     )
     clock_phase_deg: float | None = key(
         Number(unit="deg", low=-1e6, high=1e6, optional=True),
-        default=None,
         doc="Phase of clock 1 at time 0; null draws it at random.",
     )
     clock_wander_ppm_per_sqrt_s: float = key(
@@ -132,12 +131,10 @@ class Tag:
     )
     beam: Beam | None = key(
         Mapping(of=Beam, optional=True),
-        default=None,
         doc="Hysteresis and creep of the soft beam; null means an elastic beam.",
     )
     hand: Hand | None = key(
         Mapping(of=Hand, optional=True),
-        default=None,
         doc="A second path of the tag, by way of the hand that presses; null means none.",
     )
 

@@ -55,13 +55,11 @@ class Surface:
     )
     spreading: SpreadingKeys | None = key(
         Mapping(of=SpreadingKeys, optional=True),
-        default=None,
         doc="How the skin spreads a press; or `spreading_file`. Without either, the strips are "
         "read, but not the surface.",
     )
     spreading_file: str | None = key(
         Text(limit=MODEL_NAME_LENGTH, optional=True),
-        default=None,
         doc="File that `calibrate --surface` has written, relative to the scene file.",
     )
 

@@ -272,7 +272,6 @@ class CarrierCurves:
     )
     hysteresis_n: float | None = key(
         Number(unit="N", low=0, high=MAX_FORCE_N, optional=True),
-        default=None,
         doc="Half of the largest difference between loading and unloading; null where the "
         "calibration did not hold both.",
     )
@@ -311,17 +310,14 @@ class SensorFile:
     provenance: Provenance = key(Mapping(of=Provenance), doc="Where the model comes from.")
     transferred_from_hz: float | None = key(
         Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST, optional=True),
-        default=None,
         doc="Carrier of the calibration, where `gr-wiforce transfer` made the file.",
     )
     transfer_std_deg: float | None = key(
         Number(unit="deg", low=0, high=180, optional=True),
-        default=None,
         doc="Standard deviation of each phase that the transfer adds.",
     )
     ruler_std_mm: float | None = key(
         Number(unit="mm", low=0, high=MAX_LENGTH_MM, optional=True),
-        default=None,
         doc="Standard deviation of the calibrated locations; enters that of every location read.",
     )
 
@@ -354,7 +350,6 @@ class CurvesFile(SensorFile):
     form: str = key(Choice(words=FORMS), doc="The functions of force.")
     knots_n: np.ndarray | None = key(
         Array(shape=(None,), unit="N", optional=True),
-        default=None,
         check=_check_knots,
         doc="Knots of the functions of force; left out for `power`.",
     )

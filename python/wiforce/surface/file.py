@@ -150,32 +150,27 @@ class SpreadingKeys:
     )
     share: float | None = key(
         Number(low=0, above=True, high=1, optional=True),
-        default=None,
         check=_check_gaussian,
         doc="Gaussian: share of a press that the strip right beneath it bears.",
     )
     width_mm: float | None = key(
         Number(unit="mm", low=0.1, high=1000, optional=True),
-        default=None,
         check=_check_gaussian,
         doc="Gaussian: distance at which the share has fallen to 61 %.",
     )
     distance_mm: tuple[float, ...] | None = key(
         Numbers(low=-1000, high=1000, optional=True),
-        default=None,
         check=_check_distances,
         doc="Table: distances across from the press, rising from 0; behind the last one a strip "
         "bears nothing. Strips: y of a press less that of the strip, rising.",
     )
     shares: tuple[float, ...] | None = key(
         Numbers(low=0, high=1, optional=True),
-        default=None,
         check=_check_shares,
         doc="Table: share of the press at each distance.",
     )
     strip_shares: tuple[tuple[float, ...], ...] | None = key(
         Curves(optional=True),
-        default=None,
         check=_check_curves,
         doc="Strips: for each, in the order of y, its share at each distance.",
     )
@@ -192,25 +187,20 @@ class SpreadingKeys:
     )
     location_offsets_mm: tuple[float, ...] | None = key(
         Numbers(low=-100, high=100, optional=True),
-        default=None,
         doc="For each strip, in the order of y, by how much farther from its port 1 it shows a "
         "press than this is: the error of where port 1 is.",
     )
     strip_y_mm: tuple[float, ...] | None = key(
         Numbers(low=-_POSITION_MM, high=_POSITION_MM, optional=True),
-        default=None,
         doc="Positions across of the strips that the law was calibrated with, rising. A scene with "
         "other distances of its strips is refused. Without it, nothing is compared.",
     )
     strip_sensors: tuple[str, ...] | None = key(
         Names(optional=True),
-        default=None,
         doc="Their sensors, in the order of y. Where the scene has them in another order, it is "
         "refused.",
     )
-    source: str | None = key(
-        Text(limit=1000, optional=True), default=None, doc="Where the law comes from."
-    )
+    source: str | None = key(Text(limit=1000, optional=True), doc="Where the law comes from.")
 
     def spreading(self) -> Spreading:
         """The law itself."""

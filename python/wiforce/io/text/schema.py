@@ -84,9 +84,11 @@ def key(
     """Declare a key of a mapping, as a field of a class decorated with :func:`declared`.
 
     ``doc`` says what the value means, as a sentence. Without ``default`` (the converted value) and
-    ``derived`` the key is required, unless its type allows null. ``check`` is a further rule, which
-    may involve other values: value and scope to the text of the rule that is broken, or None.
+    ``derived`` the key is required; one whose type allows null is then None. ``check`` is a further
+    rule, which may involve other values: value and scope to the text of the broken rule, or None.
     """
+    if type.optional and derived is None and default is dataclasses.MISSING:
+        default = None
     metadata = {"key": Key(type, doc, default, derived, check)}
     return dataclasses.field(default=default, metadata=metadata)
 
