@@ -16,7 +16,7 @@ from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
-from wiforce_app.bench.snapshots.chain import SnapshotChain
+from wiforce_app.bench.cases import SnapshotChain
 
 
 @pytest.fixture(scope="module")

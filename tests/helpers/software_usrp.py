@@ -4,7 +4,7 @@
 import sys
 
 import pytest
-from wiforce_app.bench.device_process import DeviceProcess
+from wiforce_app.bench.live import DeviceProcess
 
 
 class SoftwareUsrp(DeviceProcess):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench``: benchmarks of the receiver, one module each.
 
-`snapshots` is the channel without samples, for errors against the bound and at numerical extremes;
-`rooms` and `tradeoff_points` read whole scenes; `throughput` is the chains from samples to tones
-that are compared with stock blocks.
+`air` is the channel without samples, and `cases` reads it under conditions, for errors against the
+bound and at numerical extremes; `chains` are those from samples to tones that are compared with
+stock blocks, and `recording` what they read.
 """
 
 import click

@@ -5,7 +5,7 @@ import numpy as np
 from gnuradio.wiforce.io.palette import SERIES, series_style
 
 from ..shell.plots import legend_below, save_picture
-from .snapshots.cases import ESTIMATORS
+from .cases import ESTIMATORS
 
 
 def plot_losses(rows, wanted, path):

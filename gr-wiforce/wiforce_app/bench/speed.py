@@ -18,7 +18,7 @@ from gnuradio.wiforce.scene import load_scene
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
-from .throughput.recording import reference_tones, tone_weights, write_recording
+from .recording import reference_tones, tone_weights, write_recording
 
 # Of the largest tone, in single precision.
 TOLERANCE = 1e-5
@@ -82,7 +82,7 @@ def _begin(row, recording, cpu):
 
 
 def _run(clock):
-    from .throughput.chains import CHAINS
+    from .chains import CHAINS
 
     row, recording, *reference = _task
     if not reference:

@@ -11,7 +11,7 @@ from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 from ..shell.options import scene_names, worker_options
 from ..shell.progress import progress
 from . import published
-from .published_series import series_lines
+from .published import series_lines
 
 
 class _PaperOrScenes(click.Group):

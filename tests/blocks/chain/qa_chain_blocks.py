@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from plain import make_air
 from press_capture import GROUP, SCENE, array_source, press_codes
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 SAMPLE_RATE_HZ = 12.5e6
 

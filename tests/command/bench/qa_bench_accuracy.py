@@ -11,9 +11,9 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce.planning.room.report import NOISE_WEIGHTS, UNLISTED_TAGS
 from wiforce_app.bench import accuracy
+from wiforce_app.bench.accuracy import RoomCase, room_cases, room_table
+from wiforce_app.bench.cases import Case, RunResult, cases, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
-from wiforce_app.bench.rooms import RoomCase, room_cases, room_table
-from wiforce_app.bench.snapshots.cases import Case, RunResult, cases, run_case, summarise
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 

@@ -9,9 +9,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from wiforce_app.bench.chains import CHAINS
+from wiforce_app.bench.recording import reference_tones, tone_weights, write_recording
 from wiforce_app.bench.speed import Row, Worker, _check, _interval
-from wiforce_app.bench.throughput.chains import CHAINS
-from wiforce_app.bench.throughput.recording import reference_tones, tone_weights, write_recording
 
 COMPARED = {"stock-tuned", "stock-default", "ceiling-file-source", "ceiling-read"}
 ROW_KEYS = {

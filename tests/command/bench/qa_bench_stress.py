@@ -11,8 +11,8 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app.bench import stress
-from wiforce_app.bench.snapshots.cases import Case
-from wiforce_app.bench.snapshots.stress_paths import Outcome, read_case
+from wiforce_app.bench.cases import Case
+from wiforce_app.bench.stress import Outcome, read_case
 from wiforce_app.shell.tables import table
 
 # Float32 of the samples decides, and the order of the blocks: these two paths hold every kernel.

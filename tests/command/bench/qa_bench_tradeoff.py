@@ -8,8 +8,8 @@ import pytest
 from command_runs import run_command
 from gnuradio import gr
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.bench import tradeoff, tradeoff_points
-from wiforce_app.bench.tradeoff_points import beat_the_plan, front, rated_error, settings_of
+from wiforce_app.bench import tradeoff
+from wiforce_app.bench.tradeoff import beat_the_plan, front, rated_error, settings_of
 
 # A fifth of the usual sample rate; the long form has the usual one.
 SHORT = """\
@@ -86,10 +86,10 @@ def test_every_kind_of_setting_is_measured():
 def few_settings(monkeypatch, long_run):
     """One setting of each kind in the short form, measured in this process."""
     if not long_run:
-        monkeypatch.setattr(tradeoff_points, "_GROUP_LENGTHS", (250,))
-        monkeypatch.setattr(tradeoff_points, "HARMONICS", (12,))
-        monkeypatch.setattr(tradeoff_points, "_CLUTTER_HZ", (250.0,))
-        monkeypatch.setattr(tradeoff, "_measured", tradeoff_points.measure_scene)
+        monkeypatch.setattr(tradeoff, "_GROUP_LENGTHS", (250,))
+        monkeypatch.setattr(tradeoff, "HARMONICS", (12,))
+        monkeypatch.setattr(tradeoff, "_CLUTTER_HZ", (250.0,))
+        monkeypatch.setattr(tradeoff, "_measured", tradeoff.measure_scene)
     before = gr.logging().default_level()
     yield
     gr.logging().set_default_level(before)

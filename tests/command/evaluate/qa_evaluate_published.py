@@ -12,7 +12,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.evaluate import published
 from wiforce_app.evaluate.evaluate import evaluate
-from wiforce_app.evaluate.published_series import (
+from wiforce_app.evaluate.published import (
     budgeted_snr_db,
     located_share,
     read_series,

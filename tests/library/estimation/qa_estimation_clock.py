@@ -13,7 +13,7 @@ from gnuradio.wiforce.simulation.truth import read_truth
 from gnuradio.wiforce.wiforce_kernels import follow_clocks
 from long_cases import cases
 from plain import TA, T, make_air, random_tag
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 CLOCK_HZ = 1000.0
 RATE = 2 * np.pi * CLOCK_HZ

@@ -14,7 +14,7 @@ from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 COUNT = 8192
 NARROW = {"name": "arm", "model": "line-900mhz-calibrated"}

@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.phases.off_state import (
 )
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from plain import errors_deg, make_air, make_plan, run_chain
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 
 def ratio(psi_deg, untouched_deg, off):

@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T, errors_deg, make_air, make_plan, run_chain, stated_deg
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
 

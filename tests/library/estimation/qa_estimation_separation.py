@@ -21,7 +21,7 @@ from plain import (
     stated_deg,
     turned_deg,
 )
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 
 class Separation:

@@ -11,7 +11,7 @@ from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
 from long_cases import cases
 from plain import make_air
-from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.air import TagOnAir
 
 LONG = pytest.mark.long
 CLOCKS_HZ = (1000.0, 1400.0)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.signal.switching import harmonics, switch_averages
 from plain import TA, averaged_switches
-from wiforce_app.bench.snapshots.air import switches
+from wiforce_app.bench.air import switches
 
 # A count of 4001 instants misplaces each of at most two edges by half an instant.
 COUNTING = 1.5 / 4001
