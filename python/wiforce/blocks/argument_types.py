@@ -35,33 +35,9 @@ _WORDS: dict[Any, tuple[str, str]] = {
 def typed(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Let a constructor or method refuse arguments whose type is not the annotated one.
 
-    Python itself would raise a TypeError or an AttributeError somewhere inside, which names
-    neither parameter nor value.
-
-    Parameters
-    ----------
-    function : callable
-        With annotated parameters.
-
-    Returns
-    -------
-    callable
-        Raises InputError with parameter, rule and value. NumPy's numbers are numbers, a float
-        without a fraction is passed on as an integer where one is annotated.
-
-    Examples
-    --------
-    >>> @typed
-    ... def repeat(times: int, label: str | None = None) -> int:
-    ...     return times
-    >>> repeat(3.0), repeat(np.int64(4), label="arm")
-    (3, 4)
-    >>> repeat("3")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: times: must be a whole number, got '3'
-    >>> repeat(3, label=b"arm")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: label: must be text or None, got b'arm'
+    Python itself would raise a TypeError or an AttributeError somewhere inside, which names neither
+    parameter nor value. NumPy's numbers are numbers, and a float without a fraction is passed on as
+    an integer where one is annotated.
     """
     signature = inspect.signature(function)
     hints = cache(lambda: get_type_hints(function))
@@ -138,23 +114,6 @@ class Kept:
 
     GNU Radio's flowgraphs hold only the C++ part of a Python block. Without this, a block that no
     variable refers to is destroyed while it runs, which ends the process.
-
-    Examples
-    --------
-    >>> import weakref
-    >>> from gnuradio import blocks, gr
-    >>> class Sink(Kept, gr.sync_block):
-    ...     def __init__(self):
-    ...         gr.sync_block.__init__(self, "sink", in_sig=["c8"], out_sig=None)
-    >>> flowgraph, sink = gr.top_block(), Sink()
-    >>> there = weakref.ref(sink)
-    >>> flowgraph.connect(blocks.null_source(8), sink)
-    >>> del sink
-    >>> there() is None
-    False
-    >>> del flowgraph
-    >>> there() is None
-    True
     """
 
     def to_basic_block(self) -> Any:

@@ -23,32 +23,10 @@ class _NamedScene(str):
 
 
 def scene_in_companion(file: str) -> _NamedScene:
-    """The value of a Scene block while a flowgraph is edited.
+    """A Scene block's file, with the attributes of the scene, while a flowgraph is edited.
 
-    Companion takes only text for parameters with a file button. With a text that has the
-    attributes of a scene, the block's ID can be given there, and generated programs pass the scene
-    itself.
-
-    Parameters
-    ----------
-    file : str
-        A file, or the name of a shipped scene.
-
-    Returns
-    -------
-    str
-        The scene's file; its attributes are those of :class:`scene.Scene`.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) naming file and key, rule and value.
-
-    Examples
-    --------
-    >>> scene = scene_in_companion("demo")
-    >>> scene.endswith("demo.yaml"), scene.radio.sample_rate_hz, is_scene(scene)
-    (True, 12500000.0, True)
+    Companion takes only text for parameters with a file button. With a text that has the attributes
+    of a scene, the block's ID can be given there, and generated programs pass the scene itself.
     """
     return _NamedScene(str(load_scene(file).path))
 

@@ -43,34 +43,11 @@ def _boot_time_s() -> float:
 
 
 class ResumedTime:
-    """Continues the time of a stream when a device is lost and found.
+    """Continues the time of a stream when a device is lost and found; ``now`` is host time in s.
 
     The time between two streams is measured by the host's clock, since the device may have been
     started again. A stream resumes a whole number of frames after the beginning of the first one,
     because transmission and reception start together and the device's delay is constant.
-
-    Parameters
-    ----------
-    sample_rate : float
-        Samples per second.
-    frame_length : int
-        Samples per frame.
-    now : callable
-        Host time in seconds.
-
-    Examples
-    --------
-    >>> host = iter([0.0, 2.0])
-    >>> times = ResumedTime(1e6, 1000, now=lambda: next(host))
-    >>> times.begin((10, 0.5))
-    [(10, 0.5)]
-    >>> times.received(500_000)  # the device is lost at 11.0 s, by its own clock
-    >>> times.begin((0, 0.25))  # it was started again, and found after 2 s
-    [(13, 0.0)]
-    >>> times.of(750_000, (0, 0.5))
-    (13, 0.25)
-    >>> times.stream_clock
-    (2, 12.75)
     """
 
     def __init__(

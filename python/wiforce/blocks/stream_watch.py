@@ -114,36 +114,11 @@ class StreamWatch:
     """Watches what passes a reader, and says once what is wrong with it.
 
     The first cause that lasts for a second is said, and nothing more until readings have been clear
-    again: what follows from it would hide it.
-
-    Parameters
-    ----------
-    plan : Plan
-    name : str
-        Of the block that speaks.
-    report : callable, optional
-        Called with every sentence; by default GNU Radio's log.
-    frame_offset : int
-        Samples before the first frame.
-    sampled : bool
-        Whether groups are those of samples, and not of ratios of two antennas.
-
-    Attributes
-    ----------
-    said : list of str
-        Sentences so far.
-    mean_frame : callable or None
-        Returns the mean of the first frames; see ``StreamReader``.
-    frames : callable or None
-        Returns the number of frames that samples were cut into.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> watch = StreamWatch(wiforce.plan("demo"), "reader", report=print)
-    >>> watch.end({})
-    reader: the stream has ended without a whole phase group of 36 ms at the carrier and sample \
-rate of the scene; nothing was read
+    again: what follows from it would hide it. ``name`` is the block that speaks, ``report`` takes
+    every sentence (by default GNU Radio's log), ``frame_offset`` are samples before the first
+    frame, ``sampled`` says that groups are those of samples, and not of ratios of two antennas.
+    ``said`` holds the sentences so far; ``mean_frame`` returns the mean of the first frames (see
+    ``StreamReader``), ``frames`` the number of frames that samples were cut into.
     """
 
     def __init__(

@@ -221,28 +221,10 @@ def _unwrapped(microseconds: np.ndarray) -> np.ndarray:
 
 
 def together(first: Esp32Packets, second: Esp32Packets, path: Path) -> Esp32Packets:
-    """Two ESP32 on one crystal as two antennas: packets that both have received.
+    """Two ESP32 on one crystal as two antennas (n, K, 2): packets that both have received.
 
-    Parameters
-    ----------
-    first, second : Esp32Packets
-    path : Path
-        Of the second one, for messages.
-
-    Returns
-    -------
-    Esp32Packets
-        With channels of shape (n, K, 2).
-
-    Raises
-    ------
-    InputError
-        Where lines do not number the packets, or subcarriers differ.
-
-    Examples
-    --------
-    >>> together(master, slave, Path("slave.csv")).channel.shape  # doctest: +SKIP
-    (1000, 64, 2)
+    ``path`` is that of the second one. InputError where lines do not number the packets, or
+    subcarriers differ.
     """
     if first.identifier is None or second.identifier is None:
         rule = "must number the packets (column id), so that those of two devices can be matched"
@@ -340,37 +322,15 @@ def open_csi(
     mac: str | None = None,
     second: str | Path | None = None,
 ) -> ChannelSnapshots:
-    """Read a file of a CSI tool.
+    """Read a file of a CSI tool: the first spatial stream, without antennas that it does not use.
 
-    Parameters
-    ----------
-    path : str or Path
-    tool : str, optional
-        ``intel`` (Linux 802.11n CSI Tool, Intel 5300), ``atheros`` (Atheros CSI Tool), ``esp32``
-        (ESP32-CSI-Tool, esp-csi or esp-crab) or ``nexmon/CHIP/MHZ`` (nexmon_csi, such as
-        ``nexmon/43455c0/80``); found by the first bytes of the file by default.
-    mac : str, optional
-        Address of the sender whose packets are wanted, for ``esp32`` and ``nexmon``; the most
-        frequent one by default.
-    second : str or Path, optional
-        File of a second ESP32 on the same crystal, as on an esp-crab: the second antenna.
-
-    Returns
-    -------
-    ChannelSnapshots
-        Of the first spatial stream; antennas that a file does not use are left out.
-
-    Raises
-    ------
-    InputError
-        For another tool, a file that is missing or broken, and when ``csiread`` is not installed.
-
-    Examples
-    --------
-    >>> open_csi("press.dat", "intel2")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: --csi-tool: must be one of intel, atheros, esp32, \
-nexmon/CHIP/MHZ, got 'intel2'
+    ``tool`` is ``intel`` (Linux 802.11n CSI Tool, Intel 5300), ``atheros`` (Atheros CSI Tool),
+    ``esp32`` (ESP32-CSI-Tool, esp-csi or esp-crab) or ``nexmon/CHIP/MHZ`` (nexmon_csi, such as
+    ``nexmon/43455c0/80``), by default found by the first bytes of the file; ``mac`` the address of
+    the sender whose packets are wanted, for ``esp32`` and ``nexmon``, by default the most frequent
+    one; ``second`` the file of a second ESP32 on the same crystal, as on an esp-crab: the second
+    antenna. InputError for another tool, a file that is missing or broken, and when ``csiread`` is
+    not installed.
     """
     path = Path(path)
     if tool is not None:

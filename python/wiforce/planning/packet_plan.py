@@ -31,16 +31,8 @@ class PacketPlans:
     """Fits a plan to the times of packets: one for each clutter band that may suit them.
 
     It is designed for the group of the untouched reference with the median number of packets, and
-    refused when the reference holds too few packets to read the tags.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the scene.
-    subcarrier_hz : ndarray, shape (K,)
-    time_s : ndarray, shape (n,)
-    channels : int
-        Channels that are combined of each packet.
+    refused when the reference holds too few packets to read the tags. ``plan`` is that of the
+    scene; ``channels`` are combined of each packet.
     """
 
     def __init__(

@@ -33,18 +33,6 @@ def uncalibrated_readings(
 
     ``untouched_deg`` is psi_10 and psi_20, ``off_reflection`` G_off / rho, per switch where they
     differ. Phases refer to the untouched reference alone: no drift is subtracted.
-
-    Examples
-    --------
-    >>> none = np.zeros((2, 2), bool)
-    >>> change = np.exp(1j * np.radians([[0.1, 0.1], [40.0, 40.0]]))  # a press in the middle
-    >>> groups = Groups(
-    ...     [20, 21], ratios=change, phase_std_deg=np.full((2, 2), 0.1),
-    ...     locked=np.ones((2, 1), bool), overlapping=np.zeros((2, 1), bool),
-    ...     in_reference=none, late_reference=none, reshaped=none)
-    >>> readings = uncalibrated_readings(groups, 0, "arm", (-172.9, -172.9), 0j, 0.036)
-    >>> [(r.touch, round(r.phase1_deg, 1)) for r in readings]
-    [(0, -172.8), (1, -132.9)]
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     ratios = groups.ratios[:, ends]

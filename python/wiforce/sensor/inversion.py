@@ -142,14 +142,7 @@ _WORDS = [
 
 
 def misfit_limit(phases: int, share: float) -> float:
-    """Sum of squares of normal variables that is exceeded in a share of all cases.
-
-    Parameters
-    ----------
-    phases : int
-        Number of variables.
-    share : float
-    """
+    """Sum of squares of so many normal variables that is exceeded in a share of all cases."""
     if phases == 2:
         return -2 * math.log(share)
     from scipy.special import chdtri  # for several carriers; slow to import

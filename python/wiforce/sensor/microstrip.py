@@ -25,18 +25,10 @@ _MOST_STEPS, _DIVISORS, _LEAST_CYCLES = 256, {1: 1, 2: 8, 3: 64}, 64
 
 
 def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> np.ndarray:
-    """Effective permittivity of a microstrip line.
+    """Effective permittivity of a microstrip line with air above the trace.
 
-    E. Hammerstad and O. Jensen, "Accurate Models for Microstrip Computer-Aided Design", IEEE MTT-S
-    1980, 407-409, equations 3 to 5: within 0.2 %.
-
-    Returns ndarray of float.
-
-    Parameters
-    ----------
-    width_to_height : array_like
-    permittivity : float
-        Of what fills the gap between trace and ground; air is above the trace.
+    ``permittivity`` is that of the gap. E. Hammerstad and O. Jensen, "Accurate Models for
+    Microstrip Computer-Aided Design", IEEE MTT-S 1980, 407-409, equations 3 to 5: within 0.2 %.
     """
     u = np.asarray(width_to_height, float)
     a = 1 + np.log((u**4 + (u / 52) ** 2) / (u**4 + 0.432)) / 49 + np.log1p((u / 18.1) ** 3) / 18.7
@@ -46,17 +38,9 @@ def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> n
 
 
 def wide_ground_impedance_ohm(width_to_height: ArrayLike, permittivity: float = 1.0) -> np.ndarray:
-    """Characteristic impedance of a trace over a wide ground.
+    """Characteristic impedance of a trace over a wide ground; ``permittivity`` is that of the gap.
 
     Hammerstad and Jensen, equations 1 and 2: within 0.03 % in air.
-
-    Returns ndarray of float, in ohm.
-
-    Parameters
-    ----------
-    width_to_height : array_like
-    permittivity : float
-        Of the gap.
     """
     u = np.asarray(width_to_height, float)
     f = 6 + (2 * np.pi - 6) * np.exp(-((30.666 / u) ** 0.7528))
@@ -69,19 +53,10 @@ def wide_ground_impedance_ohm(width_to_height: ArrayLike, permittivity: float = 
 def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) -> float:
     """Characteristic impedance of two parallel strips in air, one of them the ground.
 
-    Parameters
-    ----------
-    width_mm, ground_mm : float
-        Widths of trace and ground.
-    height_mm : float
-        Distance of the strips.
-
-    Notes
-    -----
-    The charge of a strip of half width a is a sum of Chebyshev polynomials T_n(x/a) over
-    sqrt(1 - (x/a)^2), which has the singularity at the edges. The potential of each term on its own
-    strip is known: -ln(a/2) T_0 and T_n/n (J. C. Mason and D. C. Handscomb, *Chebyshev
-    Polynomials*, 2003, 9.5.2); that on the other strip follows by Gauss-Chebyshev quadrature.
+    The charge of a strip of half width a is a sum of Chebyshev polynomials T_n(x/a) over sqrt(1 -
+    (x/a)^2), which has the singularity at the edges. The potential of each term on its own strip is
+    known: -ln(a/2) T_0 and T_n/n (J. C. Mason and D. C. Handscomb, *Chebyshev Polynomials*, 2003,
+    9.5.2); that on the other strip follows by Gauss-Chebyshev quadrature.
     """
     ground_mm = min(ground_mm, width_mm + _WIDEST_HEIGHTS * height_mm)
     count = _TERMS + int(np.ceil(max(width_mm, ground_mm) / height_mm))
@@ -105,20 +80,9 @@ def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) ->
 
 @dataclass(frozen=True)
 class Microstrip:
-    """A line of a sensor: a trace over a ground, with air or an elastomer between them.
+    """A line of a sensor: a trace over a ground, the paper's by default.
 
-    Attributes
-    ----------
-    width_mm, height_mm, ground_mm, length_mm : float
-        Width of the trace, its distance from the ground, width of the ground, length.
-    permittivity : float
-        Of what fills the gap.
-
-    Examples
-    --------
-    >>> line = Microstrip()  # the paper's
-    >>> round(line.impedance_ohm, 1), round(line.phase_deg_per_mm(900e6), 2)
-    (59.5, 2.16)
+    ``permittivity`` is that of what fills the gap between them: air or an elastomer.
     """
 
     width_mm: float = 2.5
@@ -158,10 +122,7 @@ class Microstrip:
     def matched(self, port_ohm: float = 50.0) -> "Microstrip":
         """The same line at the height at which its impedance is that of the ports.
 
-        Raises
-        ------
-        InputError
-            When no height of 0.02 to 5 widths of the trace has this impedance.
+        InputError when no height of 0.02 to 5 widths of the trace has this impedance.
         """
         from scipy.optimize import brentq  # slow to import, and needed here only
 
@@ -177,16 +138,10 @@ class Microstrip:
 
 @dataclass(frozen=True)
 class TagTimer:
-    """Settings of the tag's firmware.
+    """Settings of the tag's firmware, and the clock that they give with an exact crystal.
 
-    Attributes
-    ----------
-    steps : int
-        Timer steps per slot, a sixteenth of a period: ``SLOT``.
-    prescaler : int
-        Bits of the timer's prescaler: ``PRESCALER``.
-    clock_hz : float
-        The clock that they give with an exact crystal.
+    ``steps``: timer steps per slot, a sixteenth of a period (``SLOT``); ``prescaler``: bits of the
+    timer's prescaler (``PRESCALER``).
     """
 
     steps: int
@@ -197,15 +152,7 @@ class TagTimer:
 def tag_timer(clock_hz: float, crystal_hz: float = CRYSTAL_HZ) -> TagTimer:
     """The settings of the tag's firmware that are nearest to a clock.
 
-    Raises
-    ------
-    InputError
-        When the timer reaches no clock within 1 % of it.
-
-    Examples
-    --------
-    >>> tag_timer(1000)
-    TagTimer(steps=250, prescaler=1, clock_hz=1000.0)
+    InputError when the timer reaches no clock within 1 % of it.
     """
     found = []
     for prescaler, divisor in _DIVISORS.items():

@@ -76,19 +76,10 @@ def score(
 def timed_forces(
     rows: Sequence[Mapping[str, Any]], sensor: str | Sequence[str] | None = None
 ) -> TimedForces:
-    """Forces of one sensor, or the sum of several, from rows of readings.
+    """Forces of one sensor, or the sum of those that are named, from rows of readings.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Unknown values are None or NaN, flags one text.
-    sensor : str or sequence of str, optional
-        Its name, where there are several; or the names of those whose forces are added.
-
-    Raises
-    ------
-    InputError
-        When there are no readings, several sensors or several runs, or a column is missing.
+    Unknown values are None or NaN, flags one text. InputError when there are no readings, several
+    sensors or several runs, or a column is missing.
     """
     for name in ("time_s", "sensor", "touch", "force_n", "force_std_n", "flags"):
         if len(rows) and name not in rows[0]:

@@ -20,15 +20,9 @@ from ..groups import Array
 class Verdict(Enum):
     """Result of comparing a group's residual with the noise.
 
-    Attributes
-    ----------
-    LEARNED
-        The group fits, or is a single outlier.
-    STEPPED
-        The noise has risen or fallen.
-    MODEL_LOST
-        ``STEP_GROUPS`` groups in a row do not fit: noise has risen, or a clock is tracked at a
-        wrong phase.
+    LEARNED: the group fits, or is a single outlier; STEPPED: the noise has risen or fallen;
+    MODEL_LOST: ``STEP_GROUPS`` groups in a row do not fit: noise has risen, or a clock is tracked
+    at a wrong phase.
     """
 
     LEARNED = 0

@@ -36,31 +36,12 @@ _SIGNIFICANT_RESIDUAL = 1.15
 class EndSeparator:
     """Separates the tones of each group into the complex channels of the ends.
 
-    Groups are held back until the clocks are acquired.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    clocks : sequence of TagClock
-        In the order in which the table was designed.
-    waveform : Waveform
-        As it was sent.
-    derotated : bool
-        Whether the tones are derotated (``ToneTable.derotation``).
-    others : sequence of TagClock
-        Tags that a survey has found, behind ``clocks`` in the table. They are tracked and solved
-        for, but not given.
-
-    Raises
-    ------
-    InputError
-        When a tag's own lines do not determine its clock's phase, or its ends.
-
-    Notes
-    -----
-    V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks
-    (docs/theory.md, Ends).
+    V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks (docs/theory.md,
+    Ends). Groups are held back until the clocks are acquired. ``table`` has the weights of the run
+    and was designed for ``clocks`` in their order; ``derotated`` says whether the tones are
+    (``ToneTable.derotation``); ``others`` are tags that a survey has found, behind ``clocks`` in
+    the table: they are tracked and solved for, but not given. InputError when a tag's own lines do
+    not determine its clock's phase, or its ends.
     """
 
     def __init__(

@@ -107,30 +107,14 @@ class NewReference:
 class ConjugateDifference:
     """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
 
-    Parameters
-    ----------
-    ends : int
-        Ends of all tags, 2S.
-    reference_groups : int
-        Length of the untouched reference from group 0 on, at least 1. Groups of it that are absent
-        or discarded are not replaced by later ones, in which the sensor may be touched. An end
-        that was received in none of them takes the first groups in which it is received. This
-        reference is marked late, because a sensor that is pressed steadily looks the same.
-    against : str
-        ``untouched`` or ``previous``.
-    waveform : Waveform, optional
-        As it was sent. Where it is given, mirror images are removed from the ends, and deviations
-        from the reference's profile raise their variance (``profile.ProfileCheck``).
-
-    Raises
-    ------
-    InputError
-        For any other word, or fewer than one reference group.
-
-    Notes
-    -----
-    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas). The
-    paper (section 3.3) uses the previous group for V_ref.
+    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas); V_ref is
+    ``against`` the ``untouched`` reference, or the ``previous`` group (paper, section 3.3).
+    ``ends`` are those of all tags, 2S. The untouched reference are groups 0 to
+    ``reference_groups``. Groups of it that are absent or discarded are not replaced by later ones,
+    in which the sensor may be touched. An end that was received in none of them takes the first
+    groups in which it is received. This reference is marked late, because a sensor that is pressed
+    steadily looks the same. With ``waveform``, mirror images are removed from the ends, and
+    deviations from the reference's profile raise their variance (``profile.ProfileCheck``).
     """
 
     def __init__(

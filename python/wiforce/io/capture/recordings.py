@@ -97,27 +97,8 @@ class Capture:
 def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     """Open a SigMF capture by either file's name or their common stem, or a raw file.
 
-    Parameters
-    ----------
-    path : str or Path
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    Capture
-
-    Raises
-    ------
-    InputError
-        When a file is missing or empty, or its metadata is not valid.
-
-    Examples
-    --------
-    >>> np.ones(1000, np.complex64).tofile("ones.cf32")
-    >>> capture = open_capture("ones.cf32", "cf32_le")
-    >>> capture.samples, capture.read(2)
-    (1000, array([1.+0.j, 1.+0.j], dtype=complex64))
+    ``datatype``, ``ci16_le`` or ``cf32_le``, is that of raw samples. InputError when a file is
+    missing or empty, or its metadata is not valid.
     """
     if not isinstance(path, str | Path):
         raise InputError("capture", "must be the path of a capture", path)
