@@ -186,7 +186,7 @@ class Expected:
 
     def __str__(self) -> str:
         error, std = self.phase_error_deg, self.phase_std_deg
-        if error is None:
+        if error is None or self.limited_by is None:
             return f"{self.sensor}: not readable"
         # Presses that are known hide what the calibration states, and may be its best ones.
         presses = (self.force_error_n, self.location_error_mm)
