@@ -388,13 +388,14 @@ double press_filter::turn_rate(const explanation& of) const
     return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.watched_s);
 }
 
-// Whether both have the untouched line at the same place, as far as they know it, and
-// where the off states show that, turning or not.
+// Whether both have the untouched line at the same place, as far as they know it. Off
+// states show whether it turns, so that turning ones count apart there, and groups of
+// change, which many courses of a press would leave no room.
 bool press_filter::one_line(const explanation& a, const explanation& b) const
 {
     const auto one = a.common.estimate(), other = b.common.estimate();
-    return a.known == b.known && (a.is == mixed) == (b.is == mixed) &&
-           (!d_off_differ || a.turning == b.turning) &&
+    const bool same_kind = a.turning == b.turning && (a.is == mixed) == (b.is == mixed);
+    return a.known == b.known && (!d_off_differ || same_kind) &&
            squared(wrapped(one.mean - other.mean)) <
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }
