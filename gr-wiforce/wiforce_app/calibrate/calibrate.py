@@ -237,9 +237,13 @@ def _verdict(sensor, model, suspected):
     """What the sensor is good for, first of all."""
     for text in suspected:
         yield f"not to be trusted: {text}"
+    span = " and ".join(f"{place:g}" for place in model.location_span_mm)
     for each in sensor.verdict(model):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
-        yield f"verdict{at}: {each} (median standard deviations, without a radio's noise)"
+        yield (
+            f"verdict{at}: {each} (median standard deviations, without a radio's noise; at {span} "
+            "mm only the ruler says where the presses were)"
+        )
     yield ""
 
 
@@ -346,7 +350,7 @@ def _cross_validation(validation):
     if not validation.get("locations"):
         lines.append("  too few locations to leave one out: between them nothing is tested")
     lines.append(
-        "  nothing predicts the outermost locations: an error of the ruler there shifts the "
+        "  no other location checks the outermost ones: an error of the ruler there shifts the "
         "readings near them by as much"
     )
     return lines

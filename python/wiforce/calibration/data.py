@@ -211,7 +211,7 @@ def carrier_data(
             f"untouched phases at {frequency / 1e6:g} MHz are those of a line of "
             f"{length_mm:g} mm: the table has none"
         )
-    touched, onset = _without_untouched_sweeps(table, untouched)
+    touched, onset = touched_rows(table, untouched)
     own = np.unique(touched.location_mm)
     if not len(own):
         raise InputError(table.source, f"has no row with a force at {frequency / 1e6:g} MHz")
@@ -243,10 +243,10 @@ def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
     return first, second
 
 
-def _without_untouched_sweeps(
+def touched_rows(
     table: CalibrationTable, untouched: tuple[float, float] | None
 ) -> tuple[CalibrationTable, tuple[float, float] | None]:
-    """Touched rows; the largest force measured without contact and the smallest with it."""
+    """Rows in contact; the largest force measured without contact and the smallest with it."""
     keep = ~table.untouched
     if untouched is None:
         return table.take(keep), None

@@ -16,7 +16,7 @@ import numpy as np
 from ..sensor import line
 from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier, wrap_deg
-from .data import carriers_of, untouched_phases
+from .data import carriers_of, touched_rows, untouched_phases
 from .tables import CalibrationTable
 
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
@@ -29,6 +29,9 @@ _SLOPES = np.linspace(0.6, 1.8, 241)
 _LENGTH_MM = 10.0
 _PERMITTIVITY_RATIO = 1.6
 _SLOPE_LIMITS = (0.7, 1.5)
+# Mean extents of a short: 1 to 11 mm by the contact law, up to a fingertip at 8 N; -6 mm where only
+# changes with force are known, as in the published sweeps.
+_EXTENTS_MM = (-10.0, 15.0)
 # Share of the rows, those with the lightest forces, in which the short is taken to be narrow.
 _LIGHT = 0.4
 
@@ -151,8 +154,6 @@ def _lengths_mm(
 TURN_RAD = 2 * np.pi + 0.01
 # No tactile sensor is pressed with as much; 8 N are 816 g.
 _LARGEST_FORCE_N = 100.0
-# Presses of 1 to 8 N are .1 to .82 kg; the lines of the paper are first shorted at .9 N.
-_SMALLEST_FORCE_N = 0.9
 # A change is none if its standard deviation times this exceeds it.
 _SIGNIFICANT = 3.0
 # Presses within a tenth of the line are not a calibration, but one in other units. Phases that
@@ -182,16 +183,18 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
         found += (
             _radians_at_places(rows, slope)
-            or _direction_of_a_port(rows, slope)
+            or _directions(rows, slope)
             or _unconnected(rows, slope)
             or _unpressed(rows, slope)
             or _swapped_at_places(rows, slope)
-            or _direction(rows, slope)
         )
     if found:
         return list(dict.fromkeys(found))
     for estimate in estimate_line(table, length_mm, permittivity):
-        found += _other_line(estimate, length_mm, permittivity)
+        rows = table.take(same_carrier(table.frequency_hz, estimate.frequency_hz))
+        found += _other_line(estimate, length_mm, permittivity) or _other_untouched(
+            rows, estimate, length_mm, permittivity
+        )
     return found
 
 
@@ -246,8 +249,6 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
-    if hardest < _SMALLEST_FORCE_N:
-        found.append(f"forces reach {hardest:g} N only: are they in kg (1 kg is 9.81 N)?")
     return found
 
 
@@ -357,16 +358,18 @@ def _line_over_force(own: CalibrationTable, place: float) -> tuple[float, float]
     """Change of the phase of one port and location over its forces, in deg, and its deviation.
 
     Both are of a straight line; what lies beside it, such as an onset, widens the deviation, which
-    is infinite where too few forces tell.
+    is infinite where too few forces state it.
     """
     here = own.take(own.location_mm == place)
     order = np.argsort(here.force_n, kind="stable")
     centred = here.force_n[order] - here.force_n.mean()
     phase = np.unwrap(here.phase_deg[order], period=360.0)
     spread, span = float(centred @ centred), float(np.ptp(centred))
-    if len(order) < 3 or not spread:
+    if not spread:
         return 0.0, np.inf
     slope = float(centred @ phase) / spread
+    if len(order) < 3:
+        return slope * span, np.inf
     residual = phase - phase.mean() - slope * centred
     variance = float(residual @ residual) / (len(order) - 2)
     return slope * span, span * float(np.sqrt(variance / spread))
@@ -388,15 +391,31 @@ def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
     ]
 
 
-def _direction(rows: CalibrationTable, slope: float) -> list[str]:
-    """Whether ports are swapped or the sign of the phase is inverted."""
-    slopes = slope * _DIRECTION_SLOPES
-    expected, reverse = (float(concentrations(rows, sign * slopes).max()) for sign in (1, -1))
-    if reverse < ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
+def _directions(rows: CalibrationTable, slope: float) -> list[str]:
+    """Whether ports are swapped, or the sign or the locations of one port or both are reversed."""
+    slopes, places = slope * _DIRECTION_SLOPES, np.unique(rows.location_mm)
+    reverse, right = [], []
+    for port in (1, 2):
+        expected, other = (
+            float(_port_concentrations(rows, port, sign * slopes).max()) for sign in (1, -1)
+        )
+        if other >= ON_A_LINE and 1 - other <= _REVERSED * (1 - expected):
+            reverse.append(port)
+        elif expected >= ON_A_LINE:
+            right.append(port)
+    if len(places) < ENOUGH_LOCATIONS or not reverse or len(reverse + right) < 2:
         return []
-    if 1 - reverse > _REVERSED * (1 - expected):
-        return []
-    if _movement_deg(rows) > 0:
+    own = rows.take(np.isin(rows.port, reverse))
+    rises = sum(_movement(own, place)[0] for place in places) > 0
+    if right:
+        cause = "is its sign inverted?"
+        if rises:
+            cause = "are its locations measured from the other end than those of the other port?"
+        return [
+            f"the phase of port {reverse[0]} alone moves with location in the wrong direction: "
+            f"{cause}"
+        ]
+    if rises:
         return [
             "the phase of port 1 rises with location and that of port 2 falls: are the ports "
             "swapped, or is location measured from port 2?"
@@ -405,41 +424,6 @@ def _direction(rows: CalibrationTable, slope: float) -> list[str]:
         "phases move with location and with force in the wrong direction: is their sign inverted "
         "(they must be those of arg S11 and arg S22)?"
     ]
-
-
-def _direction_of_a_port(rows: CalibrationTable, slope: float) -> list[str]:
-    """Whether the sign, or the location, of one port alone is reversed."""
-    slopes = slope * _DIRECTION_SLOPES
-    reverse, right = [], []
-    for port in (1, 2):
-        expected, other = (
-            float(_port_concentrations(rows, port, sign * slopes).max()) for sign in (1, -1)
-        )
-        if other >= ON_A_LINE > expected and 1 - other <= _REVERSED * (1 - expected):
-            reverse.append(port)
-        elif expected >= ON_A_LINE:
-            right.append(port)
-    if len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS or not reverse or not right:
-        return []
-    (port,) = reverse
-    if _movement_deg(rows.take(rows.port == port)) > 0:
-        cause = "are its locations measured from the other end than those of the other port?"
-    else:
-        cause = "is its sign inverted?"
-    return [f"the phase of port {port} alone moves with location in the wrong direction: {cause}"]
-
-
-def _movement_deg(rows: CalibrationTable) -> float:
-    """Mean change of the phase from the lightest to the hardest force of a sweep."""
-    changes = []
-    for port in (1, 2):
-        for place in np.unique(rows.location_mm):
-            here = rows.take((rows.port == port) & (rows.location_mm == place))
-            if len(here.row) > 1:
-                order = np.argsort(here.force_n, kind="stable")
-                phases = np.unwrap(here.phase_deg[order], period=360.0)
-                changes.append(phases[-1] - phases[0])
-    return float(np.mean(changes)) if changes else 0.0
 
 
 def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -> list[str]:
@@ -460,6 +444,35 @@ def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -
             "far end was open while untouched (50 ohm there reflects nothing)"
         ]
     return []
+
+
+def _other_untouched(
+    rows: CalibrationTable, estimate: LineEstimate, length_mm: float, permittivity: float
+) -> list[str]:
+    """Whether untouched phases are off by as much at both ports, which the length does not show.
+
+    ``rows``: of one carrier.
+    """
+    untouched = untouched_phases(rows)
+    if untouched is None or estimate.length_mm is None:
+        return []
+    touched, _ = touched_rows(rows, untouched)
+    slope = line.round_trip_deg_per_mm(estimate.frequency_hz, permittivity)
+    phasors = []
+    for port, start_deg in zip((1, 2), untouched, strict=True):
+        places, means = _mean_phasors(touched, port)
+        # D = 180 deg + 2 beta (L - l + a1), and 180 deg + 2 beta (l + a2) at port 2.
+        open_mm = length_mm - places if port == 1 else places
+        phasors.append(means * np.exp(-1j * np.radians(start_deg + 180.0 + slope * open_mm)))
+    extent_deg = float(np.degrees(np.angle(np.mean(np.concatenate(phasors)))))
+    low, high = _EXTENTS_MM
+    if low <= extent_deg / slope <= high:
+        return []
+    return [
+        f"{estimate.frequency_hz / 1e6:g} MHz: untouched phases are off by some "
+        f"{-extent_deg:+.0f} deg at both ports: was the far end open while untouched (not shorted, "
+        "nor 50 ohm), with the cables of the presses?"
+    ]
 
 
 def phase_suspicions(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Errors of a calibration: of what was left out, of all readings, and what it does not support."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -269,6 +270,9 @@ _ENOUGH_LOCATIONS = 5
 _LARGEST_STEP_MM = 15.0
 _FALL_DEG = 1.0
 _VAGUE_MM = 0.5
+# Presses of 1 to 8 N are .1 to .82 kg. A gentle sensor is pressed as lightly, so that this is no
+# suspicion.
+_LITTLE_FORCE_N = 0.9
 _UNOBSERVABLE_PART = 0.2
 _CURVE_FORCES = 25
 
@@ -281,7 +285,8 @@ class Verdict:
 
     ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
     the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
-    former; ``flagged``: share of the span in which readings are flagged.
+    former; ``flagged``: share of the span in which readings are flagged; ``unusable``: why no force
+    is read, empty where it is.
     """
 
     frequency_hz: float
@@ -291,6 +296,7 @@ class Verdict:
     location_span_mm: tuple[float, float]
     limit: str
     flagged: float
+    unusable: str = ""
 
     def __str__(self) -> str:
         low, high = self.location_span_mm
@@ -300,7 +306,8 @@ class Verdict:
             f"{most_mm:.2g}) between {low:g} and {high:g} mm, {self.force_span_n[0]:.3g} to "
             f"{self.force_span_n[1]:.3g} N"
         )
-        if self.flagged:
+        text = f"{self.unusable}: {text}" if self.unusable else text
+        if 0 < self.flagged < 1:
             text += f", without the {self.flagged:.0%} of this span where readings are flagged"
         return f"{text}; limited by {self.limit}"
 
@@ -329,7 +336,20 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
         model.location_span_mm,
         limit,
         flagged,
+        _why_unusable(model, found, flagged),
     )
+
+
+def _why_unusable(model: SensorModel, found: Inversion, flagged: float) -> str:
+    """Why a calibration does not read force, from readings over its span; empty where it does."""
+    if flagged == 1:
+        counts = Counter(flag for flags in found.flags for flag in flags)
+        return f"every reading is flagged {counts.most_common(1)[0][0] if counts else ''}"
+    # Of a force that is anywhere in the span.
+    guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
+    if np.nanmedian(found.force_std_n) < guess_n:
+        return ""
+    return f"force is known no better than by a guess within the span ({guess_n:.2g} N)"
 
 
 def _median_and_largest(std: np.ndarray) -> tuple[float, float]:
@@ -407,6 +427,7 @@ def calibration_warnings(model: CurveModel) -> list[str]:
         at = f"{carrier.frequency_hz / 1e6:g} MHz: "
         own = [
             *_few_locations(model, carrier),
+            *_little_force(carrier),
             *_contradicted_locations(model, carrier),
             *_misfit(carrier),
             *_steps(model, index),
@@ -433,6 +454,13 @@ def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
         if vague > _VAGUE_MM:
             texts.append(f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only")
     return texts
+
+
+def _little_force(carrier: Carrier) -> list[str]:
+    hardest = float(carrier.force_span_n[:, 1].max())
+    if hardest >= _LITTLE_FORCE_N:
+        return []
+    return [f"forces reach {hardest:g} N only: were they entered in kg (1 kg is 9.81 N)?"]
 
 
 def location_warnings(model: CurveModel) -> list[str]:

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..calibration.validation import verdict
 from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
+from ..sensor.curves import CurveModel
 from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
 from .clocks import (
@@ -314,6 +316,10 @@ def _sensor_warnings(scene: Scene) -> Iterator[str]:
                 f"uncertain by {model.transfer_std_deg:.2g} deg; calibrate at the carrier in use "
                 "for smaller errors"
             )
+        if isinstance(model, CurveModel):
+            for each in verdict(model):
+                if each.unusable:
+                    yield f"sensor '{sensor.name}', by its calibration: {each.unusable}"
         for press in scene.simulation.presses:
             forces = [press.force_n, press.end_force_n]
             inside = model.in_span(forces, press.location_mm)

@@ -11,10 +11,11 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio import wiforce
+from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.mistakes import estimate_line, phase_suspicions, suspicions
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import write_vna_csv
-from gnuradio.wiforce.calibration.validation import verdict
+from gnuradio.wiforce.calibration.validation import calibration_warnings, verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import read_csv
 from gnuradio.wiforce.planning.advice import warnings
@@ -49,7 +50,8 @@ MISTAKES = [
     (lambda t: {"phase_deg": np.where(t.port == 2, -t.phase_deg, t.phase_deg)}, "its sign inv"),
     (lambda t: {"location_mm": of_port(t, 1)}, "port 1 alone moves with location in the wrong"),
     (lambda t: {"location_mm": of_port(t, 2)}, "measured from the other end than those of the"),
-    (lambda t: {"force_n": t.force_n / 9.81}, "in kg"),
+    (lambda t: {"phase_deg": t.phase_deg + 180.0 * t.untouched}, "phases are off by some +1"),
+    (lambda t: {"phase_deg": t.phase_deg - 150.0 * t.untouched}, "phases are off by some -1"),
     (lambda t: {"phase_deg": constant(t, ~t.untouched | t.untouched)}, "is the sensor connected"),
     (lambda t: {"phase_deg": constant(t, t.port == 2)}, "the phase of port 2 (-70 deg) is the sam"),
     (lambda t: {"phase_deg": constant(t, t.location_mm == 20)}, "with force at location 20 mm"),
@@ -135,6 +137,29 @@ def test_line_of_another_length_or_permittivity_is_noticed():
     dense = table_of(replace(line, permittivity=3.0))
     (said,) = suspicions(dense, 80.0, 1.0)
     assert "check --permittivity" in said and suspicions(dense, 80.0, 3.0) == []
+
+
+def test_forces_in_kg_are_asked_for_and_do_not_hide_other_mistakes(table):
+    """A gentle sensor was refused, and its other mistakes were not looked for."""
+    gentle = replace(table, force_n=table.force_n / 9.81)
+    assert suspicions(gentle, 80.0, 1.0) == []
+    (asked,) = [text for text in calibration_warnings(calibrate(gentle, "arm")) if "in kg" in text]
+    assert "forces reach 0.815494 N only" in asked
+    (found,) = suspicions(replace(gentle, port=3 - gentle.port), 80.0, 1.0)
+    assert "ports swapped" in found
+
+
+def test_verdict_says_first_that_no_force_is_read(table):
+    """`2.4 N` was read as an error, where nothing but location is read."""
+    trace = table_of(load_sensor("plain-trace-900mhz"))
+    (found,) = verdict(calibrate(trace, "trace"))
+    assert str(found).startswith("force is known no better than by a guess within the span (2 N): ")
+    (found,) = verdict(
+        calibrate(replace(table, phase_deg=constant(table, table.port == 2)), "dead")
+    )
+    assert found.flagged == 1 and str(found).startswith("every reading is flagged ambiguous: ")
+    (found,) = verdict(calibrate(table, "arm"))
+    assert found.unusable == ""
 
 
 SWAPPED = "are the ports swapped, or is location measured from port 2?"
