@@ -162,8 +162,12 @@ _GROUPS, _DRAWS = 300, 16
 _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
 _Stated = tuple[tuple[float, ...], float, float]
 # What limits the force, as Expected.limited_by.
-RADIO, CALIBRATION = "radio", "calibration"
-_LIMITS = {RADIO: "noise of the radio", CALIBRATION: "calibration"}
+RADIO, CALIBRATION, OFF_STATES = "radio", "calibration", "off states"
+_LIMITS = {
+    RADIO: "noise of the radio",
+    CALIBRATION: "calibration",
+    OFF_STATES: "off_reflection_std",
+}
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,7 @@ class Expected:
     # ``location_error_mm``.
     force_error_n: float | None
     location_error_mm: float | None
-    # What causes most of the variance of the force: the noise of the radio or the calibration.
+    # What causes most of the variance of the force: radio, calibration or off states.
     limited_by: str | None = None  # None if not readable
     # Medians of force (N) and location (mm) over the calibrated span, as the calibration states
     # them; None where the errors above are these, since the scene has no presses.
@@ -230,19 +234,30 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
                 noise = np.hypot(std, _curvature_deg(scene))
                 turn_std = turn_std_deg(sensor, carrier_hz, where, noise)
                 medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong), turn_std)
-            limit = _limit(model, carrier_hz, where, std)
+            limit = _limit(model, carrier_hz, where, std, wrong)
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span))
     return tuple(found)
 
 
-def _limit(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> str:
-    """What more than half of the variance of the force comes from.
+def _limit(
+    model: SensorModel, carrier_hz: float, points: np.ndarray, noise: np.ndarray, wrong: np.ndarray
+) -> str:
+    """What most of the variance of the force comes from.
 
-    ``points`` (n, 2): force and location; ``std`` (2,): of the phases, in deg.
+    ``points`` (n, 2): force and location; of phases (2,) in deg ``noise``: standard deviation by
+    the radio, ``wrong``: by what is unknown of the off states.
     """
-    together = _spread(model, carrier_hz, points, std)[:, 0]
-    alone = _spread(model, carrier_hz, points, np.full(2, _NOISELESS_DEG))[:, 0]
-    return CALIBRATION if np.median((alone / together) ** 2) > 0.5 else RADIO
+
+    def share(std: np.ndarray) -> float:
+        return float(np.median((_spread(model, carrier_hz, points, std)[:, 0] / together) ** 2))
+
+    together = _spread(model, carrier_hz, points, np.hypot(noise, wrong))[:, 0]
+    shares = {
+        RADIO: 1 - share(np.maximum(wrong, _NOISELESS_DEG)),
+        OFF_STATES: 1 - share(noise),
+        CALIBRATION: share(np.full(2, _NOISELESS_DEG)),
+    }
+    return max(shares, key=lambda cause: shares[cause])
 
 
 def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndarray) -> np.ndarray:

@@ -52,6 +52,10 @@ def test_errors_of_off_states_are_counted():
     plans = [plan_of(0.3, -0.3, std=std, model="line-900mhz-calibrated") for std in (0, 0.005)]
     errors = [expect(plan)[0].force_error_n for plan in plans]
     assert errors[1] > 1.5 * errors[0]
+    limits = [expect(plan)[0].limited_by for plan in plans]
+    assert limits == ["calibration", "off states"] and "off_reflection_std" in str(
+        expect(plans[1])[0]
+    )
     maps = [error_map(plan, 0, np.array([4.0]), np.array([40.0]))[0, 0, 0] for plan in plans]
     assert maps[1] > 1.5 * maps[0]
 
