@@ -40,8 +40,8 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
     link = scene.simulation.link
     if link is None:
         return []
-    own_hz, levels = scene.radio.center_frequency_hz, receive_levels(scene)
-    unit_deg = float(phase_std_deg(plan).max()) / np.sqrt(levels.total)
+    own_hz = scene.radio.center_frequency_hz
+    unit_deg = float(phase_std_deg(plan).max()) / np.sqrt(receive_levels(scene).total)
     tags = range(len(scene.sensors))
 
     def found(link: Link, carrier_hz: float) -> tuple[float, float, float]:

@@ -120,18 +120,18 @@ def touch_down(force_n: ArrayLike) -> Array:
 
 Basis = PowerBasis | CubicBasis | SplineBasis
 # The simplest first.
-_BASES: dict[str, Any] = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
+_BASES: dict[str, type[Basis]] = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
 FORMS = tuple(_BASES)
 
 
 def force_basis(form: str, knots_n: Array | None = None) -> Basis:
     """The basis functions of force named ``form``: ``basis(force) -> ndarray (..., size)``."""
-    return cast(Basis, _BASES[form](knots_n))
+    return _BASES[form](cast("Array", knots_n))
 
 
 def force_knots(form: str, force_n: Array) -> Array | None:
     """Knots of a form over calibrated forces (n,), rising, in N; None for a form without them."""
-    return cast("Array | None", _BASES[form].knots_of(force_n))
+    return _BASES[form].knots_of(force_n)
 
 
 @dataclass(frozen=True)
