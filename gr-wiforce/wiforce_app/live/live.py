@@ -13,7 +13,7 @@ from gnuradio.wiforce.io.capture.names import recording_stem
 from gnuradio.wiforce.io.files.writers import Rotation, open_rotating
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of, is_loopback
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
 from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
@@ -35,12 +35,9 @@ from ..shell.provenance import provenance
 from .outputs import (
     MCAP_FILE_BYTES,
     STAMP_COLUMNS,
-    FoxgloveMessages,
     LiveOutputs,
-    LslStreams,
     McapFile,
     TableFile,
-    ZmqMessages,
 )
 
 _LOOK_S = 0.1
@@ -190,7 +187,7 @@ def live(
             LiveOutputs() as outputs,
         ):
             if zmq_endpoint is not None:
-                outputs.add(ZmqMessages(zmq_endpoint, keys))
+                outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None:
                     _warn_of_strangers(zmq_endpoint)
             _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
@@ -232,13 +229,19 @@ def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
         open_next = partial(open_mcap, mcap, scene.files, metadata, scene.reading_names)
         outputs.add(McapFile(open_next, most_bytes))
     if foxglove is not None:
-        outputs.add(FoxgloveMessages(foxglove, scene.reading_names))
+        from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
+
+        outputs.add(FoxgloveServer(foxglove, scene.reading_names))
         host, _ = host_and_port(foxglove, "--foxglove")
         if not is_loopback(f"tcp://{host}:0"):
             log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
     if lsl is not None:
+        from gnuradio.wiforce.io.network.lsl_outlets import LslOutlets
+
         details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
-        outputs.add(LslStreams(scene, lsl, details))
+        surfaces = scene.surface.names if scene.surface is not None else ()
+        network, period_s = lsl == "network", scene.group_period_s
+        outputs.add(LslOutlets(scene.sensor_names, period_s, network, details, surfaces=surfaces))
 
 
 def _open_page(outputs, web, token):

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
-from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings import Output, Reading
 
-from ..live.outputs import Output
 from .address import OPTION, PageAddress
 
 # The process sends viewers the end of the run before it ends itself.
@@ -50,7 +49,7 @@ class LivePage(Output):
 
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Publish one reading."""
-        self._publisher.publish(reading, stamp)
+        self._publisher.take(reading, stamp)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Publish a report, and warn the user when the process has ended."""

@@ -52,13 +52,13 @@ def test_foxglove_client_that_does_not_read_delays_nobody(server):
         received = client.messages["/wiforce/arm/reading"]
 
         def heard():
-            server.publish(Reading(0.0, "arm", 0, group=-1), STAMP)
+            server.take(Reading(0.0, "arm", 0, group=-1), STAMP)
             return received
 
         wait_for(heard)
         large = STAMP | {"run": "r" * 10_000}
         for group in range(1000):  # 10 MB, more than the sockets of both hold
-            server.publish(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
+            server.take(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
         wait_for(lambda: received[-1].group == 999)
         stalled.socket.close()
 
@@ -84,8 +84,8 @@ def test_lsl_samples_have_the_time_of_the_measurement():
     measured_s = time.time() - 0.1
     utc = datetime.fromtimestamp(measured_s, timezone.utc).isoformat()
     before_s = pylsl.local_clock()
-    outlets.push(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), utc)
-    outlets.push(Reading(0.054, name), "")
+    outlets.take(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), {"time_utc": utc})
+    outlets.take(Reading(0.054, name), {"time_utc": ""})
     sample, sample_s = inlet.pull_sample(timeout=300)
     unknown, unknown_s = inlet.pull_sample(timeout=300)
     outlets.close()

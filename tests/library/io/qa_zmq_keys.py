@@ -185,7 +185,7 @@ def test_publisher_with_keys_sends_to_authorised_subscribers_only(folders):
         deadline = time.monotonic() + WAIT_S
         while not subscribers["known"].poll(10):
             assert time.monotonic() < deadline
-            publisher.publish(Reading(0.018, "arm"), {"run": "1"})
+            publisher.take(Reading(0.018, "arm"), {"run": "1"})
         assert json.loads(subscribers["known"].recv())["sensor"] == "arm"
         end = time.monotonic() + NOTHING_S
         while time.monotonic() < end:

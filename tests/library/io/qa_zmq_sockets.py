@@ -175,7 +175,7 @@ def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(free_port, leng
         deadline = time.monotonic() + 60
         while not subscriber.poll(10):
             assert time.monotonic() < deadline
-            publisher.publish(Reading(0.018, "arm"), {"run": "1"})
+            publisher.take(Reading(0.018, "arm"), {"run": "1"})
         received = json.loads(subscriber.recv())
         assert (received["message"], received["sensor"], received["run"]) == ("reading", "arm", "1")
     publisher.close()

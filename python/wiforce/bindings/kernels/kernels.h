@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The parts of the module wiforce_kernels, and how they exchange arrays.
+// Docstrings state shapes; the headers in lib/kernel/ state the rest.
 #pragma once
 
 #include <pybind11/complex.h>

@@ -146,11 +146,7 @@ array<double> steps_of(receiver_steps& steps,
 
 void bind_phases(py::module& m)
 {
-    py::class_<profile_check>(m,
-                              "profile_check",
-                              "Removes the image from the channels of E ends on K "
-                              "subcarriers, and compares the "
-                              "rest\nwith the reference.")
+    py::class_<profile_check>(m, "profile_check", "Of E ends on K subcarriers.")
         .def(py::init<std::size_t, std::size_t>(), "ends"_a, "subcarriers"_a)
         .def("reset", &profile_check::reset, "Forget the groups so far.")
         .def("set_reference",
@@ -158,8 +154,7 @@ void bind_phases(py::module& m)
              "reference"_a,
              "image"_a,
              "other"_a,
-             "reference, image: (E, K), of the untouched sensor. other: (E, D, K), the "
-             "conjugate of\nother delay profiles.");
+             "reference, image: (E, K). other: (E, D, K).");
     m.def(
         "conjugate_difference",
         &difference_of,
@@ -170,20 +165,18 @@ void bind_phases(py::module& m)
         "reference"_a,
         "reference_gain"_a,
         "check"_a,
-        "Changes V conj(V_ref) over the reference's power (G, E, K), the gain of V with "
-        "what\ndeviates from its profile, the reference's power, and whether an end is "
-        "reshaped (G, E).\n\nends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: "
-        "(G, K), or None. reference: (E, K).\nreference_gain: (E,). check: "
-        "profile_check with this reference, or None.");
-    m.def("subcarrier_average",
-          &average_of,
-          "changes"_a,
-          "noise"_a,
-          "gain"_a,
-          "reference_gain"_a,
-          "reference_power"_a,
-          "Ratios R and the standard deviations of their phases in degrees, (G, E).\n\n"
-          "changes: (G, E, K). noise: (G, K). The others: (G, E).");
+        "ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.\n"
+        "reference: (E, K). reference_gain: (E,). check: with this reference, or None.\n"
+        "Gives changes (G, E, K), gain, the reference's power, and reshaped (G, E).");
+    m.def(
+        "subcarrier_average",
+        &average_of,
+        "changes"_a,
+        "noise"_a,
+        "gain"_a,
+        "reference_gain"_a,
+        "reference_power"_a,
+        "changes: (G, E, K). noise: (G, K). Others, ratios and std in degrees: (G, E).");
     py::class_<receiver_steps>(
         m,
         "receiver_steps",
@@ -195,8 +188,7 @@ void bind_phases(py::module& m)
              "ratios"_a,
              "reference_power"_a,
              "locked"_a,
-             "Turn in rad, gain in Np and the variance of each while the receiver does "
-             "not step (G, 3),\nsince the group before.\n\nstatic: (G, K), 0 in groups "
-             "that were not received, or None. ratios, reference_power:\n(G, E). locked: "
-             "(G, E / 2).");
+             "static: (G, K) or None. ratios, reference_power: (G, E). locked: (G, E / "
+             "2).\n"
+             "Gives turn, gain and variance, (G, 3).");
 }

@@ -12,7 +12,6 @@ namespace py = pybind11;
 using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
-using complex_array = array<std::complex<double>>;
 using segment_list = std::vector<std::array<std::uint64_t, 3>>;
 
 // An array that takes over the memory of its values.
@@ -149,8 +148,7 @@ static void bind_counters(py::class_<Reader>& reader)
         .def(
             "misplaced",
             [](const Reader& r) { return r.frames().misplaced(); },
-            "Before each slip, the first frame that may lie elsewhere and the one behind "
-            "the last.");
+            "Of each slip, the first frame that may lie elsewhere and the end.");
 }
 
 void bind_recordings(py::module& m)
@@ -174,22 +172,15 @@ void bind_recordings(py::module& m)
         .def("read",
              &read_folded,
              "max_frames"_a,
-             "The next n <= max_frames snapshots, n = 0 at the end: dict of `snapshot` "
-             "(n,)\n"
-             "int64, `folded` (n, L) complex64, `noise` (n, 2) float32, smallest and\n"
-             "largest difference of the averaged repetitions as a power per sample, and\n"
-             "`saturated` (n,) bool. Releases the GIL.");
+             "The next n <= max_frames snapshots: `snapshot`, `saturated` (n,), `folded` "
+             "(n, L),\n"
+             "and `noise` (n, 2), smallest and largest. Releases the GIL.");
     bind_counters(folded);
 
     py::class_<tone_reader> tones(
         m,
         "tone_reader",
-        "Reads the phase groups of a recording as Doppler tones, equal to "
-        "recording_source,\n"
-        "phase_group_doppler and ofdm_channel_estimator in a flowgraph.\n\n"
-        "weights: (M, N) tones x snapshots of a group. factors: (L,), 1 / (X_k L / "
-        "sqrt K),\nL samples of the symbol.\n"
-        "rotation: (M, L), or empty for none. bins: (K,) FFT bins to keep.");
+        "weights: (M, N). factors: (L,). rotation: (M, L), or empty. bins: (K,).");
     tones
         .def(py::init(&make_reader<complex_array,
                                    complex_array,
@@ -207,16 +198,13 @@ void bind_recordings(py::module& m)
              "factors"_a,
              "rotation"_a,
              "bins"_a)
-        .def("read",
-             &read_tones,
-             "max_groups"_a,
-             "The next G <= max_groups groups, G = 0 at the end: dict of `index` (G,) "
-             "int64,\n"
-             "`tones` (G, M, K) complex64, `missing`, `rejected` (for interference) and\n"
-             "`saturated` (G,) int64 snapshots,\n"
-             "and `incomplete`, a list of (row in this batch, mask (N,) bool, folded\n"
-             "(n_present, L) complex64). Groups without a snapshot are left out. "
-             "Releases\n"
-             "the GIL.");
+        .def(
+            "read",
+            &read_tones,
+            "max_groups"_a,
+            "The next G <= max_groups groups: `index`, `missing`, `rejected`, "
+            "`saturated` (G,),\n"
+            "`tones` (G, M, K), `incomplete`: row, mask (N,) and folded (n, L) of each.\n"
+            "Releases the GIL.");
     bind_counters(tones);
 }

@@ -63,20 +63,13 @@ private:
 void bind_screening(py::module& m)
 {
     py::class_<group_screen>(
-        m,
-        "interference_screen",
-        "Finds snapshots that other transmitters interfered with, group by "
-        "group, as the\n"
-        "kernels for one antenna do.")
+        m, "interference_screen", "Group by group, as the kernels for one antenna do.")
         .def(py::init<int, int>(), "group_length"_a, "symbol_length"_a = 64)
         .def("examine",
              &group_screen::examine,
              "present"_a,
              "folded"_a,
              "noise"_a,
-             "present: (N,) bool. folded: (n, L) complex64 and noise: (n, 2) float32 of "
-             "the n\n"
-             "present snapshots. Gives (N,) bool, true for snapshots to be rejected. "
-             "Releases\n"
-             "the GIL.");
+             "present: (N,). folded: (n, L) and noise: (n, 2) of the present snapshots.\n"
+             "Gives (N,), true where rejected. Releases the GIL.");
 }

@@ -231,18 +231,10 @@ void bind_separation(py::module& m)
           &whitened,
           "whitener"_a,
           "tones"_a,
-          "Tones (G, M, K) with white noise, and their mean power (G,).\n\nwhitener: (M, "
-          "M), "
-          "lower triangular. tones: (G, M, K).");
+          "whitener: (M, M). tones: (G, M, K). Gives (G, M, K), and their mean power "
+          "(G,).");
     using sizes = end_fit::shape;
-    py::class_<end_fit>(
-        m,
-        "end_fit",
-        "Least-squares fit of the E = 2S ends of S tags to whitened tones of G groups:\n"
-        "tones = white @ ends + residual.\n\n"
-        "mixed: (G, M, 4S), the tags' waveforms as whitened tones, and behind them "
-        "their\n"
-        "derivatives by the clocks' phases (switching_mixer.mix). tones: (G, M, K).")
+    py::class_<end_fit>(m, "end_fit", "mixed: (G, M, 4S). tones: (G, M, K).")
         .def(py::init(&make_end_fit), "mixed"_a, "tones"_a)
         .def(
             "solve",
@@ -299,27 +291,19 @@ void bind_separation(py::module& m)
         .def("power_at",
              &power_at,
              "shifts"_a,
-             "shifts: (G, S), by how much phases exceed those of the fit, in rad, of the "
-             "first groups.\nGives (G, K), the sum of the squared residual.")
+             "shifts: (G, S), in rad, of the first groups. Gives (G, K).")
         .def(
             "set_power",
             [](phase_expansion& of, const end_fit& fit) { of.power = fit.power(); },
             "fit"_a,
             "Take the power of a residual that was changed since.")
-        .def(
-            "information",
-            &informed,
-            "inverse_noise"_a,
-            "inverse_noise: (K,). Gives the gradient (G, S) of the log-likelihood by the "
-            "phases, its\nexpected negative curvature (G, S, S) without the contribution "
-            "of noise in the ends, and\nthat (G, S): the variance of the gradient from "
-            "noise alone.");
+        .def("information",
+             &informed,
+             "inverse_noise"_a,
+             "inverse_noise: (K,). Gives gradient (G, S), expected (G, S, S), excess (G, "
+             "S).");
     py::class_<clock_likelihood>(
-        m,
-        "clock_likelihood",
-        "Likelihood J of a clock's phase and its derivatives.\n\n"
-        "derivatives: (6, L), both rows of B^H times each line's (-j m)^0, ^1 and ^2.\n"
-        "lines: (L,) numbers m.")
+        m, "clock_likelihood", "derivatives: (6, L). lines: (L,).")
         .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
                  return clock_likelihood(flat(derivatives), flat(lines));
              }),
@@ -330,21 +314,9 @@ void bind_separation(py::module& m)
              "phase"_a,
              "tones"_a,
              "inverse_noise"_a,
-             "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3): J, "
-             "J' "
-             "and J''.");
+             "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3).");
     py::class_<clock_tracker>(
-        m,
-        "clock_tracker",
-        "Tracks a tag's free-running clock from group to group: a Kalman filter of phase "
-        "and\nrate, on the gradient of the likelihood J at the predicted phase.\n\n"
-        "time_s, phase, rate: the clock, in rad and rad/s above nominal_rate, with "
-        "these\n"
-        "variances. slope_variance: of J' by unit noise. energy, curvature: J and J'' of "
-        "a "
-        "mean\ngroup times the noise level, of so many groups. seen_s: centre of its "
-        "last "
-        "group.")
+        m, "clock_tracker", "A tag's free-running clock from group to group.")
         .def(py::init([](double time_s,
                          double phase,
                          double rate,
@@ -411,42 +383,21 @@ void bind_separation(py::module& m)
           "trackers"_a,
           "center_s"_a,
           "Phases and rates (G, S) expected at times (G,).");
-    m.def(
-        "follow_clocks",
-        &follow_by,
-        "trackers"_a,
-        "center_s"_a,
-        "assumed"_a,
-        "likelihood"_a,
-        "errors"_a,
-        "noise_level"_a,
-        "reach_rad"_a,
-        "absent_s"_a,
-        "unseen_s"_a,
-        "Correct S trackers by one group after the other, at least one, as long as "
-        "clocks "
-        "are\nnear enough to the phases assumed, and have not expired.\n\n"
-        "center_s: (G,). assumed: (G, S), phases in rad. likelihood: (G, S, 3), J, J' "
-        "and "
-        "J''\nat these. errors: (G, S, 2), of these phases by the complete model, and "
-        "their\n"
-        "variances; or None. noise_level: that the likelihoods are scaled by. reach_rad: "
-        "(S,).\nGives phases, rates, and whether a group holds the tag, of as many "
-        "groups "
-        "as were\ntaken (n, S).");
-    py::class_<coherent_residual>(
-        m,
-        "coherent_residual",
-        "Factor by which the variance of each end exceeds that of independent noise: "
-        "two\n"
-        "estimates of sum_m |S_im|^2 var(c_im) for the solver S, c_im being the "
-        "residual's\n"
-        "component along the channel of end i. The sandwich estimator HC2 of J. "
-        "MacKinnon "
-        "and\nH. White (1985) takes each tone's own power, in the median of the last "
-        "groups. A sudden\nrise in a single group is judged with equal power on all "
-        "tones, "
-        "which fewer groups\ndetermine.\n\nends: of all tags.")
+    m.def("follow_clocks",
+          &follow_by,
+          "trackers"_a,
+          "center_s"_a,
+          "assumed"_a,
+          "likelihood"_a,
+          "errors"_a,
+          "noise_level"_a,
+          "reach_rad"_a,
+          "absent_s"_a,
+          "unseen_s"_a,
+          "center_s: (G,). assumed: (G, S). likelihood: (G, S, 3). errors: (G, S, 2) or "
+          "None.\n"
+          "reach_rad: (S,). Gives phases, rates, and whether received, (n, S).");
+    py::class_<coherent_residual>(m, "coherent_residual", "ends: of all tags.")
         .def(py::init<std::size_t>(), "ends"_a)
         .def("reset",
              &coherent_residual::reset,
@@ -456,16 +407,8 @@ void bind_separation(py::module& m)
              "fit"_a,
              "rows"_a,
              "inverse_noise"_a,
-             "rows: (E,), the ends that were fitted. inverse_noise: (G, K), 1 / "
-             "sigma_k^2.\n"
-             "Gives the factors (G, E), at least 1, and whether something lasting is "
-             "received on the\nlines of each end that is no noise (G, E).");
-    py::class_<noise_estimate>(
-        m,
-        "noise_estimate",
-        "Variance of the noise in H per subcarrier: a mean over the last two seconds.\n\n"
-        "profile: (K,) noise of the subcarriers relative to each other, where only its "
-        "level is\nto be learned.")
+             "rows: (E,). inverse_noise: (G, K). Gives factor and disturbed (G, E).");
+    py::class_<noise_estimate>(m, "noise_estimate", "profile: (K,), or None.")
         .def(py::init([](double group_period_s,
                          const std::optional<array<double>>& profile) {
                  return noise_estimate(group_period_s,
@@ -506,38 +449,26 @@ void bind_separation(py::module& m)
             "variance"_a,
             "level"_a,
             "groups"_a = py::none(),
-            "Set the variance, limited to the rounding errors of the tones. level: mean "
-            "power of the\nwhitened tones, the largest of the groups that it was "
-            "measured "
-            "in. groups: number of\nthem, unchanged when not given.")
-        .def(
-            "follow",
-            &follow,
-            "residuals"_a,
-            "freedom"_a,
-            "levels"_a,
-            "complete"_a,
-            "Learn from groups up to the first one that the noise does not fit.\n\n"
-            "residuals: (G, K), mean square of each group's whitened residual per degree "
-            "of freedom.\nlevels: mean power of their whitened tones. complete: whether "
-            "they may be learned from.\nGives ratios (G,), what is raised, 1 / sigma_k^2 "
-            "and sigma_k^2 (G, K) of as many groups as\nwere taken, and the verdict on "
-            "the last: 0 learned, 1 stepped, 2 lost.");
+            "variance: (K,). groups: unchanged when not given.")
+        .def("follow",
+             &follow,
+             "residuals"_a,
+             "freedom"_a,
+             "levels"_a,
+             "complete"_a,
+             "residuals: (G, K). levels, complete: (G,). Gives ratio (n,), raised, "
+             "inverse and\n"
+             "variance (n, K), and the verdict: 0 learned, 1 stepped, 2 lost.");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
-    m.def(
-        "raised_subcarriers",
-        &raised_of,
-        "ratios"_a,
-        "freedom"_a,
-        "ratios: (G, K), noise of groups over the usual one, of so many complex degrees "
-        "of freedom.\nGives the same where they are significantly more, 1 elsewhere.");
-    m.def(
-        "chi_squared_limit",
-        &chi_squared_limit,
-        "freedom"_a,
-        "stds"_a,
-        "Value that a mean of squares exceeds as seldom as a normal variable so many "
-        "deviations.\n\nThe approximation by E. B. Wilson and M. M. Hilferty (1931), of "
-        "complex degrees of freedom.");
+    m.def("raised_subcarriers",
+          &raised_of,
+          "ratios"_a,
+          "freedom"_a,
+          "ratios: (G, K). Gives (G, K).");
+    m.def("chi_squared_limit",
+          &chi_squared_limit,
+          "freedom"_a,
+          "stds"_a,
+          "With so many complex degrees of freedom.");
 }

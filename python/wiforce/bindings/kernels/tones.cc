@@ -17,8 +17,6 @@ using namespace gr::wiforce::kernel;
 
 namespace {
 
-using complex_array = array<std::complex<double>>;
-
 int columns_of(const complex_array& weights)
 {
     if (weights.ndim() != 2)
@@ -141,30 +139,18 @@ void bind_tones(py::module& m)
         "half_bandwidth"_a,
         "order"_a,
         "The first discrete prolate spheroidal sequences, (order, length), orthonormal.");
-    py::class_<switching_mixer>(
-        m,
-        "switching_mixer",
-        "Tones of the switching waveforms of tags in a group.\n\n"
-        "weights: (M, n) tones x snapshots. times_s: (n,) from the group's centre.")
+    py::class_<switching_mixer>(m, "switching_mixer", "weights: (M, n). times_s: (n,).")
         .def(py::init(&make_switching_mixer), "weights"_a, "times_s"_a)
-        .def(
-            "mix",
-            &mix_switching,
-            "clocks"_a,
-            "pulses"_a,
-            "clocks: (G, S, 3), phase (rad), rate (rad/s) and half the phase that a "
-            "snapshot averages\nover, of S clocks in G groups. pulses: (S, 3), delay of "
-            "clock 2 (rad of clock 1) and duty\ncycles. Gives (G, M, 4S): both waveforms "
-            "of each tag, and their derivatives by the phase.");
+        .def("mix",
+             &mix_switching,
+             "clocks"_a,
+             "pulses"_a,
+             "clocks: (G, S, 3). pulses: (S, 3): delay and duty cycles. Gives (G, M, "
+             "4S).");
     py::class_<tone_transform>(
         m,
         "tone_transform",
-        "Computes the channel at each tone of complete phase groups, "
-        "as tone_reader does.\n\n"
-        "weights: (M, N) tones x snapshots of a group. factors: (L,), "
-        "1 / (X_k L / sqrt K),\nL samples of the symbol.\n"
-        "rotation: (M, L), or empty for none. bins: (K,) FFT bins to "
-        "keep.")
+        "tone_reader for complete groups of a stream; arguments likewise.")
         .def(py::init<const complex_array&,
                       const complex_array&,
                       const complex_array&,
@@ -176,6 +162,5 @@ void bind_tones(py::module& m)
         .def("transform",
              &tone_transform::transform,
              "folded"_a,
-             "folded: (N, L) complex64, the snapshots of one group. Gives (M, K) "
-             "complex64.\nReleases the GIL.");
+             "folded: (N, L). Gives (M, K). Releases the GIL.");
 }

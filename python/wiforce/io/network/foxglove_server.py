@@ -6,7 +6,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..optional import optional_modules
-from ..readings import Reading
+from ..readings import Output, Reading
 from ..ros_messages import (
     RosMessage,
     complete_definition,
@@ -21,7 +21,7 @@ from .addresses import host_and_port
 _BACKLOG = 256
 
 
-class FoxgloveServer:
+class FoxgloveServer(Output):
     """Serves the messages of an MCAP file while they are made; never waits for a client.
 
     Clients learn of the sensors' topics when they connect, before there is a message.
@@ -50,12 +50,12 @@ class FoxgloveServer:
             reason = str(error).removeprefix("FoxgloveError: ")
             raise InputError(option, f"cannot be bound ({reason})", address) from error
 
-    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Send one reading, with ``run``, ``time_utc`` and ``device_time_s``."""
-        for message in reading_messages({**reading.row(), **more}):
+        for message in reading_messages({**reading.row(), **stamp}):
             self._send(message)
 
-    def publish_health(self, report: Mapping[str, Any]) -> None:
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Send a heartbeat or the end of a run."""
         self._send(health_message(report))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..optional import optional_module
-from ..readings import Reading, flag_bits, parsed_utc
+from ..readings import Output, Reading, flag_bits, parsed_utc
 
 # Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
 CHANNELS = (
@@ -44,7 +44,7 @@ _COMPARISONS = 3
 _LINGER_S = 0.2
 
 
-class LslOutlets:
+class LslOutlets(Output):
     """An LSL stream for each sensor: channels of 64-bit floats, NaN where unknown.
 
     LSL's clock is that of this machine since its start. A sample has the time of its reading's
@@ -76,18 +76,15 @@ class LslOutlets:
             for name, channels in kinds.items()
         }
 
-    def push(self, reading: Reading, time_utc: str) -> None:
-        """Send one reading; never waits for a peer.
-
-        The time of this call counts where ``time_utc`` is empty.
-        """
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Send one reading; the time of this call counts where ``time_utc`` is empty."""
         row = reading.row()
         row["flags"] = flag_bits(reading.flags)
         names = [name for name, *_ in self._channels[reading.sensor]]
         values = [math.nan if row[name] is None else float(row[name]) for name in names]
         lsl_s = self._pylsl.local_clock()
-        if time_utc:
-            utc_s = parsed_utc(time_utc).timestamp()
+        if stamp["time_utc"]:
+            utc_s = parsed_utc(stamp["time_utc"]).timestamp()
             lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
         self._outlets[reading.sensor].push_sample(values, lsl_s)
 

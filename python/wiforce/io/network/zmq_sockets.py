@@ -12,7 +12,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..optional import optional_module
-from ..readings import Reading
+from ..readings import Output, Reading
 from .zmq_keys import ClientKeys, ServerKeys
 
 
@@ -105,7 +105,7 @@ class _Endpoint:
         self._context.term()
 
 
-class ReadingsPublisher(_Endpoint):
+class ReadingsPublisher(_Endpoint, Output):
     """Readings and other messages as JSON for SUB sockets; may be used by several threads.
 
     More than 1000 subscriptions disconnect all peers, which may connect again. With keys it
@@ -122,13 +122,13 @@ class ReadingsPublisher(_Endpoint):
         self._lock = threading.Lock()
         super().__init__(endpoint, option, keys)
 
-    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Send one reading: the keys of a JSON line, and more."""
-        self.send("reading", {**reading.row(), **more})
+        self.send("reading", {**reading.row(), **stamp})
 
-    def send(self, kind: str, values: Mapping[str, Any]) -> None:
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Send a JSON object whose first key, ``message``, is its kind."""
-        text = json.dumps({"message": kind, **values}, allow_nan=False)
+        text = json.dumps({"message": kind, **report}, allow_nan=False)
         with self._lock:
             if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
                 self._disconnect_all()
