@@ -17,9 +17,9 @@
 
 namespace gr::wiforce::kernel {
 
-// Factor by which the variance of each end exceeds that of independent noise: the sandwich
-// estimate in the median of the last groups. A sudden rise in a single group is judged by
-// the mean of all tones, which fewer groups determine.
+// Factor by which the variance of each end exceeds that of independent noise: the
+// sandwich estimate in the median of the last groups. A sudden rise in a single group is
+// judged by the mean of all tones, which fewer groups determine.
 class coherent_residual
 {
 public:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tones of phase groups, and the weights that they were computed with."""
+"""Tones of phase groups, the weights that they were computed with, and the fit of ends to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..signal.weights import PartialWeights, ToneTable
-from ..wiforce_kernels import switching_mixer
+from ..wiforce_kernels import end_fit, switching_mixer
 from .groups import Array
 
 # A group whose energy exceeds the median by this factor is excluded from an acquisition. A press
@@ -148,3 +148,23 @@ def without_loud(groups: GroupTones) -> GroupTones:
 def power_of(values: Array) -> Array:
     """Squared magnitudes."""
     return values.real**2 + values.imag**2
+
+
+class GroupFit(end_fit):
+    """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
+
+    ``rows`` (E,) are these ends among those of all tags, ``mixed`` (G, M, 2E) the tags' waveforms
+    as whitened tones, and behind them their derivatives by the phases of the clocks. ``ends`` (G,
+    E, K) are V, ``gain`` (G, E) its variance over that of H, ``residual`` (G, M, K) is whitened,
+    without what the wander of a clock explains where ``solve`` made the fit; ``white`` (G, M, E) is
+    the mixing matrix W [s1, s2, ...], whitened, and ``solver`` (G, E, M) its pseudo-inverse.
+    """
+
+    def __init__(self, rows: Array, mixed: Array, tones: Array) -> None:
+        super().__init__(mixed, tones)
+        self.rows = rows
+
+    def noise(self) -> Array:
+        """Mean square of the residual per degree of freedom; shape (G, K)."""
+        noise: Array = self.power() / self.freedom
+        return noise

@@ -4,8 +4,7 @@
 # First of all: pyqtgraph uses the Qt that is loaded already, and must not choose another.
 from PyQt5 import QtCore  # noqa: F401
 
-from .spectrum import Spectrum
-from .trend import Trend
+from .plots import Spectrum, Trend
 from .widget import ForceDisplay
 
 __all__ = ["ForceDisplay", "Spectrum", "Trend"]

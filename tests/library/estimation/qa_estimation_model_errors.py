@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
+from gnuradio.wiforce.estimation.group_tones import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockPath
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock, TrackedTag
-from gnuradio.wiforce.estimation.ends.group_fit import GroupFit
 from gnuradio.wiforce.estimation.ends.least_squares import ToneModel
 from gnuradio.wiforce.estimation.ends.spread_lines import SpreadLines
+from gnuradio.wiforce.estimation.group_tones import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...signal.switching import DUTY, duty_slopes
-from ..ends.group_fit import GroupFit
 from ..ends.least_squares import ToneModel
-from ..group_tones import GroupTones, GroupWeights, power_of
+from ..group_tones import GroupFit, GroupTones, GroupWeights, power_of
 from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, OVERLAP
 from .clock_tracker import ClockPath

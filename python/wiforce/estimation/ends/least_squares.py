@@ -12,16 +12,55 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from ...signal.weights import ToneTable
 from ...wiforce_kernels import whiten
 from ..clocks.clock_tracker import ClockPath, ClockTracker, expected_clocks
 from ..clocks.tracked_tag import TrackedTag
-from ..group_tones import GroupTones, GroupWeights
+from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array, Groups
-from .group_fit import GroupFit
 from .spread_lines import SpreadLines
-from .wander import without_wander
+
+# Polynomials of the phase over a group. The first n terms of a random walk's expansion leave
+# 2 / (pi^2 n) of its power (K. Karhunen, 1947): 3 % for six.
+_POLYNOMIALS = 6
+
+
+def without_wander(
+    weights: GroupWeights,
+    slopes: Sequence[Array],
+    ends: Array,
+    white: Array,
+    solver: Array,
+    residual: Array,
+) -> Array:
+    """Residual (M, K) without what slow changes of the clocks' phases inside a group explain.
+
+    The phase of an oscillator without a crystal is a random walk: a jitter of 0.3 us per period
+    moves it by 0.6 deg in a group of 36 ms. The residual of a model with a constant offset is then
+    coherent over the subcarriers, but the phases of the ends are not disturbed, because the clock
+    turns positive and negative lines in opposite directions.
+
+    ``slopes`` (n, 2) are derivatives of the waveforms of each tag that wanders, by its clock's
+    phase, ``ends`` (2 tags, K) V of these tags; ``white`` (M, E) is the whitened mixing matrix of
+    all tags and ``solver`` (E, M) its pseudo-inverse.
+    """
+    times = weights.times_s
+    reach = max(float(np.abs(times).max()), 1e-12)
+    courses = legendre.legvander(times / reach, _POLYNOMIALS - 1).T
+    changes = []
+    for place, each in enumerate(slopes):
+        moved = weights.mix(each * courses[:, :, None])
+        changes.append(moved @ ends[2 * place : 2 * place + 2])
+    basis = np.concatenate(changes)
+    basis -= white @ (solver @ basis)
+    rows = basis.reshape(len(basis), -1)
+    gram = (rows.conj() @ rows.T).real
+    sizes, *_ = np.linalg.lstsq(gram, (rows.conj() @ residual.ravel()).real, rcond=1e-9)
+    result: Array = residual - np.tensordot(sizes, basis, 1)
+    return result
+
 
 # Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0

@@ -23,9 +23,8 @@ from ..clocks.clock_tracking import ClockTracking, TrackedClocks
 from ..clocks.tracked_tag import TagClock, TrackedTag
 from ..group_tones import GroupTones, power_of
 from ..groups import Array, Groups
-from .clean_noise import CleanNoise, gain_of_least_error
 from .least_squares import ToneModel
-from .noise import NoiseEstimate, Verdict
+from .noise import CleanNoise, NoiseEstimate, Verdict, gain_of_least_error
 from .spread_lines import SpreadLines
 
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio

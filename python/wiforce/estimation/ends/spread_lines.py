@@ -17,9 +17,8 @@ from ...signal.switching import switch_edges
 from ...signal.waveform import Waveform
 from ..clocks.clock_tracker import ClockPath
 from ..clocks.tracked_tag import TrackedTag
-from ..group_tones import GroupTones, GroupWeights
+from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array
-from .group_fit import GroupFit
 
 # Times that the ends are corrected. Each leaves of their error the share of the power that is
 # spread: -13 dB for symbols of 0.05 of the tag's period.
