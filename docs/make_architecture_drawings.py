@@ -5,11 +5,8 @@
 build/run python3 docs/make_architecture_drawings.py
 """
 
-from pathlib import Path
+from make_setup_drawings import FAINT, IMAGES, INK, arrow, box, element, label, svg
 
-from make_setup_drawing import FAINT, INK, arrow, box, element, label
-
-IMAGES = Path(__file__).resolve().parent / "images"
 # The layers of python/wiforce, from the top; the names in a layer do not import each other.
 CHAPTERS = (
     ({"blocks": "GNU Radio blocks"}, "#f4f4f4"),
@@ -35,21 +32,6 @@ STAGES = (
     ("press", "what happened", "27.8/s", "press, lib/kernel/press"),
     ("readout", "force, location, flags", "27.8/s", "press, lib/kernel/inversion"),
 )
-
-
-def svg(width, height, parts):
-    """A picture of these parts, as text."""
-    head = element("path", d="M0,0 L10,5 L0,10 z", fill="context-stroke")
-    marker = (
-        '<defs><marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="5" '
-        f'markerHeight="5" orient="auto">{head}</marker></defs>'
-    )
-    paper = element("rect", width=width, height=height, fill="#ffffff")
-    start = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        'font-family="sans-serif">'
-    )
-    return "\n".join([start, marker, paper, *parts, "</svg>"]) + "\n"
 
 
 def chapters():

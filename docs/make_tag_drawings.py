@@ -5,13 +5,10 @@
 build/run python3 docs/make_tag_drawings.py
 """
 
-from pathlib import Path
-
-import make_setup_drawing as draw
+import make_setup_drawings as draw
 import numpy as np
 from gnuradio.wiforce.sensor.microstrip import Microstrip, wide_ground_impedance_ohm
 
-IMAGES = Path(__file__).resolve().parent / "images"
 LINE = Microstrip()
 # Board of the layout: FR-4 of 0.8 mm, its permittivity at 1 to 3 GHz (IPC-4101, usual laminates).
 BOARD_MM, BOARD_PERMITTIVITY = (36.0, 24.0), 4.4
@@ -188,7 +185,7 @@ def layout():
                    fill=draw.COPPER)  # fmt: skip
     for x, port in ((left, 1), (left + LINE.length_mm, 2)):
         yield to_scale(x - 1.5, middle - 1.5, 3, 3, fill="#ffffff")
-        yield named(x, middle - 6, f"J{port + 1}, port {port}")
+        yield named(x, middle - 6, f"J{port + 1}, port {port}: tag, or VNA")
     yield named(
         left + 40, middle - 6, f"outline of the beam, 80 x {BEAM_MM:g} mm", color=draw.FAINT
     )
@@ -275,29 +272,14 @@ def board(x, y):
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
-def picture(width, height, parts):
-    """A drawing as text."""
-    head = draw.element("path", d="M0,0 L10,5 L0,10 z", fill="context-stroke")
-    marker = (
-        '<defs><marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="6" '
-        f'markerHeight="6" orient="auto">{head}</marker></defs>'
-    )
-    start = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        'font-family="sans-serif">'
-    )
-    paper = draw.element("rect", width=width, height=height, fill="#ffffff")
-    return "\n".join([start, marker, paper, *parts, "</svg>"]) + "\n"
-
-
-def pictures():
-    """The drawings by their paths."""
+def drawings():
+    """{file name: SVG} of both drawings."""
     return {
-        IMAGES / "tag_schematic.svg": picture(960, 620, schematic()),
-        IMAGES / "tag_layout.svg": picture(880, 480, layout()),
+        "tag_schematic.svg": draw.svg(960, 620, schematic()),
+        "tag_layout.svg": draw.svg(880, 480, layout()),
     }
 
 
 if __name__ == "__main__":
-    for path, text in pictures().items():
-        path.write_text(text, encoding="utf-8")
+    for name, text in drawings().items():
+        (draw.IMAGES / name).write_text(text, encoding="utf-8")

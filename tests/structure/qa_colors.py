@@ -74,8 +74,8 @@ def of_the_palette():
 
 
 def of_the_drawing():
-    path = ROOT / "docs/make_setup_drawing.py"
-    spec = importlib.util.spec_from_file_location("make_setup_drawing", path)
+    path = ROOT / "docs/make_setup_drawings.py"
+    spec = importlib.util.spec_from_file_location("make_setup_drawings", path)
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
     return maker.SENT, maker.END1, maker.END2

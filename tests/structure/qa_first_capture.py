@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """First capture and tag to build: what their pages print is so, drawings are their programs'."""
 
-import importlib.util
 import re
 from pathlib import Path
 
@@ -21,24 +20,6 @@ def test_scene_of_the_page_can_be_planned():
     (scene,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     plan = wiforce.plan(yaml.safe_load(scene))
     assert [sensor.name for sensor in plan.sensors] == ["arm"]
-
-
-def test_drawing_is_that_of_its_program():
-    path = DOCS / "make_first_capture_drawing.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
-    hint = "run: build/run python3 docs/make_first_capture_drawing.py"
-    assert maker.PICTURE.read_text(encoding="utf-8") == maker.drawing(), hint
-
-
-def test_drawings_of_a_tag_are_those_of_their_program(monkeypatch):
-    monkeypatch.syspath_prepend(str(DOCS))
-    import make_tag_drawings as maker
-
-    for path, text in maker.pictures().items():
-        hint = "run: build/run python3 docs/make_tag_drawings.py"
-        assert path.read_text(encoding="utf-8") == text, hint
 
 
 def test_lines_of_design_on_the_page_are_those_of_the_command():

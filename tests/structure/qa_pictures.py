@@ -50,7 +50,7 @@ def test_difference_tells_pictures_apart():
 
 
 @pytest.mark.parametrize(
-    "name", ["clock_spectra", "surface_picture", "tradeoff_picture", "waveforms"]
+    "name", ["clock_spectra", "surface_picture", "tradeoff_picture", "turn_picture", "waveforms"]
 )
 def test_picture_of_a_script_is_that_of_the_documentation(name, tmp_path, monkeypatch, capsys):
     module = maker(f"make_{name}")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws docs/images/setup.svg: reader, tag and sensor.
+"""Draws docs/images/setup.svg and first-capture.svg: the parts, and distances for a measurement.
 
-build/run python3 docs/make_setup_drawing.py
+build/run python3 docs/make_setup_drawings.py
 """
 
 from html import escape
@@ -10,8 +10,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.io.palette import SERIES
 
-PICTURE = Path(__file__).resolve().parent / "images" / "setup.svg"
-WIDTH, HEIGHT = 960, 330
+IMAGES = Path(__file__).resolve().parent / "images"
 INK, FAINT, BEAM, COPPER = "#222222", "#767676", "#595959", "#b87333"
 SENT, END1, END2 = INK, *SERIES[:2]
 
@@ -111,21 +110,61 @@ def sensor():
     yield label(right, copper + 19, "port 2", FAINT, 12, "end")
 
 
-def drawing():
-    """The drawing as text."""
+def distance(start, end, text, at):
+    """A line between two antennas with its length."""
+    yield line(start, end, color=FAINT, width=1.5, stroke_dasharray="5 5")
+    yield label(*at, text, FAINT, 14)
+
+
+def first_capture():
+    """The elements of antennas, tag and distances."""
+    for x, name in ((150, "transmit antenna"), (700, "receive antenna")):
+        yield from antenna(x, 150)
+        yield label(x, 74, name, size=15)
+        yield line((x, 150), (x, 270), (x, 300), color=COPPER, width=3)
+    yield box(100, 286, 650, 56)
+    yield label(425, 309, "one radio, both cables fixed with tape")
+    yield label(425, 330, "transmits and receives with one clock", FAINT, 13)
+    yield from antenna(560, 236)
+    yield box(510, 236, 100, 30)
+    yield label(560, 256, "tag", size=14)
+    yield line((510, 246), (470, 246), color=COPPER, width=3)
+    around = (230, 246), (215, 246), (215, 262), (510, 262)
+    yield line(*around, color=COPPER, width=3)
+    yield line((470, 246), (230, 246), color=BEAM, width=9)
+    yield label(470, 279, "port 1, 0 mm", FAINT, 12)
+    yield label(230, 279, "port 2, 80 mm", FAINT, 12)
+    yield arrow(310, 198, 310, 240, INK, 4)
+    yield label(290, 190, "400 g on a tip of 5 mm", size=13)
+    direct = "4 m (direct path, 42 dB above the tag)"
+    yield from distance((166, 112), (684, 112), direct, (425, 104))
+    yield from distance((166, 124), (544, 200), "3 m", (420, 166))
+    yield from distance((576, 196), (690, 124), "1 m", (652, 172))
+
+
+def svg(width, height, parts):
+    """A drawing as text."""
     head = element("path", d="M0,0 L10,5 L0,10 z", fill="context-stroke")
     marker = (
         '<defs><marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="5" '
         f'markerHeight="5" orient="auto">{head}</marker></defs>'
     )
-    paper = element("rect", width=WIDTH, height=HEIGHT, fill="#ffffff")
-    parts = [marker, paper, *reader(), *air(), *tag(), *sensor()]
+    paper = element("rect", width=width, height=height, fill="#ffffff")
     start = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
         'font-family="sans-serif">'
     )
-    return "\n".join([start, *parts, "</svg>"]) + "\n"
+    return "\n".join([start, marker, paper, *parts, "</svg>"]) + "\n"
+
+
+def drawings():
+    """{file name: SVG} of both drawings."""
+    return {
+        "setup.svg": svg(960, 330, [*reader(), *air(), *tag(), *sensor()]),
+        "first-capture.svg": svg(850, 350, first_capture()),
+    }
 
 
 if __name__ == "__main__":
-    PICTURE.write_text(drawing(), encoding="utf-8")
+    for name, text in drawings().items():
+        (IMAGES / name).write_text(text, encoding="utf-8")
