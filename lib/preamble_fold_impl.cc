@@ -29,7 +29,12 @@ const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
-void check(double sample_rate, const std::string& item_type)
+template <template <class> class Fold, class... Further>
+preamble_fold::sptr make_fold(const std::string& item_type,
+                              const kernel::preamble_folder& folder,
+                              double sample_rate,
+                              std::uint64_t frame_offset,
+                              Further&&... further)
 {
     const char* where = "preamble_fold";
     kernel::require(std::isfinite(sample_rate) && sample_rate > 0,
@@ -42,16 +47,11 @@ void check(double sample_rate, const std::string& item_type)
                     "item_type",
                     "must be 'fc32' or 'sc16'",
                     "'" + item_type + "'");
-}
-
-template <template <class> class Fold, class... Arguments>
-preamble_fold::sptr for_items(const std::string& item_type, Arguments&&... arguments)
-{
-    if (item_type == "sc16")
-        return gnuradio::make_block_sptr<Fold<kernel::sc16>>(
-            std::forward<Arguments>(arguments)...);
-    return gnuradio::make_block_sptr<Fold<kernel::fc32>>(
-        std::forward<Arguments>(arguments)...);
+    const auto of = [&](auto sample) -> preamble_fold::sptr {
+        return gnuradio::make_block_sptr<Fold<decltype(sample)>>(
+            folder, sample_rate, frame_offset, std::forward<Further>(further)...);
+    };
+    return item_type == "sc16" ? of(kernel::sc16{}) : of(kernel::fc32{});
 }
 
 } // namespace
@@ -64,10 +64,11 @@ preamble_fold::sptr preamble_fold::make(int frame_length,
                                         const std::string& item_type,
                                         int symbol_length)
 {
-    const kernel::preamble_folder folder(
-        frame_length, first_averaged, repetitions, symbol_length);
-    check(sample_rate, item_type);
-    return for_items<vector_fold>(item_type, folder, sample_rate, frame_offset);
+    return make_fold<vector_fold>(
+        item_type,
+        { frame_length, first_averaged, repetitions, symbol_length },
+        sample_rate,
+        frame_offset);
 }
 
 preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>& weights,
@@ -80,12 +81,9 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
                                          const std::string& item_type,
                                          int symbol_length)
 {
-    const kernel::preamble_folder folder(
-        frame_length, first_averaged, repetitions, symbol_length);
-    check(sample_rate, item_type);
-    return for_items<group_fold>(
+    return make_fold<group_fold>(
         item_type,
-        folder,
+        { frame_length, first_averaged, repetitions, symbol_length },
         sample_rate,
         frame_offset,
         std::make_unique<kernel::tone_accumulator>(weights, group_length, symbol_length),
@@ -101,12 +99,9 @@ preamble_fold::sptr preamble_fold::collected(int group_length,
                                              const std::string& item_type,
                                              int symbol_length)
 {
-    const kernel::preamble_folder folder(
-        frame_length, first_averaged, repetitions, symbol_length);
-    check(sample_rate, item_type);
-    return for_items<group_fold>(
+    return make_fold<group_fold>(
         item_type,
-        folder,
+        { frame_length, first_averaged, repetitions, symbol_length },
         sample_rate,
         frame_offset,
         std::make_unique<kernel::collected_snapshots>(group_length),
@@ -291,20 +286,17 @@ template <class Sample>
 int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
 {
     const int count = std::min(frames, this->d_room - this->d_produced);
+    const auto tag = [&](const pmt::pmt_t& key, const pmt::pmt_t& value, int frame = 0) {
+        const std::uint64_t item = this->nitems_written(0) + this->d_produced + frame;
+        this->add_item_tag(0, item, key, value);
+    };
     if (d_expected != snapshot)
-        this->add_item_tag(0,
-                           this->nitems_written(0) + this->d_produced,
-                           snapshot_key,
-                           pmt::from_uint64(snapshot));
+        tag(snapshot_key, pmt::from_uint64(snapshot));
     if (d_retuned)
-        this->add_item_tag(0,
-                           this->nitems_written(0) + this->d_produced,
-                           retuned_key,
-                           pmt::from_uint64(1));
+        tag(retuned_key, pmt::from_uint64(1));
     d_retuned = false;
     for (const pmt::pmt_t& misplaced : d_slips)
-        this->add_item_tag(
-            0, this->nitems_written(0) + this->d_produced, slipped_key, misplaced);
+        tag(slipped_key, misplaced);
     d_slips.clear();
     d_noise.resize(count);
     this->d_folder.fold(averaged,
@@ -312,15 +304,9 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
                         this->d_out + this->d_produced * this->d_folder.symbol_length(),
                         d_noise.data(),
                         &this->d_saturated);
-    this->add_item_tag(0,
-                       this->nitems_written(0) + this->d_produced,
-                       noise_key,
-                       noise_value(d_noise.data(), count));
+    tag(noise_key, noise_value(d_noise.data(), count));
     for (const int frame : this->d_saturated)
-        this->add_item_tag(0,
-                           this->nitems_written(0) + this->d_produced + frame,
-                           saturated_key,
-                           pmt::from_uint64(1));
+        tag(saturated_key, pmt::from_uint64(1), frame);
     this->d_produced += count;
     d_expected = snapshot + count;
     return count;

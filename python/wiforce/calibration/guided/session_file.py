@@ -8,13 +8,12 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InputError, unwritable
-from ...io.text.textfile import check_output, read_csv
+from ...io.text.textfile import cell_number, check_output, read_csv
 from ...sensor.model import MAX_FORCE_N
 from ...signal.carrier import same_carrier
 from ..data import LEAST_FORCES
@@ -150,12 +149,7 @@ class SessionFile:
     def __enter__(self) -> "SessionFile":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -249,16 +243,7 @@ class SessionFile:
             raise InputError(f"{where}: sensor", rule, row["sensor"])
 
         def number_of(key: str, empty: float | None = None) -> float:
-            text = (row[key] or "").strip()
-            if not text and empty is not None:
-                return empty
-            try:
-                value = float(text)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise InputError(f"{where}: {key}", "must be a finite number", text)
-            return value
+            return cell_number(row, key, where, empty)
 
         if not same_carrier(1e6 * number_of("freq_mhz"), self._frequency_hz):
             rule = f"must be {self._frequency_hz / 1e6:g}, the scene's carrier"

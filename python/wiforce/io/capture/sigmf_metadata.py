@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Metadata of SigMF captures, written and checked as SigMF 1.2 defines them.
+"""Metadata of SigMF captures, written as SigMF 1.2 defines them; what is read of them is checked.
 
-The package ``sigmf`` does the same, but no Debian release has it. The tests compare with it.
+The package ``sigmf`` writes the same, but no Debian release has it. The tests compare with it.
 """
 
 import hashlib
@@ -32,62 +32,29 @@ class _Rule(NamedTuple):
 
 _TEXT = _Rule("string")
 _COUNT = _Rule("integer")
-_FREQUENCY = _Rule("number", -_MAX_HZ, _MAX_HZ)
 _GLOBAL = {
     "core:datatype": _TEXT,
     "core:sample_rate": _Rule("number", 5e-324, _MAX_HZ),  # above 0
-    "core:author": _TEXT,
-    "core:collection": _TEXT,
-    "core:dataset": _TEXT,
-    "core:data_doi": _TEXT,
-    "core:description": _TEXT,
-    "core:hw": _TEXT,
-    "core:license": _TEXT,
-    "core:metadata_only": _Rule("boolean"),
-    "core:meta_doi": _TEXT,
     "core:num_channels": _Rule("integer", 1),
-    "core:offset": _COUNT,
-    "core:recorder": _TEXT,
     "core:sha512": _TEXT,
-    "core:trailing_bytes": _COUNT,
-    "core:version": _TEXT,
-    "core:geolocation": _Rule("object"),
-    "core:extensions": _Rule("array"),
 }
-_EXTENSION = {"name": _TEXT, "version": _TEXT, "optional": _Rule("boolean")}
 _CAPTURE = {
     "core:sample_start": _COUNT,
-    "core:datetime": _TEXT,
-    "core:frequency": _FREQUENCY,
+    "core:frequency": _Rule("number", -_MAX_HZ, _MAX_HZ),
     "core:global_index": _COUNT,
     "core:header_bytes": _COUNT,
-    "core:geolocation": _Rule("object"),
-}
-_ANNOTATION = {
-    "core:sample_start": _COUNT,
-    "core:sample_count": _COUNT,
-    "core:freq_lower_edge": _FREQUENCY,
-    "core:freq_upper_edge": _FREQUENCY,
-    "core:label": _TEXT,
-    "core:comment": _TEXT,
-    "core:generator": _TEXT,
-    "core:uuid": _TEXT,
 }
 _TYPES: dict[str, tuple[type, ...]] = {
     "string": (str,),
     "integer": (int,),
     "number": (int, float),
-    "boolean": (bool,),
     "object": (dict,),
     "array": (list,),
 }
 
 
 def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
-    """Read a metadata file, its ``global`` and its ``captures``, and check it but for extensions.
-
-    An InputError names the key.
-    """
+    """The ``global`` and the ``captures`` of a metadata file; InputError names a key."""
     try:
         parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
     except InputError:
@@ -96,48 +63,34 @@ def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, 
         raise InputError(path, f"is not valid SigMF ({str(error)[:120]})") from error
     if not isinstance(parsed, dict):
         raise InputError(path, "must hold a SigMF object", type(parsed).__name__)
-    for name in _SECTIONS:
+    for name in ("global", "captures"):
         if name not in parsed:
             raise InputError(path, f"is not valid SigMF (key '{name}' is missing)")
-    for name in parsed:
-        if name not in _SECTIONS:
-            raise InputError(path, f"is not valid SigMF (key {name[:40]!r} is unknown)")
-    whole = parsed["global"]
-    _check_value(path, "global: ", whole, _Rule("object"))
-    _check_object(path, "global: ", whole, _GLOBAL, ("core:datatype",))
-    _check_array(path, "global: core:extensions: ", whole.get("core:extensions", []), _EXTENSION)
-    for name, rules in (("captures", _CAPTURE), ("annotations", _ANNOTATION)):
-        _check_array(path, f"{name}: ", parsed[name], rules)
-        _check_order(path, name, parsed[name])
-    return whole, parsed["captures"]
-
-
-def _check_array(path: Path, where: str, values: Any, rules: Mapping[str, _Rule]) -> None:
-    _check_value(path, where, values, _Rule("array"))
-    required = tuple(rules) if rules is _EXTENSION else ("core:sample_start",)
-    for index, value in enumerate(values):
-        _check_value(path, f"{where}{index}: ", value, _Rule("object"))
-        _check_object(path, f"{where}{index}: ", value, rules, required)
+    whole, captures = parsed["global"], parsed["captures"]
+    _check_object(path, "global: ", whole, _GLOBAL, "core:datatype")
+    _check_value(path, "captures: ", captures, _Rule("array"))
+    for index, capture in enumerate(captures):
+        _check_object(path, f"captures: {index}: ", capture, _CAPTURE, "core:sample_start")
+    starts = [capture["core:sample_start"] for capture in captures]
+    if starts != sorted(starts):
+        rule = "core:sample_start must not decrease from item to item"
+        raise InputError(path, f"captures: is not valid SigMF ({rule})")
+    return whole, captures
 
 
 def _check_object(
-    path: Path,
-    where: str,
-    values: Mapping[str, Any],
-    rules: Mapping[str, _Rule],
-    required: Sequence[str],
+    path: Path, where: str, values: Any, rules: Mapping[str, _Rule], required: str
 ) -> None:
-    for key in required:
-        if key not in values:
-            raise InputError(path, f"{where}is not valid SigMF (key '{key}' is missing)")
+    _check_value(path, where, values, _Rule("object"))
+    if required not in values:
+        raise InputError(path, f"{where}is not valid SigMF (key '{required}' is missing)")
     for key in rules.keys() & values.keys():
         _check_value(path, f"{where}{key}: ", values[key], rules[key])
 
 
 def _check_value(path: Path, where: str, value: Any, rule: _Rule) -> None:
-    valid = isinstance(value, _TYPES[rule.kind])
     # To Python, true and false are integers.
-    valid &= isinstance(value, bool) == (rule.kind == "boolean")
+    valid = isinstance(value, _TYPES[rule.kind]) and not isinstance(value, bool)
     asked = f"of type '{rule.kind}'"
     if valid and rule.kind in ("integer", "number"):
         # NaN, which JSON does not have but Python reads, is outside of every range.
@@ -153,13 +106,6 @@ def _shown(value: Any) -> str:
         return f"a value of type '{'object' if isinstance(value, dict) else 'array'}'"
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:40]}..."
-
-
-def _check_order(path: Path, name: str, items: Sequence[Mapping[str, Any]]) -> None:
-    starts = [item["core:sample_start"] for item in items]
-    if starts != sorted(starts):
-        rule = "core:sample_start must not decrease from item to item"
-        raise InputError(path, f"{name}: is not valid SigMF ({rule})")
 
 
 def write_metadata(

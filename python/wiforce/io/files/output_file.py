@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, TypeVar
 
 from ...errors import InputError, OutputError
@@ -150,12 +149,7 @@ class ReadingsOutput:
     def __enter__(self: Output) -> Output:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.close()
         elif self._file is not None:
