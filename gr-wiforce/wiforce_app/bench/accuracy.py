@@ -23,6 +23,7 @@ from gnuradio.wiforce.simulation.truth import read_truth, steady_rows
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases
 from ..shell.options import IntegerRange, worker_options
+from ..shell.plots import check_picture
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from ..shell.workers import run_tasks
@@ -233,10 +234,7 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
     wanted = [case for case in [*cases(full), *room_cases(full)] if part in case.name]
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path)
+    check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
     rooms = {case.name for case in wanted if isinstance(case, RoomCase)}
     own, of_rooms = ([r for r in rows if (r["case"] in rooms) is i] for i in (False, True))

@@ -27,6 +27,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..shell.options import FiniteRange
+from ..shell.plots import check_picture
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 
@@ -329,10 +330,7 @@ def _time_groups(receiver, batches):
 
 def _print_scaling(as_json, folder, axes, plot_path):
     """Rows along each axis, and how they grow."""
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path)
+    check_picture(plot_path)
     result = scaling_of(axes, folder)
     if plot_path is not None:
         from .picture import plot_scaling

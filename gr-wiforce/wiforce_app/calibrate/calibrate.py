@@ -13,6 +13,7 @@ from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
+from ..shell.plots import check_picture
 from .guide import complete_settings, guide, guided_options, table_of
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
@@ -166,10 +167,7 @@ def calibrate(
     settings = complete_settings(settings, guided)
     inputs = [table, *([refined] if refined else [])]
     check_output(output, inputs)
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, inputs)
+    check_picture(plot_path, inputs)
     name = name or Path(output).stem
     if guided is not None:
         if (frequency_hz, kind) != (None, None):

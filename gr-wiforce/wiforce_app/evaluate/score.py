@@ -14,6 +14,7 @@ from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
+from ..shell.plots import check_picture
 
 _READINGS = (".csv", ".jsonl", ".parquet")
 _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
@@ -76,10 +77,7 @@ def score(
     inputs = [capture, against]
     if output is not None:
         check_output(output, inputs)
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, inputs)
+    check_picture(plot_path, inputs)
     gauge = read_gauge_file(against, time_column, force_column, unit)
     rows = _rows(capture, scene_path, datatype)
     try:

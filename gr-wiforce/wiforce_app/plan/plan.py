@@ -23,6 +23,7 @@ from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import IntegerRange, sample_type, scene_names
+from ..shell.plots import check_picture
 
 
 @click.command(
@@ -63,10 +64,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
     if clocks is not None:
         _propose_clocks(scene, clocks, as_json)
         return
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, scene.files)
+    check_picture(plot_path, scene.files)
     settings = plan_of(scene)
     report = {
         "settings": _settings(settings),

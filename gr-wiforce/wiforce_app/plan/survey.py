@@ -15,7 +15,7 @@ from gnuradio.wiforce.signal.lines import aliased_hz
 from ..read.recordings import warn
 from ..shell.commands import GroupedHelp
 from ..shell.options import capture_scene, refuse_scenes, sample_type
-from ..shell.plots import legend_below, save_picture
+from ..shell.plots import check_picture, legend_below, save_picture
 
 _MARKERS = "ovsDP*Xd"
 # The first two are of the tags and of what the weights reject.
@@ -151,10 +151,7 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
     refuse_scenes([capture])
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, [*recording.files, *scene.files])
+    check_picture(plot_path, [*recording.files, *scene.files])
     for difference in differences:
         warn(recording.path, difference)
     found = survey_room(recording, plan(scene))

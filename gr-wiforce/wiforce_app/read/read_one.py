@@ -9,6 +9,7 @@ from gnuradio.wiforce.scene import scene_of
 from ..shell.interrupts import Interrupted
 from ..shell.log import log
 from ..shell.options import refuse
+from ..shell.plots import check_picture
 from ..shell.progress import progress, rows_on_terminal
 from .file_outputs import FileOutputs
 from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
@@ -25,10 +26,7 @@ def read_one(
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
-    if plot_path is not None:
-        from ..shell.plots import check_picture
-
-        check_picture(plot_path, inputs)
+    check_picture(plot_path, inputs)
     writer = FileOutputs(output, mcap, inputs, scene)
     if follow:
         from .follow import GrowingCapture

@@ -160,52 +160,59 @@ _SCENE = click.option(
 )
 
 
-def radio_options(command):
-    """Add the options that open a device."""
-    for option in reversed((_SCENE, *_OF_A_RADIO)):
-        command = option(command)
-    return command
+def _all(*options):
+    """Add options to a command, in this order."""
+
+    def add(command):
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
 
 
-def optional_radio_options(command):
-    """Add the options that open a device, to a command that can do without one."""
-    scene, args = (
-        click.option(
-            "--scene",
-            "scene_path",
-            shell_complete=scene_names,
-            help="Scene file, or name of a shipped scene.",
-        ),
-        click.option("--args", help=_ARGS_HELP),
-    )
-    for option in reversed((scene, args, *_OF_A_RADIO[1:])):
-        command = option(command)
-    return command
-
-
-def csi_options(command):
-    """Add the options of files that a CSI tool has written."""
-    for option in (
-        click.option(
-            "--second-antenna",
-            type=click.Path(),
-            metavar="FILE",
-            help="Lines of a second ESP32 on the same crystal (esp-crab).",
-        ),
-        click.option(
-            "--mac",
-            help="Sender whose packets are used, for esp32 and nexmon. Default: the most "
-            "frequent one.",
-        ),
-        click.option(
-            "--csi-tool",
-            metavar="TOOL",
-            help="The CSI tool that has written the file: intel, atheros, esp32 or "
-            "nexmon/CHIP/MHZ. Default: found by the file.",
-        ),
-    ):
-        command = option(command)
-    return command
+# Options that open a device; the others for a command that can do without one.
+radio_options = _all(_SCENE, *_OF_A_RADIO)
+optional_radio_options = _all(
+    click.option(
+        "--scene",
+        "scene_path",
+        shell_complete=scene_names,
+        help="Scene file, or name of a shipped scene.",
+    ),
+    click.option("--args", help=_ARGS_HELP),
+    *_OF_A_RADIO[1:],
+)
+csi_options = _all(
+    click.option(
+        "--csi-tool",
+        metavar="TOOL",
+        help="The CSI tool that has written the file: intel, atheros, esp32 or "
+        "nexmon/CHIP/MHZ. Default: found by the file.",
+    ),
+    click.option(
+        "--mac",
+        help="Sender whose packets are used, for esp32 and nexmon. Default: the most frequent one.",
+    ),
+    click.option(
+        "--second-antenna",
+        type=click.Path(),
+        metavar="FILE",
+        help="Lines of a second ESP32 on the same crystal (esp-crab).",
+    ),
+)
+worker_options = _all(
+    click.option(
+        "--jobs",
+        type=IntegerRange(1),
+        help="Number of parallel processes. Default: one per core.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
+    ),
+)
 
 
 def csi_file(tool, mac, second):
@@ -219,48 +226,23 @@ def csi_file(tool, mac, second):
 
 
 def web_options(required=False):
-    """Add the options of a page in the browser.
-
-    Returns callable: A decorator.
-
-    ``required``: whether the command does nothing else.
-    """
-
-    def add(command):
-        command = click.option(
+    """The options of a page in the browser; ``required``: whether the command does nothing else."""
+    return _all(
+        click.option(
+            "--web",
+            required=required,
+            metavar="[ADDRESS:]PORT",
+            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
+        ),
+        click.option(
             "--web-token",
             metavar="TOKEN",
             envvar="GR_WIFORCE_WEB_TOKEN",
             show_envvar=True,
             help="What a browser must present to open the page, 16 letters and digits or more. "
             "Default: a random one beyond this machine, none on it.",
-        )(command)
-        return click.option(
-            "--web",
-            required=required,
-            metavar="[ADDRESS:]PORT",
-            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
-        )(command)
-
-    return add
-
-
-def worker_options(command):
-    """Add --jobs and --scheduler to a command."""
-    for option in (
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
         ),
-        click.option(
-            "--jobs",
-            type=IntegerRange(1),
-            help="Number of parallel processes. Default: one per core.",
-        ),
-    ):
-        command = option(command)
-    return command
+    )
 
 
 def refuse(options, rule):

@@ -6,17 +6,18 @@ from pathlib import Path
 from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
-from gnuradio.wiforce.receiver.plotting import PANELS, plot
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 _PANEL_IN = 2.1  # height of a panel
 
 
 def check_picture(path, inputs=()):
-    """Check the path of a picture before any work is done for it.
+    """Check the path of a picture, or None, before any work is done for it.
 
     ``inputs``: files that the picture is made from.
     """
+    if path is None:
+        return
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(path, "name of a picture must end in .png, .pdf or .svg")
@@ -60,6 +61,8 @@ def plot_readings(readings, path, title="", truth=None, length_mm=None):
 
     ``truth``: rows of a truth file; ``length_mm``: length of the sensors.
     """
+    from gnuradio.wiforce.receiver.plotting import PANELS, plot  # needs NumPy and pandas
+
     canvas, axes = figure(PANELS, title)
     plot(readings, truth=truth, axes=axes, length_mm=length_mm)
     save_picture(canvas, path)
