@@ -5,7 +5,7 @@ import socket
 import time
 
 import numpy as np
-from gnuradio.wiforce.io.network.sample_packets import SampleTag, pack_head
+from gnuradio.wiforce.blocks.sample_streams import SampleTag, pack_head
 from loops import RATE_HZ
 from wiforce_app.radio.request import DeviceAbsent, DeviceLost
 from wiforce_app.radio.streams import ClockComparison

@@ -1,34 +1,66 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Samples between processes, with times that go on after a device was lost."""
 
+from __future__ import annotations
+
 import math
 import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array
-from ..io.network.sample_packets import (
-    HEAD_BYTES,
-    SAMPLE_BYTES,
-    TAG_BYTES,
-    TAG_KEYS,
-    SampleTag,
-    pack_head,
-    unpack_counts,
-    unpack_tags,
-)
 from ..wiforce_python import rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .frame_alignment import FrameSearch, Tag
 from .stream_watch import Timeline, time_value
+
+# Tags that a device attaches to samples, by the number that stands for them in a packet.
+TAG_KEYS = ("rx_time", "rx_rate", "rx_freq")
+
+_HEAD = struct.Struct("<II")  # samples, tags
+_TAG = struct.Struct("<BIQd")  # number of the key, sample, whole seconds, value or fraction
+SAMPLE_BYTES = 4
+HEAD_BYTES, TAG_BYTES = _HEAD.size, _TAG.size
+
+
+class SampleTag(NamedTuple):
+    """A tag of a sample in a packet.
+
+    ``value`` is the fraction of an ``rx_time`` in s, samples per second, or the carrier in Hz.
+    """
+
+    key: str
+    sample: int
+    seconds: int
+    value: float
+
+
+def pack_head(samples: int, tags: Iterable[SampleTag] = ()) -> bytes:
+    """What precedes the samples of a packet, 4 bytes each: counts and tags."""
+    packed = [
+        _TAG.pack(TAG_KEYS.index(tag.key), tag.sample, tag.seconds, tag.value) for tag in tags
+    ]
+    return _HEAD.pack(samples, len(packed)) + b"".join(packed)
+
+
+def unpack_counts(head: bytes) -> tuple[int, int]:
+    """Number of samples and of tags in a packet, from its first ``HEAD_BYTES``."""
+    samples, tags = _HEAD.unpack(head)
+    return samples, tags
+
+
+def unpack_tags(data: bytes) -> list[SampleTag]:
+    """Tags of a packet, ``TAG_BYTES`` each, which follow the counts."""
+    return [SampleTag(TAG_KEYS[key], *fields) for key, *fields in _TAG.iter_unpack(data)]
+
 
 # Blocks take a jump of more than an hour for a wrong time (lib/kernel/timing/timeline.h); a longer
 # break is reported in several steps.

@@ -13,16 +13,18 @@ import pmt
 import pytest
 from gnuradio import blocks, gr
 from gnuradio.wiforce.blocks.frame_alignment import FrameSearch, frame_alignment
-from gnuradio.wiforce.blocks.sample_streams import ResumedTime, sample_receiver, sample_sender
-from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
-from gnuradio.wiforce.estimation.capture.frame import MARGIN
-from gnuradio.wiforce.io.network.sample_packets import (
+from gnuradio.wiforce.blocks.sample_streams import (
     HEAD_BYTES,
     SAMPLE_BYTES,
+    ResumedTime,
     SampleTag,
     pack_head,
+    sample_receiver,
+    sample_sender,
     unpack_counts,
 )
+from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
+from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 RATE, FRAME = 1e6, 400

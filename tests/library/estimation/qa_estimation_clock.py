@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.clocks.acquisition import acquire
-from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockTracker
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
+from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth

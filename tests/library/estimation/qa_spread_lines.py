@@ -3,8 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.clocks.clock_tracker import ClockPath
-from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock, TrackedTag
+from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockPath, TagClock, TrackedTag
 from gnuradio.wiforce.estimation.ends.least_squares import ToneModel
 from gnuradio.wiforce.estimation.ends.spread_lines import SpreadLines
 from gnuradio.wiforce.estimation.group_tones import GroupFit

@@ -22,9 +22,8 @@ from ..ends.noise import NoiseEstimate, NoiseHistory, Verdict
 from ..group_tones import GroupTones
 from ..groups import Array
 from .clock_search import ClockSearch
-from .clock_tracker import ClockPath, ClockTracker, expected_clocks
 from .joint_clock import phase_errors
-from .tracked_tag import TrackedTag
+from .tracked_tag import ClockPath, ClockTracker, TrackedTag, expected_clocks
 
 # A tag that was not received for this long is acquired again, because its clock may have restarted.
 _LOST_S = 0.5

@@ -17,8 +17,7 @@ from ..ends.least_squares import ToneModel
 from ..group_tones import GroupFit, GroupTones, GroupWeights, power_of
 from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, OVERLAP
-from .clock_tracker import ClockPath
-from .tracked_tag import TrackedTag
+from .tracked_tag import ClockPath, TrackedTag
 
 # Gauss-Newton steps: the model is almost linear in these numbers.
 _STEPS = 4

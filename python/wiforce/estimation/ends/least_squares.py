@@ -16,8 +16,7 @@ from numpy.polynomial import legendre
 
 from ...signal.weights import ToneTable
 from ...wiforce_kernels import whiten
-from ..clocks.clock_tracker import ClockPath, ClockTracker, expected_clocks
-from ..clocks.tracked_tag import TrackedTag
+from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag, expected_clocks
 from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array, Groups
 from .spread_lines import SpreadLines

@@ -15,8 +15,7 @@ import numpy as np
 
 from ...signal.switching import switch_edges
 from ...signal.waveform import Waveform
-from ..clocks.clock_tracker import ClockPath
-from ..clocks.tracked_tag import TrackedTag
+from ..clocks.tracked_tag import ClockPath, TrackedTag
 from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array
 
