@@ -15,6 +15,8 @@ from gnuradio.wiforce.surface.calibration import fit_spreading, read_known_press
 from gnuradio.wiforce.surface.checks import borne_together, borne_too_much, surprising_taps
 from gnuradio.wiforce.surface.file import write_spreading
 
+from ..shell.log import log
+
 # Beyond this a share is known too roughly to be of use: two neighbours then differ by as much.
 _POOR_STD = 0.1
 # Strips that bear less than this are not what forces in N say: a newton is 102 g.
@@ -39,7 +41,10 @@ def calibrate_surface(table, scene, readings, law, output):
         raise InputError("--surface", "must be a scene with a surface", str(scene.path))
     check_output(output, [table, readings, *scene.files[:1]])
     presses = read_known_presses(table, skin)
-    taps = taps_of(skin, presses, ReadingsFile(readings).rows())
+    file = ReadingsFile(readings)
+    taps = taps_of(skin, presses, file.rows())
+    if file.note:
+        log.warning(f"{readings}: {file.note}")
     try:
         fit = fit_spreading(skin, taps, law)
     except InputError as error:

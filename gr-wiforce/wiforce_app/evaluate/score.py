@@ -13,10 +13,11 @@ from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 
 from ..shell.commands import GroupedHelp
+from ..shell.log import log
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
 from ..shell.plots import check_picture
 
-_READINGS = (".csv", ".jsonl", ".parquet")
+_READINGS = (".csv", ".jsonl", ".parquet", ".mcap")
 _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 
 
@@ -101,7 +102,10 @@ def _rows(capture, scene_path, datatype):
     if path.suffix.lower() in _READINGS and datatype is None:
         if scene_path is not None:
             raise click.UsageError("--scene is for captures; a file of readings needs none")
-        rows = list(ReadingsFile(path).rows())
+        file = ReadingsFile(path)
+        rows = list(file.rows())
+        if file.note:
+            log.warning(f"{path}: {file.note}")
     else:
         from gnuradio.wiforce.io.capture import open_capture
         from gnuradio.wiforce.scene import scene_of

@@ -77,8 +77,8 @@ def export(readings, form, output, scene_path):
     if any(lost.values()):
         names = ", ".join(name or "one without name" for name, known in lost.items() if known)
         log.warning(f"{readings}: columns without a field in MCAP are left out: {names}")
-    if source.cut:
-        log.warning(f"{readings}: is cut off behind reading {number}, what follows is lost")
+    if source.note:
+        log.warning(f"{readings}: {source.note}")
     log.info(f"wrote {writer.rows} readings to {output}")
 
 

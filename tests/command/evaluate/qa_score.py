@@ -7,10 +7,12 @@ import json
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio import wiforce
 from gnuradio.wiforce.calibration.gauges.comparison import TimedForces, compare_with_gauge
 from gnuradio.wiforce.calibration.gauges.file import GaugeRecord, read_gauge_file
 from gnuradio.wiforce.calibration.gauges.score import timed_forces
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
 
@@ -274,19 +276,26 @@ def test_sensors_that_cannot_be_added_are_refused(sensors, message):
     assert str(refused.value) == message
 
 
-def test_score_compares_a_file_of_readings(tmp_path):
-    """A user wants figures and a picture, from readings that were made long ago."""
-    own, cell = readings(), gauge(-1, 0.2)
-    with open_writer(tmp_path / "r.csv") as writer:
-        for row in zip(own.time_s, own.force_n, own.touched, own.clear, strict=True):
-            time_s, force, touched, clear = row
-            values = (float(force), STD_N) if touched else (None, None)
-            flags = () if clear else ("reference",)
-            writer.write(Reading(float(time_s), "arm", int(touched), *values, flags=flags))
-    with open(tmp_path / "cell.csv", "w") as stream:
+def write(writer, own):
+    for row in zip(own.time_s, own.force_n, own.touched, own.clear, strict=True):
+        time_s, force, touched, clear = row
+        values = (float(force), STD_N) if touched else (None, None)
+        flags = () if clear else ("reference",)
+        writer.write(Reading(float(time_s), "arm", int(touched), *values, flags=flags))
+
+
+def write_gauge(path, cell):
+    with open(path, "w") as stream:
         rows = csv.writer(stream)
         rows.writerow(["time_s", "force_n"])
         rows.writerows(zip(cell.time_s, cell.force_n.round(4), strict=True))
+
+
+def test_score_compares_a_file_of_readings(tmp_path):
+    """A user wants figures and a picture, from readings that were made long ago."""
+    with open_writer(tmp_path / "r.csv") as writer:
+        write(writer, readings())
+    write_gauge(tmp_path / "cell.csv", gauge(-1, 0.2))
     arguments = ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
     done = run_command(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
     assert done.returncode == 0, done.stderr
@@ -309,3 +318,16 @@ def test_score_compares_a_file_of_readings(tmp_path):
     }.items():
         refused = run_command(*arguments, *more)
         assert refused.returncode == 2 and message in refused.stderr
+
+
+def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
+    """Presses that the file lost were scored as if there had been none."""
+    path, cell = tmp_path / "r.mcap", tmp_path / "cell.csv"
+    with McapWriter(path) as writer:
+        write(writer, readings())
+    write_gauge(cell, gauge())
+    path.write_bytes(path.read_bytes()[:-100])
+    done = run_command("score", path, "--against", cell)
+    assert done.returncode == 0 and f"{path}: is cut off behind reading " in done.stderr
+    with pytest.warns(UserWarning, match="is cut off behind reading"):
+        wiforce.score(path, cell)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +65,10 @@ def score(
     """
     rows: Sequence[Mapping[str, Any]]
     if isinstance(readings, str | Path):
-        rows = list(ReadingsFile(readings).rows())
+        file = ReadingsFile(readings)
+        rows = list(file.rows())
+        if file.note:
+            warnings.warn(f"{readings}: {file.note}", stacklevel=2)
     elif hasattr(readings, "to_dict"):
         rows = readings.to_dict("records")
     else:

@@ -26,8 +26,8 @@ class ReadingsFile:
     """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
     ``also`` are columns besides those of a reading; of JSON lines and MCAP, those of any row.
-    ``metadata`` is what a Parquet file says of its readings, ``cut`` whether an MCAP file lacks its
-    end.
+    ``metadata`` is what a Parquet file says of its readings. ``note`` is what is to be said of them
+    once they are read, and empty unless an MCAP file lacks its end.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -44,8 +44,8 @@ class ReadingsFile:
             raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
         self._read = readers[kind]
         names = self._columns(kind)
-        self.cut = kind == ".mcap" and mcap_is_cut(path)
-        if self.cut and names is None:
+        self.note, self._cut = "", kind == ".mcap" and mcap_is_cut(path)
+        if self._cut and names is None:
             raise InputError(path, "is cut off before its first reading is complete")
         for name in _NEEDED:
             if names is not None and name not in names:
@@ -84,6 +84,7 @@ class ReadingsFile:
 
         Unknown values are None, flags one text.
         """
+        number = 0
         for number, row in enumerate(self._read(), 1):
             try:
                 yield self._typed(row)
@@ -91,6 +92,8 @@ class ReadingsFile:
                 raise InputError(
                     f"{self._path}: row {number}", f"is no reading ({error})"
                 ) from None
+        if self._cut:
+            self.note = f"is cut off behind reading {number}, what follows is lost"
 
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
