@@ -2,7 +2,9 @@
 """Samples that were lost without a trace: frame timing slips, and readings go on."""
 
 import copy
+import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -164,6 +166,24 @@ def test_slip_behind_the_groups_that_are_read_at_once_reads_alike(
         slip(f"{capture}{suffix}", f"{tmp_path / 'a'}{suffix}", 0.02, 1)
     wanted = wiforce.read(tmp_path / "a")
     monkeypatch.setattr(folded_groups, "_BATCH", groups)
+    pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)
+
+
+def test_antennas_that_lost_other_frames_are_read_to_their_end(press_of_two, tmp_path, monkeypatch):
+    """Frames that both had were compared as far as they were read at once, and a recording ended
+    where none of them were common.
+    """
+    for suffix, first in (("", 0.6), (".antenna2", 0.8)):
+        codes = np.fromfile(f"{press_of_two}{suffix}.sigmf-data", "<i2").reshape(-1, 2)
+        start, end = (720 * round(at_s * RATE_HZ / 720) for at_s in (first, first + 0.15))
+        np.delete(codes, slice(start, end), axis=0).tofile(f"{tmp_path / 'a'}{suffix}.sigmf-data")
+        meta = json.loads(Path(f"{press_of_two}{suffix}.sigmf-meta").read_text())
+        meta["captures"] += [{"core:sample_start": start, "core:global_index": end}]
+        Path(f"{tmp_path / 'a'}{suffix}.sigmf-meta").write_text(json.dumps(meta))
+    whole, wanted = wiforce.read(press_of_two), wiforce.read(tmp_path / "a")
+    assert 8 <= wanted["flags"].str.contains("gap").sum() <= 12
+    pd.testing.assert_series_equal(wanted["group"], whole["group"])
+    monkeypatch.setattr(folded_groups, "_BATCH", 4)
     pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)
 
 

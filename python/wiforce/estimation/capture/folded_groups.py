@@ -188,7 +188,7 @@ def first_frames(
     slips = Slips(group_length)
     count += slips.unsure * group_length
     if len(kernels) == 2:
-        snapshots, folded, *_ = _ratio_frames(kernels, waveform, count)
+        snapshots, folded, *_ = _RatioFrames(kernels, waveform).read(count)
     else:
         found = kernels[0].read(count)
         snapshots, folded = found["snapshot"], found["folded"]
@@ -199,18 +199,44 @@ def first_frames(
     return snapshots[kept], folded[kept]
 
 
-def _ratio_frames(
-    kernels: Iterable[folded_reader], waveform: Waveform, count: int
-) -> tuple[Array, ...]:
-    """Index of the next frames that both antennas have, ratio folded, its noise, saturation."""
-    first, second = (kernel.read(count) for kernel in kernels)
-    common, rows, others = np.intersect1d(
-        first["snapshot"], second["snapshot"], return_indices=True
-    )
-    folded = first["folded"][rows], second["folded"][others]
-    ratio = folded_ratio(*folded, waveform)
-    noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
-    return common, ratio, noise, first["saturated"][rows]
+class _RatioFrames:
+    """Frames that two antennas have in common, and their ratio.
+
+    ``ended`` where one antenna has no more. Antennas that have lost other frames are read at other
+    paces, so that frames of one are held until the other has come as far.
+    """
+
+    def __init__(self, kernels: Iterable[folded_reader], waveform: Waveform) -> None:
+        self._kernels, self._waveform = tuple(kernels), waveform
+        self._held = [kernel.read(0) for kernel in self._kernels]
+        self.ended = False
+
+    def read(self, count: int) -> tuple[Array, ...]:
+        """The next ones of up to ``count`` more of an antenna: indices, ratio, its noise,
+        saturation.
+        """
+        newest = [int(held["snapshot"].max(initial=-1)) for held in self._held]
+        for each, kernel in enumerate(self._kernels):
+            if newest[each] == min(newest):
+                found = kernel.read(count)
+                self.ended |= len(found["snapshot"]) < count
+                held = self._held[each]
+                self._held[each] = {k: np.concatenate([held[k], found[k]]) for k in found}
+        until = min(held["snapshot"].max(initial=-1) for held in self._held)
+        first, second = (self._take(each, until) for each in (0, 1))
+        common, rows, others = np.intersect1d(
+            first["snapshot"], second["snapshot"], return_indices=True
+        )
+        folded = first["folded"][rows], second["folded"][others]
+        ratio = folded_ratio(*folded, self._waveform)
+        noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
+        return common, ratio, noise, first["saturated"][rows]
+
+    def _take(self, each: int, until: int) -> dict[str, Array]:
+        held = self._held[each]
+        count = int(np.searchsorted(held["snapshot"], until, "right"))
+        self._held[each] = {name: values[count:] for name, values in held.items()}
+        return {name: values[:count] for name, values in held.items()}
 
 
 class RecordedGroups:
@@ -288,6 +314,8 @@ class RecordedRatio:
             each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
             for each in recordings
         }
+        self._at_once = max(1, groups_at_once(waveform) // 4) * self._length
+        self._frames = _RatioFrames(self.kernels.values(), waveform)
         self._slips = Slips(self._length)
         self._held: tuple[Array, ...] = ()  # frames in whose groups a slip may still be found
 
@@ -295,8 +323,7 @@ class RecordedRatio:
         """Give the next groups; none at the end."""
         groups, ended = Groups(np.zeros(0, np.int64)), False
         while not len(groups) and not ended:
-            frames = self._read_frames()
-            ended = not len(frames[0])
+            frames, ended = self._frames.read(self._at_once), self._frames.ended
             for kernel in self.kernels.values():
                 self._slips.add(kernel.misplaced())
             if self._held:
@@ -310,10 +337,6 @@ class RecordedRatio:
             groups = self._groups(tuple(values[sure] for values in frames))
         groups.slipped |= self._slips.behind(groups.index)
         return groups
-
-    def _read_frames(self) -> tuple[Array, ...]:
-        count = max(1, groups_at_once(self._waveform) // 4) * self._length
-        return _ratio_frames(self.kernels.values(), self._waveform, count)
 
     def _groups(self, frames: tuple[Array, ...]) -> Groups:
         """Groups of some frames, which hold whole ones."""
