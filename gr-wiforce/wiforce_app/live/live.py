@@ -335,8 +335,16 @@ def _run(session, request, outputs, endpoints, duration, reconnect, line):
     from .service_manager import ServiceManager, ServiceReport
 
     ending = _Ending()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.request("signal"))
+    numbers = signal.SIGINT, signal.SIGTERM
+    before = {number: signal.getsignal(number) for number in numbers}
+
+    def end(number, _):
+        # Asked again, the run does not wait for the radio, but closes its files.
+        signal.signal(number, before[number])
+        ending.request("signal")
+
+    for number in numbers:
+        signal.signal(number, end)
     shorten_pauses()
 
     def opened(link):

@@ -229,13 +229,20 @@ def rounded(key: str, value: float) -> float | None:
 
 # Flags of groups that are counted apart.
 _REFERENCE, _CHANGING = Flag.REFERENCE.word, Flag.TRANSITION.word
-# Words for what the counts below are called in messages to programs.
-_OUTCOMES = {"clear": "usable", "flagged": "flagged", "dropped": "lost"}
 
 
-def outcome_words(counts: Mapping[str, int]) -> str:
-    """Numbers of groups by outcome, as :meth:`GroupCounts.asdict` has them, in words."""
-    return ", ".join(f"{count} {_OUTCOMES.get(key, key)}" for key, count in counts.items())
+def outcome_words(counts: Mapping[str, int], doubts: str = "") -> str:
+    """Numbers of groups by outcome, as :meth:`GroupCounts.asdict` has them, in words.
+
+    ``doubts``: what follows the doubtful ones.
+    """
+    parts = (
+        (counts["reference"], "reference"),
+        (counts["changing"], "while pressing or releasing"),
+        (counts["flagged"] - counts["reference"] - counts["changing"], f"doubtful{doubts}"),
+        (counts["dropped"], "lost"),
+    )
+    return f"{counts['clear']} usable" + "".join(f", {n} {what}" for n, what in parts if n)
 
 
 class GroupCounts:
@@ -287,25 +294,18 @@ class GroupCounts:
         return self.clear + self.flagged + self.dropped
 
     def asdict(self) -> dict[str, int]:
-        """Number of groups by outcome."""
-        return {key: getattr(self, key) for key in ("clear", "flagged", "dropped")}
+        """Number of groups by outcome; ``flagged`` ones include the last two."""
+        keys = "clear", "flagged", "dropped", "reference", "changing"
+        return {key: getattr(self, key) for key in keys}
 
     def short(self) -> str:
         """Number of groups by outcome, in words."""
         return f"{self.groups} groups: {outcome_words(self.asdict())}"
 
     def __str__(self) -> str:
-        doubtful = self.flagged - self.reference - self.changing
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
-        parts = (
-            (self.reference, "reference"),
-            (self.changing, "while pressing or releasing"),
-            (doubtful, f"doubtful ({named})"),
-            (self.dropped, "lost"),
-        )
-        text = f"{self.groups} groups: {self.clear} usable"
-        text += "".join(f", {count} {outcome}" for count, outcome in parts if count)
+        text = f"{self.groups} groups: {outcome_words(self.asdict(), f' ({named})')}"
         if self.interfered:
             share = self.interfered / self.groups
             text += f"; interference in {self.interfered} groups ({share:.0%})"

@@ -87,6 +87,27 @@ def send_broken_requests(port, count, seed):
             count -= burst
 
 
+def test_live_interrupted_twice_keeps_its_files(slow_scene, slow_device, tmp_path):
+    """Whoever waits for a radio that does not answer presses the keys again."""
+    (port,) = free_ports(1)
+    rows, messages = tmp_path / "out.csv", tmp_path / "out.mcap"
+    options = [*GAINS, "--control", port, "-o", rows, "--mcap", messages]
+    with (
+        live(slow_device.args, slow_scene, *options) as process,
+        connected(zmq.REQ, port) as client,
+    ):
+        while ask(client, "status")["time_s"] < 0.5:
+            pass
+        for _ in range(2):  # the second may come while the first waits, or after the end
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=300)
+    assert process.returncode in (0, 130)
+    assert command("export", messages, "-o", tmp_path / "again.csv")[0] == 0
+    kept = rows_of(tmp_path / "again.csv")
+    assert len(kept) > 5 and len(rows_of(rows)) == len(kept)
+    assert rows.read_text().endswith("\n")
+
+
 @pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device, long_run):

@@ -111,7 +111,7 @@ class GaugeComparison:
             f"gauge at time 0 of the readings; correlation {r['correlation']:.3f})",
             f"gauge           zero {r['gauge_zero_n']:.3f} N, subtracted"
             + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else ""),
-            f"compared        {r['compared']} steady touched readings without flag",
+            f"compared        {r['compared']} unflagged readings between pressed ones",
             f"force error     median {r['median_error_n']:.3f} N, rms {r['rms_error_n']:.3f}"
             f" N, 90 % below {r['p90_error_n']:.3f} N, bias {r['bias_n']:+.3f} N",
             f"gain            {r['gain']:.3f} N read per N of the gauge",
