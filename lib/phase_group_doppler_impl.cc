@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group_doppler_impl.h"
 
-#include "kernel/doppler/collected_snapshots.h"
 #include "kernel/doppler/doppler_spectrum.h"
+#include "kernel/doppler/doppler_transform.h"
 #include "kernel/doppler/tone_accumulator.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>

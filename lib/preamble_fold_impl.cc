@@ -3,7 +3,7 @@
 
 #include "noise_tags.h"
 
-#include "kernel/doppler/collected_snapshots.h"
+#include "kernel/doppler/doppler_transform.h"
 #include "kernel/doppler/tone_accumulator.h"
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>

@@ -57,6 +57,44 @@ std::pair<double, double> noise_of(
     return { smallest, largest };
 }
 
+// Frames as a kernel folds them, and the noise of each.
+struct folding {
+    std::vector<float> folded, levels;
+    int peak = 0;
+
+    template <class T, class Kernel>
+    folding(Kernel kernel,
+            const std::vector<T>& in,
+            std::size_t stride,
+            int repetitions,
+            int width,
+            float scale)
+        : folded(in.size() / stride * width), levels(in.size() / stride * 2)
+    {
+        peak = kernel(in.data(),
+                      stride,
+                      in.size() / stride,
+                      repetitions,
+                      width,
+                      scale,
+                      folded.data(),
+                      levels.data());
+    }
+
+    template <class T>
+    void
+    check_noise(const std::vector<T>& in, int repetitions, int width, double unit) const
+    {
+        for (std::size_t f = 0; 2 * f < levels.size(); f++) {
+            const std::size_t first = 2 * in.size() / levels.size() * f;
+            const auto [smallest, largest] =
+                noise_of(in, first, repetitions, width, unit);
+            BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
+            BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
+        }
+    }
+};
+
 } // namespace
 
 BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
@@ -67,22 +105,13 @@ BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
 {
     const std::size_t frames = 7, stride = width * repetitions + 42;
     const auto in = noise(frames * stride, 1);
-    std::vector<float> folded(frames * width);
-    std::vector<float> levels(2 * frames);
-    simd->fold_fc32(in.data(),
-                    stride,
-                    frames,
-                    repetitions,
-                    width,
-                    0.25f,
-                    folded.data(),
-                    levels.data());
+    const folding found(simd->fold_fc32, in, stride, repetitions, width, 0.25f);
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < width; n++) {
             double sum = 0;
             for (int r = 0; r < repetitions; r++)
                 sum += in[f * stride + r * width + n];
-            BOOST_TEST(std::abs(folded[f * width + n] - 0.25 * sum) < 1e-6);
+            BOOST_TEST(std::abs(found.folded[f * width + n] - 0.25 * sum) < 1e-6);
         }
 }
 
@@ -97,22 +126,9 @@ BOOST_DATA_TEST_CASE(fold_fc32_finds_noise_under_a_strong_path,
     const auto path = noise(width, 9);
     for (std::size_t i = 0; i < in.size(); i++) // 60 dB above the noise
         in[i] += 1000 * path[i % stride % width];
-    std::vector<float> folded(frames * width);
-    std::vector<float> levels(2 * frames);
-    simd->fold_fc32(in.data(),
-                    stride,
-                    frames,
-                    repetitions,
-                    width,
-                    0.5f / repetitions,
-                    folded.data(),
-                    levels.data());
-    for (std::size_t f = 0; f < frames; f++) {
-        const auto [smallest, largest] =
-            noise_of(in, f * stride, repetitions, width, 0.5);
-        BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
-        BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
-    }
+    const folding found(
+        simd->fold_fc32, in, stride, repetitions, width, 0.5f / repetitions);
+    found.check_noise(in, repetitions, width, 0.5);
 }
 
 BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
@@ -128,29 +144,15 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
     for (auto& v : in)
         v = uniform(random);
     std::fill_n(in.begin(), width * repetitions, -32768);
-    std::vector<float> folded(frames * width);
-    std::vector<float> levels(2 * frames);
-    simd->fold_sc16(in.data(),
-                    stride,
-                    frames,
-                    repetitions,
-                    width,
-                    0.5f,
-                    folded.data(),
-                    levels.data());
+    const folding found(simd->fold_sc16, in, stride, repetitions, width, 0.5f);
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < width; n++) {
             int sum = 0;
             for (int r = 0; r < repetitions; r++)
                 sum += in[f * stride + r * width + n];
-            BOOST_TEST(folded[f * width + n] == 0.5f * sum);
+            BOOST_TEST(found.folded[f * width + n] == 0.5f * sum);
         }
-    for (std::size_t f = 0; f < frames; f++) {
-        const auto [smallest, largest] =
-            noise_of(in, f * stride, repetitions, width, 0.5 * repetitions);
-        BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
-        BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
-    }
+    found.check_noise(in, repetitions, width, 0.5 * repetitions);
 }
 
 BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,
@@ -205,20 +207,13 @@ BOOST_DATA_TEST_CASE(fold_sc16_returns_the_largest_magnitude,
                      width)
 {
     const int frames = 3, stride = repetitions * width + 42;
-    std::vector<float> folded(frames * width), levels(2 * frames);
     for (int n = 0; n < stride * frames; n++)
         for (const int value : { 32752, 32767, -32752, -32768 }) {
             std::vector<std::int16_t> x(stride * frames, 7);
             x[n] = value;
             const bool looked_at = n % stride < repetitions * width;
-            const int peak = simd->fold_sc16(x.data(),
-                                             stride,
-                                             frames,
-                                             repetitions,
-                                             width,
-                                             1,
-                                             folded.data(),
-                                             levels.data());
+            const int peak =
+                folding(simd->fold_sc16, x, stride, repetitions, width, 1).peak;
             if (peak != (looked_at ? std::abs(value) : 7))
                 BOOST_ERROR(n << ": " << value << " of " << peak);
         }

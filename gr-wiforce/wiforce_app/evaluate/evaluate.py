@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.errors import unwritable
-from gnuradio.wiforce.io.text.textfile import check_output, write_whole
+from gnuradio.wiforce.io.text.textfile import check_output, write_csv
 
 from ..shell.options import scene_names, worker_options
 from ..shell.progress import progress
@@ -173,7 +172,4 @@ def _write_scores(path, scores):
         )
         for score in scores
     ]
-    try:
-        write_whole(path, pandas.concat(frames).to_csv(index=False, float_format="%.4f"))
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_csv(path, pandas.concat(frames))

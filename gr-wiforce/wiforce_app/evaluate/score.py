@@ -8,9 +8,9 @@ import click
 from gnuradio.wiforce.calibration.gauges.comparison import compare_with_gauge
 from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
 from gnuradio.wiforce.calibration.gauges.score import timed_forces
-from gnuradio.wiforce.errors import InputError, unwritable
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
-from gnuradio.wiforce.io.text.textfile import check_output, write_whole
+from gnuradio.wiforce.io.text.textfile import check_output, write_csv
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
@@ -125,7 +125,4 @@ def _write(path, found):
     frame = pandas.DataFrame({name: getattr(found, name) for name in _COLUMNS})
     # Times are joined with those of other files.
     frame["time_s"] = frame["time_s"].round(9).astype(str)
-    try:
-        write_whole(path, frame.to_csv(index=False, float_format="%.4f"))
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_csv(path, frame)

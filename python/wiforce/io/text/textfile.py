@@ -91,6 +91,14 @@ def write_whole(path: str | Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
+def write_csv(path: str | Path, frame: Any) -> None:
+    """Write a pandas frame with four decimals, whole or not at all."""
+    try:
+        write_whole(path, frame.to_csv(index=False, float_format="%.4f"))
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give the path of a file beside another, which it replaces if the block ends without error.
