@@ -228,10 +228,10 @@ def last_line(error: Exception) -> str:
     return printable(lines[-1]).strip() if lines else type(error).__name__
 
 
-def absent_rule(reason: str) -> str:
-    """What to do without a device, for a DeviceAbsent."""
+def absent_rule(reason: str, finder: str) -> str:
+    """What to do without a device, for a DeviceAbsent; ``finder`` lists those of the driver."""
     return (
-        f"must name a device that answers ({reason}); without a device, use "
+        f"must name a device that answers ({reason}): {finder}; without a device, use "
         "`gr-wiforce emulate`, or `gr-wiforce read` for recordings"
     )
 

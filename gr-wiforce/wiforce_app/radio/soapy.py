@@ -242,11 +242,12 @@ def _block(kind, option, args, channels=1):
 
 def _absent(error):
     text = str(error)
+    reason = last_line(error)
     if "No devices found" in text:
-        return absent_rule("no device found")
+        reason = "no device found"
     if "no match" in text:
-        return absent_rule("no device found; is the SoapySDR module of this driver installed?")
-    return absent_rule(last_line(error))
+        reason = "no device found; is the SoapySDR module of this driver installed?"
+    return absent_rule(reason, "`SoapySDRUtil --find` lists those that do")
 
 
 def _text(text):

@@ -119,6 +119,7 @@ class _UhdEnd(End):
 
 def _block(kind, option, args, channels=1):
     from gnuradio import uhd
+    from gnuradio.wiforce.blocks.usrp import USRP_FINDER
 
     stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=list(range(channels)))
     try:
@@ -127,6 +128,6 @@ def _block(kind, option, args, channels=1):
         reason = "no device found" if "No devices found" in str(error) else last_line(error)
         if "driver=" in args:
             reason = "no device found; driver= names a SoapySDR module, with --driver soapy"
-        raise DeviceAbsent(option, absent_rule(reason), args) from error
+        raise DeviceAbsent(option, absent_rule(reason, USRP_FINDER), args) from error
     block.set_log_level("off")  # the reader reports gaps
     return block

@@ -28,6 +28,8 @@ _LOOK_S = 0.1
 _RESUME_S = 0.25
 # Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
 _TOGETHER = 1 << 16
+# What finds a USRP that does not answer.
+USRP_FINDER = "`uhd_find_devices` lists those that do, a B210 needs `uhd_images_downloader` once"
 _ITEM_TYPE = "sc16"
 # Whole seconds and their fraction.
 DeviceTime = tuple[int, float]
@@ -105,8 +107,8 @@ class usrp(Kept, gr.hier_block2):
             absent = "No devices found" in text
             reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
             rule = (
-                f"must be a USRP that answers ({reason}): `uhd_find_devices` lists those that do, "
-                "a B210 needs `uhd_images_downloader` once, and `gr-wiforce emulate` stands in"
+                f"must be a USRP that answers ({reason}): {USRP_FINDER}, and `gr-wiforce emulate` "
+                "stands in"
             )
             # The trace of UHD's own error would hide this sentence.
             raise InputError("device", rule, device) from None

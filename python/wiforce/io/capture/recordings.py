@@ -115,7 +115,7 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     if path.is_file() and not meta.is_file():
         rule = (
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
-            "(--datatype ci16_le or cf32_le)"
+            "(--datatype ci16_le or cf32_le) and scene (--scene)"
         )
         if path.suffix in (".csv", ".jsonl", ".parquet", ".mcap"):
             rule = "is a file of readings, not a capture; pandas loads it (docs/outputs.md)"
