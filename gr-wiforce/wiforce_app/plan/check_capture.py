@@ -2,7 +2,9 @@
 """``check CAPTURE``: levels, frames and clocks of a recording, and what to change."""
 
 import hashlib
+import math
 from dataclasses import asdict
+from statistics import NormalDist
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
@@ -19,14 +21,31 @@ from gnuradio.wiforce.scene import scene_of
 
 def advice_on_levels(levels):
     """What to change because of levels, the fields of ``Levels``."""
-    peak = levels["peak_dbfs"]
-    if levels["clipped"] or peak > -1:
+    peak, clipped = levels["peak_dbfs"], levels["clipped"]
+    if clipped:
+        yield (
+            f"the receiver is saturated ({100 * clipped:.3g} % clipped): lower --rx-gain, then "
+            f"--tx-gain, by {_excess_db(clipped):.0f} dB in total"
+        )
+        return  # what was clipped has an offset of its own
+    if peak > -1:
         yield f"the receiver is almost saturated (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
     elif peak < -20:
-        more = f"raise --rx-gain by {-6 - peak:.0f} dB"
+        more = f"raise --tx-gain, then --rx-gain, by {-6 - peak:.0f} dB in total"
         yield f"the receive level is low (peak {peak:.1f} dBFS): {more}"
     if levels["dc_dbfs"] > -20:
         yield f"the DC offset is high ({levels['dc_dbfs']:.1f} dBFS): calibrate the device"
+
+
+def _excess_db(clipped):
+    """How far the level is too high, by the share of clipped samples.
+
+    As if I and Q were Gaussian, with peaks of four standard deviations at -6 dBFS. Where no sample
+    is whole the level is unknown; the step of 99 % leads to where it is known.
+    """
+    whole = math.sqrt(1 - min(clipped, 0.99))  # share of I, and of Q
+    deviation = 1 / NormalDist().inv_cdf((1 + whole) / 2)
+    return 20 * math.log10(4 * deviation) + 6
 
 
 def advice_on_sensors(tags, scene):

@@ -34,7 +34,7 @@ def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
     slow_device.command("fault +0 off arm")
     status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)
     advice = " ".join(json.loads(out)["advice"])
-    assert status == 0 and "raise --rx-gain" in advice and "no tag detected" in advice
+    assert status == 0 and "raise --tx-gain, then --rx-gain" in advice and "no tag detected" in advice
 
 
 def test_check_timing_shift_is_part_of_advice(slow_scene):
@@ -42,3 +42,11 @@ def test_check_timing_shift_is_part_of_advice(slow_scene):
     findings = Findings("a device", {}, levels, frames_moved=2, sensors=[MeasuredTag("arm", 1.0)])
     (advice,) = advice_on(findings, load_scene(slow_scene))
     assert "frame timing shifted 2 times" in advice
+
+
+@pytest.mark.parametrize("clipped, step", [(1e-4, 6), (0.45, 17), (1.0, 36)])
+def test_check_clipped_samples_ask_for_a_step_that_ends_it(clipped, step):
+    """Steps of 6 dB took seven runs; the offset of clipped samples is not the device's."""
+    levels = {"peak_dbfs": 0.0, "clipped": clipped, "dc_dbfs": -3.0}
+    (advice,) = advice_on(Findings("a device", {}, levels), load_scene("demo"))
+    assert f"lower --rx-gain, then --tx-gain, by {step} dB in total" in advice
