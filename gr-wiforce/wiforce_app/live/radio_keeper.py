@@ -123,7 +123,7 @@ class RadioKeeper:
     def _check_samples(self):
         since_s = self._now() - self._running_s
         if self.state == RUNNING and min(self._session.silent_s, since_s) > _SILENCE_S:
-            raise DeviceLost(f"has sent no samples for {_SILENCE_S:g} s")
+            raise DeviceLost.silent(_SILENCE_S)
 
     def _fail(self, error, final=False):
         """End the link; raise the error, or try again later."""

@@ -43,7 +43,8 @@ def status(endpoint, as_json, max_age, timeout, zmq_keys):
     text = request(endpoint, "status", timeout, keys=keys)
     try:
         answer = {} if text is None else json.loads(text)
-        problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
+        silent = f"no answer within {timeout:g} s: does `live` run with --control {endpoint}?"
+        problems = problems_of(answer, max_age) if answer else [silent]
         lines = list(_lines(answer, problems))
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         rule = "must be the --control endpoint of a reader of this version; it answers otherwise"

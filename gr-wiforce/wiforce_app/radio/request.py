@@ -53,6 +53,14 @@ class DeviceBusy(InputError):
 class DeviceLost(Exception):
     """The device sends no samples, or has stopped sending them."""
 
+    @classmethod
+    def silent(cls, silence_s: float) -> DeviceLost:
+        """A device that has stopped sending for a time."""
+        return cls(
+            f"has sent no samples for {silence_s:g} s: check its cable and power, and the load of "
+            "this machine (`live --reconnect` opens it again)"
+        )
+
 
 @dataclass(frozen=True)
 class RadioRequest:

@@ -281,7 +281,7 @@ class RadioStreams:
             self._received.moved()
         unreceived_s = self._received.still_s(self._sender.sent)
         if unreceived_s > _SILENCE_S:
-            raise DeviceLost(f"has sent no samples for {_SILENCE_S:g} s")
+            raise DeviceLost.silent(_SILENCE_S)
         if self._radio.sink is None:
             return
         unsent_s = self._sent.still_s(self._radio.sink.nitems_read(0))

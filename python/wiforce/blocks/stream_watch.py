@@ -211,7 +211,8 @@ class StreamWatch:
         if not levels:
             return (
                 f"{sensor}: no tag is found at its clock of {own.clock_hz:g} Hz; check that it is "
-                "on and near, and clock_hz and clock_tolerance_ppm of the scene"
+                "on and near, and clock_hz, clock_tolerance_ppm, frame_length and sample_rate_hz "
+                "of the scene"
             )
         return (
             f"{sensor}: all readings are weak (SNR {max(levels):.0f} dB); raise the transmit gain, "

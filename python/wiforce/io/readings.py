@@ -229,6 +229,7 @@ def rounded(key: str, value: float) -> float | None:
 
 # Flags of groups that are counted apart.
 _REFERENCE, _CHANGING = Flag.REFERENCE.word, Flag.TRANSITION.word
+_SATURATED = Flag.SATURATED.word
 
 
 def outcome_words(counts: Mapping[str, int], doubts: str = "") -> str:
@@ -250,8 +251,8 @@ class GroupCounts:
 
     ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received;
     ``reference`` groups belong to the reference, in ``changing`` ones something began, ended or
-    changed; ``flags`` counts the other flagged groups by word. ``interfered`` groups lack snapshots
-    because of interference.
+    changed; ``flags`` counts the other flagged groups by word, and the saturated ones. Those of
+    ``interfered`` lack snapshots because of interference.
     """
 
     def __init__(self) -> None:
@@ -271,7 +272,9 @@ class GroupCounts:
             self.clear += 1
             return
         self.flagged += 1
-        if _REFERENCE in flags:
+        if _SATURATED in flags:  # the cause of what the others say
+            self.flags.update(flags - {_REFERENCE, _CHANGING})
+        elif _REFERENCE in flags:
             self.reference += 1
         elif _CHANGING in flags:
             self.changing += 1

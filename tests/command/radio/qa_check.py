@@ -34,7 +34,9 @@ def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
     slow_device.command("fault +0 off arm")
     status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)
     advice = " ".join(json.loads(out)["advice"])
-    assert status == 0 and "raise --tx-gain, then --rx-gain" in advice and "no tag detected" in advice
+    assert (
+        status == 0 and "raise --tx-gain, then --rx-gain" in advice and "no tag detected" in advice
+    )
 
 
 def test_check_timing_shift_is_part_of_advice(slow_scene):

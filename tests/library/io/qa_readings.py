@@ -112,3 +112,11 @@ def test_group_counts_name_groups_with_interference():
     counts.note([Reading(0.054, "arm", interference=0.25)])
     assert str(counts).endswith("2 usable; interference in 1 groups (50%)")
     assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25
+
+
+def test_group_counts_name_saturation_first():
+    """Nobody pressed: the summary of a receiver that clipped spoke of 70 groups of presses."""
+    counts = GroupCounts()
+    counts.note([Reading(0.018, "arm", flags=("saturated", "transition"))])
+    counts.note([Reading(0.054, "arm", flags=("saturated", "reference"))])
+    assert str(counts) == "2 groups: 0 usable, 2 doubtful (2 saturated)"
