@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group_doppler_impl.h"
 
-#include "kernel/doppler/doppler_spectrum.h"
 #include "kernel/doppler/doppler_transform.h"
 #include "kernel/doppler/tone_accumulator.h"
 #include <gnuradio/io_signature.h>

@@ -57,6 +57,17 @@ void multiply(const fc32* x, const fc32* y, int count, fc32* product)
     }
 }
 
+const std::vector<int>& checked_bins(const std::vector<int>& bins, int symbol_length)
+{
+    for (const int bin : bins)
+        require(bin >= 0 && bin < symbol_length,
+                "tone_reader",
+                "bins",
+                "must be 0 to " + std::to_string(symbol_length - 1),
+                bin);
+    return bins;
+}
+
 } // namespace
 
 channel_equalizer::channel_equalizer(const table& factors,
@@ -82,6 +93,24 @@ void channel_equalizer::equalize(int row, const fc32* samples, fc32* channel)
                  symbol_length(),
                  d_fft.input());
     multiply(d_fft.execute(), d_factors.data(), symbol_length(), channel);
+}
+
+tone_channel::tone_channel(const std::vector<std::complex<double>>& factors,
+                           int rows,
+                           const std::vector<std::complex<double>>& rotation,
+                           const std::vector<int>& bins)
+    : d_equalizer(factors, rows, rotation), d_bins(checked_bins(bins, symbol_length()))
+{
+}
+
+void tone_channel::append(fc32* transform, std::vector<fc32>& tones)
+{
+    for (int row = 0; row < d_equalizer.rows(); row++) {
+        fc32* const channel = transform + std::size_t(row) * symbol_length();
+        d_equalizer.equalize(row, channel, channel);
+        for (const int bin : d_bins)
+            tones.push_back(channel[bin]);
+    }
 }
 
 } // namespace gr::wiforce::kernel

@@ -3,7 +3,6 @@
 
 #include "calibrated_span.h"
 #include "likelihood_profile.h"
-#include "reading_flags.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +10,14 @@
 #include <vector>
 
 namespace gr::wiforce::kernel {
+
+//! What is to be known about an inverted reading; a reading may have several.
+enum reading_flag : std::uint8_t {
+    ambiguous = 1,          //!< another press would show the same phases
+    force_unobservable = 2, //!< force and location cannot be distinguished
+    inconsistent = 4,       //!< no single press shows such phases
+    extrapolated = 8        //!< outside what was calibrated
+};
 
 /*!
  * \brief The posterior of force and location given the phases of a reading.

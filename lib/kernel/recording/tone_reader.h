@@ -2,7 +2,7 @@
 #pragma once
 
 #include "../doppler/group_collector.h"
-#include "../fourier/tone_channel.h"
+#include "../fourier/channel_equalizer.h"
 #include "recorded_frames.h"
 
 #include <memory>

@@ -343,10 +343,7 @@ class SceneSensor:
 class Scene:
     """A scene: what is measured, with what, and, for simulations, what happens.
 
-    Parameters
-    ----------
-    path : Path or None
-        The scene's file; None for a scene given as a dict.
+    ``path``: its file; None for a scene given as a dict.
     """
 
     radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")

@@ -5,7 +5,7 @@
 #include <kernel/doppler/switching_mixer.h>
 #include <kernel/doppler/tone_accumulator.h>
 #include <kernel/fold/simd_kernels.h>
-#include <kernel/fourier/tone_channel.h>
+#include <kernel/fourier/channel_equalizer.h>
 
 #include <pybind11/stl.h>
 

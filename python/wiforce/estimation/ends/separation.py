@@ -81,15 +81,10 @@ class EndSeparator:
         return self._search.groups
 
     def process(self, groups: Groups) -> Groups:
-        """Take a batch; give the groups that are ready.
+        """Take groups with ``tones``; give those that are ready.
 
         Returns Groups: with ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without
         ``tones``; empty while groups are held back for acquisition.
-
-        Parameters
-        ----------
-        groups : Groups
-            With ``tones``.
         """
         if self._started:
             return self._separate(groups)

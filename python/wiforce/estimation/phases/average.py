@@ -16,15 +16,10 @@ class SubcarrierAverage:
     """
 
     def process(self, groups: Groups) -> Groups:
-        """Average a batch.
+        """Average groups with ``changes`` and the arrays of separation and reference.
 
         Returns Groups: with ``ratios`` and ``phase_std_deg``, infinite for an end that was not
         received or has no reference; without ``changes``.
-
-        Parameters
-        ----------
-        groups : Groups
-            With ``changes`` and the arrays of separation and reference.
         """
         if not len(groups):
             return groups

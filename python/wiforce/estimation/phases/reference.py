@@ -183,17 +183,12 @@ class ConjugateDifference:
             self._profile.reset()
 
     def process(self, groups: Groups) -> Groups:
-        """Take a batch; give the groups that are ready.
+        """Take groups with ``ends``, ``gain`` and ``noise``; give those that are ready.
 
         At the start groups are held back until the reference is complete, at most twice its
         length, so that every group is compared with the complete reference.
 
         Returns Groups: with ``changes`` and the arrays of the reference; without ``ends``.
-
-        Parameters
-        ----------
-        groups : Groups
-            With ``ends``, ``gain`` and ``noise``.
         """
         ready: list[Groups] = []
         for row in range(len(groups)):

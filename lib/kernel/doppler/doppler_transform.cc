@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "doppler_spectrum.h"
+#include "doppler_transform.h"
 
 #include "../require.h"
 
