@@ -52,7 +52,14 @@ class Console:
 
     def _press(self, arguments):
         sensor, *numbers = self._take("press", arguments, 3, 3)
-        self._device.air.press(sensor, *_numbers("press", numbers))
+        air = self._device.air
+        air.press(sensor, *_numbers("press", numbers))
+        # A session starts the scene again, and takes its begin for the untouched sensor.
+        if self._device.status()["streaming_s"] > air.reference_s:
+            return {}
+        return {
+            "note": "no reader reads yet: once it says that sensors may be pressed, press again"
+        }
 
     def _release(self, arguments):
         self._device.air.release(*self._take("release", arguments, 1, 1))

@@ -239,7 +239,8 @@ def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_fil
         free.bind(("127.0.0.1", 0))
         endpoint = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     device = software_usrp(scene_file, "--control", endpoint)
-    assert device.command("press arm 4.0 45.0") == {"ok": True}
+    answer = device.command("press arm 4.0 45.0")
+    assert answer["ok"] and "no reader reads yet" in answer["note"]
     assert device.command("status")["sensors"]["arm"]["force_n"] == 4.0
     with zmq.Context() as context, context.socket(zmq.REQ) as client:
         client.setsockopt(zmq.LINGER, 0)

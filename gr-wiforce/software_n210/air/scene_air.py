@@ -56,6 +56,11 @@ class SceneAir(Cable):
         self._advance(chain, tick + (count - 1) * spacing)
         return self._received.take(tick, spacing, count)
 
+    @property
+    def reference_s(self):
+        """Signal at the begin of a session that its reader takes for the untouched sensor."""
+        return self._scene.reference_s
+
     def check_sensor(self, sensor):
         if sensor not in self._channel.sensors:
             known = ", ".join(self._channel.sensors)
