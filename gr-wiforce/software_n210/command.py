@@ -256,4 +256,7 @@ def _air(kind, scene, delay_ticks):
 def _summary(status):
     counts = {key: value for key, value in status.items() if type(value) is int and value}
     text = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in counts.items())
-    return f"stopped at {status['device_time_s']:.3f} s of device time" + (text and f"; {text}")
+    stop = f"stopped at {status['device_time_s']:.3f} s of device time"
+    if status["held_s"] >= 0.1:  # as far as time_utc is off without this
+        stop += f", {status['held_s']:.1f} s behind: this machine, or the host, was too slow"
+    return stop + (text and f"; {text}")

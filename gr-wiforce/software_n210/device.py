@@ -110,6 +110,7 @@ class Device:
             **self._hardware.status(),
             **self._link.ignored,
             "faults": self._faults_applied,
+            "held_s": self._wall.held_s,
         }
 
     def take_sent(self) -> list[tuple[float, float]]:

@@ -20,7 +20,8 @@ _TX_UNDERFLOW_S = 0.25
 class WallClock:
     """Ticks that device time may have reached by now.
 
-    Time during which the device was held is not caught up, since samples would arrive in a rush.
+    Time during which the device was held is not caught up, since samples would arrive in a rush;
+    ``held_s`` is its sum.
     """
 
     def __init__(self, speed=1.0, now=time.monotonic):
@@ -28,6 +29,7 @@ class WallClock:
         self._now = now
         self._anchor_s = now()
         self._anchor_ticks = 0
+        self.held_s = 0.0
 
     def allowance(self, ticks):
         """Ticks by which a device at `ticks` may advance."""
@@ -36,6 +38,7 @@ class WallClock:
         limit = int(_DEBT_LIMIT_S * self._ticks_per_second)
         if due > limit:
             self._anchor_ticks -= due - limit
+            self.held_s += (due - limit) / self._ticks_per_second
             due = limit
         return max(due, 0)
 

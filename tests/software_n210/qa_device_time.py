@@ -43,6 +43,7 @@ def test_wall_clock_after_a_pause_does_not_catch_up():
     assert clock.allowance(500_000) == 0
     now[0] += 10  # a pause of the whole machine
     assert clock.allowance(500_000) == 1_000_000  # 20 ms of wall time
+    assert clock.held_s == pytest.approx(9.98)  # what the last line of `emulate` says
     now[0] += 0.001
     assert clock.allowance(1_500_000) == 50_000
 

@@ -49,7 +49,9 @@ def plot_comparison(readings, gauge, found, path, title):
     errors.set_ylabel("reading - gauge (N)\nbars: 2 std")
     errors.set_xlabel("time (s)")
     of_force.plot(found.gauge_n, found.error_n, ls="", label="error", **reading)
-    of_force.plot(*_medians(found.gauge_n, found.error_n), label="median", **median)
+    of_force.plot(
+        *_medians(found.gauge_n, found.error_n), label="median over\nan interval of force", **median
+    )
     of_force.axhline(0, color=TRUTH, lw=1)
     of_force.set_xlabel("force of the gauge (N)")
     of_force.set_ylabel("reading - gauge (N)")

@@ -31,7 +31,7 @@ _CALIBRATION_NOISE_DEG = 0.2
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
 
-_SHOWN_EACH = 3  # of the readings of a press, one of so many is printed
+_SHOWN_EACH = 3  # of the readings of a press, one of so many is printed, as its heading says
 
 # Files in the folder; the scene's first line marks those of an earlier demo.
 _FILES = (
@@ -160,7 +160,7 @@ def _run_library(capture, scene, on_reading):
 def _show(readings, truth):
     """Print each stretch of untouched readings in a line, and every third reading of a press."""
     rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
-    click.echo("\n+-: two standard deviations")
+    click.echo("\none reading in three of each press; +-: two standard deviations")
     click.echo("     time (s)      force (N)  truth     location (mm)  truth    flags")
     for (touch, flags), alike in groupby(
         readings, lambda each: (each.touch, () if each.touch else each.flags)

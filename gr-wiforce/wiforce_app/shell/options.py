@@ -112,8 +112,17 @@ tracked_presses = click.option("--tracked", is_flag=True, help="Track each press
 
 _ARGS_HELP = "Device arguments: addr=192.168.10.2; with --driver soapy: driver=lime."
 _GAIN_HELP = "Default: a third of a USRP's range; with soapy the device's own."
+
+
+class _DeviceArguments(click.types.StringParamType):
+    """Text; where it is missing, the message has an example."""
+
+    def get_missing_message(self, param, *_):
+        return _ARGS_HELP
+
+
 _OF_A_RADIO = (
-    click.option("--args", required=True, help=_ARGS_HELP),
+    click.option("--args", required=True, type=_DeviceArguments(), help=_ARGS_HELP),
     click.option(
         "--driver",
         type=click.Choice(["uhd", "soapy"]),

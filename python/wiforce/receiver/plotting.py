@@ -182,6 +182,8 @@ def _plot_flagged(axes: Sequence[Any], flagged: Sequence[tuple[str, _Rows]]) -> 
         for number, (label, rows) in enumerate(flagged):
             own = column(rows)
             known = np.isfinite(own)
+            if np.any(own[known] != np.clip(own[known], *limits)):
+                label += "\n(at an edge: beyond it)"
             if np.any(known):  # Matplotlib gives markers outside the axis no size without any
                 axis.plot(
                     _column(rows, "time_s")[known],

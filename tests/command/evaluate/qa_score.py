@@ -179,6 +179,8 @@ def test_presses_at_regular_times_with_own_forces_are_not_ambiguous():
             "must agree with the readings: the correlation is",
         ),
         ([0.0, 1e9], [0.0, 5.0], "must span at most 360000 s"),
+        # It ends before a press begins.
+        ([0.0, 0.04, 0.08, 0.12], [0.0, 0.0, 0.0, 0.0], "must last from before the first press"),
         # Few slow values can resemble a press by chance.
         ([0.0, 8.0, 16.0, 24.0], [2.0, 3.0, 5.0, 1.0], "must agree with the readings"),
     ],

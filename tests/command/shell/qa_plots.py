@@ -88,8 +88,9 @@ def test_plot_of_several_sensors_has_a_marker_for_each(figures):
     assert [line.get_marker() for line in bars] == ["o", "s"]
     assert len({line.get_color() for line in bars}) == 2
     crosses = {line.get_label(): line for line in force.get_lines() if line.get_marker() == "x"}
-    assert set(crosses) == {"arm, flagged", "leg, flagged"}
-    assert crosses["leg, flagged"].get_color() == bars[1].get_color()
+    beyond = "flagged\n(at an edge: beyond it)"  # as the axis is that of the other readings
+    assert set(crosses) == {f"arm, {beyond}", f"leg, {beyond}"}
+    assert crosses[f"leg, {beyond}"].get_color() == bars[1].get_color()
     labels = [text.get_text() for text in phases.get_legend().get_texts()]
     assert labels == ["arm, psi 1", "arm, psi 2", "leg, psi 1", "leg, psi 2"]
     assert location.get_ylim() == (0.0, 80.0)

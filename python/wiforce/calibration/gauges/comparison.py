@@ -178,7 +178,13 @@ def compare_with_gauge(
     correlation = _correlation(readings.force_n, expected, readings.clear)
     if not abs(correlation) >= _LEAST_CORRELATION:
         rule = f"must agree with the readings: the correlation is {correlation:.2f} at best"
-        raise InputError("gauge", f"{rule}, at an offset of {offset_s:.3f} s")
+        step = "check that both are of one run, the columns, the sensor and the offset"
+        spans_s = [np.ptp(each.time_s) for each in (gauge, readings)]
+        if spans_s[0] < spans_s[1] / 2:
+            rule = f"must last from before the first press until after it: {spans_s[0]:.3g} s of "
+            rule += f"{spans_s[1]:.3g} s of readings do not tell the offset"
+            step = "record longer"
+        raise InputError("gauge", f"{rule}, at an offset of {offset_s:.3f} s; {step}")
     sign = 1 if correlation > 0 else -1
     covered = np.isfinite(expected)
     idle = covered & readings.clear & ~readings.touched
