@@ -85,6 +85,17 @@ class PacketFaults:
         doc="Step of the gain of each antenna by itself: each packet is received with a gain of "
         "-1, 0 or 1 of these steps.",
     )
+    antenna_wander_db: float = key(
+        Number(unit="dB", low=0, high=3),
+        default=0.0,
+        doc="Standard deviation of the gain of each antenna against the first, which wanders "
+        "within milliseconds on all subcarriers alike: 0.06 of an Intel AX200.",
+    )
+    antenna_wander_deg: float = key(
+        Number(unit="deg", low=0, high=30),
+        default=0.0,
+        doc="The same of its phase: 0.54 of an Intel AX200.",
+    )
     clock_steps: int = key(
         Integer(low=0, high=100),
         default=0,

@@ -35,6 +35,8 @@ _LINE = 0.25 * float(np.sinc(0.25))
 # Packets of a piece, and time that a repeated packet comes late: as quick as a bus.
 _PIECE = 4096
 _REPEAT_S = 20e-6
+# Corner of the wander between antennas: of an Intel AX200 four fifths lie below 300 Hz.
+_WANDER_HZ = 100.0
 _SUFFIXES = (".npz", ".truth.csv")
 
 
@@ -104,6 +106,7 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
     rooms = [_Room(scene, RandomSources(simulation.seed, a), hertz) for a in range(antennas)]
     phases = seeds.generator(1).uniform(0, 2 * np.pi, _MOVERS)
     chains = _chains(scene, time_s, antennas, seeds.generator(4))
+    chains *= _wander(scene, time_s, antennas, seeds.generator(6))
     pieces = []
     for first in range(0, len(time_s), _PIECE):
         piece = time_s[first : first + _PIECE]
@@ -173,6 +176,24 @@ def _chains(
             chains[:, antenna] = np.exp(2j * np.pi * turns / faults.flip_phases)
     steps = rng.integers(-1, 2, chains.shape)
     return np.asarray(chains * 10 ** (faults.antenna_gain_step_db / 20 * steps))
+
+
+def _wander(
+    scene: Scene, time_s: np.ndarray, antennas: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Slow factor of each antenna but the first, a process of first order; shape (n, antennas)."""
+    faults, factors = scene.simulation.packets, np.ones((len(time_s), antennas), complex)
+    if faults is None or not (faults.antenna_wander_db or faults.antenna_wander_deg):
+        return factors
+    kept = np.exp(-2 * np.pi * _WANDER_HZ * np.diff(time_s, prepend=-np.inf))
+    fresh = np.sqrt(1 - kept**2)[:, None] * rng.standard_normal((len(time_s), 2 * (antennas - 1)))
+    values = np.zeros(fresh.shape)
+    for n, own in enumerate(fresh):
+        values[n] = own + (kept[n] * values[n - 1] if n else 0)
+    gain_db, phase_deg = np.split(values, 2, axis=1)
+    exponent = faults.antenna_wander_db * np.log(10) / 20 * gain_db
+    factors[:, 1:] = np.exp(exponent + 1j * np.radians(faults.antenna_wander_deg) * phase_deg)
+    return factors
 
 
 def _stamps(scene: Scene, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:

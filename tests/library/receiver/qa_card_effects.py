@@ -336,6 +336,32 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
     assert 5.0 < np.ptp(np.quantile(gain_db, [0.05, 0.95])) < 10.0
 
 
+def test_simulated_antennas_wander_against_each_other_on_all_subcarriers(tmp_path):
+    scene = {
+        "packets": {"interval_s": 0.001, "subcarriers": 8, "gaps": "regular"},
+        "radio": {"center_frequency_hz": 2.44e9},
+        "phase_group": {"snapshots": 100},
+        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
+        "simulation": {
+            "duration_s": 4,
+            "seed": 2,
+            "snr_db": 0,
+            "static_clutter_db": 80,
+            "packets": {"antenna_wander_db": 0.06, "antenna_wander_deg": 0.54},
+        },
+    }
+    wiforce.simulate(scene, tmp_path / "a")
+    channel = open_snapshots(tmp_path / "a.npz").channel.astype(complex)
+    against = channel[:, :, 1] / channel[:, :, 0]
+    wander = np.log(against / against.mean(axis=0))
+    assert np.abs(wander - wander.mean(axis=1, keepdims=True)).max() < 1e-3
+    shared = wander.mean(axis=1)
+    for values, std in ((shared.real * 20 / np.log(10), 0.06), (np.degrees(shared.imag), 0.54)):
+        assert np.std(values) == pytest.approx(std, rel=0.1)
+        after = np.corrcoef(values[1:], values[:-1])[0, 1]
+        assert after == pytest.approx(np.exp(-0.2 * np.pi), abs=0.05)
+
+
 def test_packet_channels_of_a_still_room_hold_nothing_but_static_paths():
     """Oscillator phases and a flip between antennas are divided out to rounding errors."""
     rng = np.random.default_rng(1)
