@@ -142,6 +142,7 @@ class StreamReader:
         self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
         self._slips = Slips(plan.group_length)
         self._arrived: deque[SnapshotGroup] = deque()  # in which a slip may still be found
+        self._newest, self._reference_end = -1, plan.reference_groups
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None
         self._in_tare = False  # whether these are the groups of a tare
@@ -167,15 +168,16 @@ class StreamReader:
     def _verified(self, groups: Iterable[SnapshotGroup]) -> Iterator[SnapshotGroup]:
         """Leave out groups that hold frames before a slip.
 
-        Those of the reference wait until no slip can be found in them any more, since they count
-        for all that follow. Later ones are given as they come, for readings in time.
+        Those of a reference wait until no slip can be found in them any more, since they count for
+        all that follow. Others are given as they come, for readings in time.
         """
-        slips, reference = self._slips, self._scene_plan.reference_groups
+        slips = self._slips
         for group in groups:
+            self._newest = group.index
             slips.add(group.misplaced)
             self._arrived.append(group)
             while self._arrived and (
-                self._arrived[0].index >= reference
+                self._arrived[0].index >= self._reference_end
                 or self._arrived[0].index <= group.index - slips.unsure
             ):
                 yield from self._in_place(self._arrived.popleft())
@@ -242,6 +244,8 @@ class StreamReader:
             reason = "the first reference is not complete"
             return self.tares.report(TareState("refused", reason, force))
         state = self._receiver.tare(force)
+        if state.state == "measuring":
+            self._reference_end = self._newest + 1 + self.plan.reference_groups
         # What is touched in a forced tare is no room in which nothing is touched.
         if state.state == "measuring" and self._surveyed:
             self._in_tare = not force

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Streams in rooms that nobody described: surveyed like recordings, and again after a tare."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup, frame_settings
+from gnuradio.wiforce.estimation.capture.slips import Slips
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.press.sensor_state import RETUNED
@@ -94,6 +97,23 @@ def stream(settings, received, tare=None, batch=1, again_s=10.0):
     return reader, readings + reader.finish(), plans
 
 
+def test_groups_before_a_slip_are_left_out_of_a_tare(groups):
+    """Readings went on with a reference that held frames of elsewhere."""
+    received = list(groups["quiet"])
+    first, length = TARE + 5, len(received[0].present)
+    moved = np.roll(received[first].folded, 7, axis=1)
+    received[first] = replace(received[first], folded=moved)
+    frames = [(first * length, (first + 1) * length)]
+    received[first + 1] = replace(received[first + 1], misplaced=frames)
+    found = {}
+    for batch in (1, TARE // 2):
+        reader, readings, _ = stream(SCENE, received, tare=TARE, batch=batch)
+        assert reader.tares.state.state == "complete"
+        assert_right(readings)
+        found[batch] = as_rows(readings)
+    assert found[1] == found[TARE // 2]
+
+
 def as_rows(readings):
     return [reading.row() for reading in readings]
 
@@ -159,8 +179,9 @@ def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost
     received = groups["quiet"][:TARE] + groups["busy"][TARE:]
     reader, readings, plans = stream(settings, received, TARE)
     quiet, busy = (stream(settings, groups[name])[1] for name in ("quiet", "busy"))
-    # The weights change when the new reference is complete, and nothing has touched the sensor.
-    switch = TARE + settings.reference_groups
+    # The weights change when the new reference is complete and no slip can be found in it any more,
+    # and nothing has touched the sensor.
+    switch = TARE + settings.reference_groups + Slips(settings.group_length).unsure
     assert plans[switch - 2] is settings and plans[switch - 1] is reader.plan is not settings
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
     assert [r.time_s for r in readings] == [r.time_s for r in quiet]
@@ -246,8 +267,12 @@ def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
         states.append(reader.state)
         delays.append(group.index + 1 - len(readings))
     assert reader.plan is not settings and reader.tares.state.state == "complete"
-    assert states[tare:] == ["reference"] * 2 + ["reading"] * (len(states) - tare - 2)
-    assert max(delays[tare:]) == 1
+    # As many more as a slip may still be found in.
+    wait = Slips(settings.group_length).unsure
+    assert states[tare:] == ["reference"] * (2 + wait) + ["reading"] * (
+        len(states) - tare - 2 - wait
+    )
+    assert max(delays[tare:]) == 1 + wait and delays[-1] == 1
 
 
 def test_stream_state_is_that_of_one_receiver(groups):
