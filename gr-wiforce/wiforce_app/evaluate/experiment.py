@@ -125,6 +125,7 @@ def _sensor(scene, index, readings, changes, truth, expected):
         "not_readable": why_not_readable(scene, index),
         "flags": sorted({flag for reading in own for flag in reading.flags}),
         "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
+        "radio_noise": scene.simulation.radio_noise is not None,
         "expected": {
             "phase_deg": expected.phase_error_deg,
             "force_n": expected.force_error_n,

@@ -205,12 +205,13 @@ def _expected_row(sensor):
     expected = sensor["expected"]
     if expected["phase_deg"] is None:
         return ["", "", "expected: not readable", *[""] * 8]
+    least = "at most" if sensor["radio_noise"] else "bound"
     return [
         "",
         "",
         "expected",
         figure_text(np.mean(expected["phase_deg"])),
-        f"{figure_text(sensor['bound_rms_deg'])} (bound)",
+        f"{figure_text(sensor['bound_rms_deg'])} ({least})",
         figure_text(expected["force_n"]),
         "",
         figure_text(expected["location_mm"]),
