@@ -119,6 +119,7 @@ def warn_of_leftover(recording, reader):
         seconds = lacking / reader.plan.waveform.sample_rate_hz
         rule = f"ends {lacking} samples ({seconds:.3g} s) before {antennas[-1].path}"
         warn(antennas[0].path, f"{rule}; groups that lack one antenna cannot be read")
-    if reader.leftover:
+    # What began within a frame, as a device's stream does, need not end with one.
+    if reader.leftover and not reader.frame_offset:
         rule = "after the last whole frame); only whole phase groups are read"
         warn(recording.path, f"ends inside a frame ({reader.leftover} samples {rule}")

@@ -95,6 +95,17 @@ def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_
     assert rows[:-1] == whole[:20]
 
 
+def test_read_stream_that_began_in_a_frame_is_not_warned_of(demo, read_args, tmp_path):
+    """Each untouched recording of `live` was said to end inside a frame."""
+    capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
+    data = capture.with_suffix(".sigmf-data")
+    data.write_bytes(data.read_bytes()[4 * 100 :])
+    done = run_command("read", capture, *read_args[2:])
+    assert done.returncode == 0
+    place, summary = done.stderr.splitlines()
+    assert "begins at sample 614" in place and "read 20 groups" in summary
+
+
 def completed(command, _):
     """Exit status and messages of a command."""
     done = run_command(*command)
