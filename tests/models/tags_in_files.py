@@ -5,7 +5,7 @@ build/run python3 tests/models/tags_in_files.py FILE.npz [--line-db 22] [--seeds
 each tag, the bound in degrees and N, and how the groups were read. Phase, gain, delay, noise, flips
 and times of the packets are the file's own. The figures of docs/wifi.md are those of examples of
 CSIKit: rx_8_211206_161457 with --reference-s 0.4, rx_8_211206_152319, and rx_8_211217_191036 with
---period-s 1 --reference-s 8 --repeats 4.
+--period-s 1 --reference-s 8 --repeats 4 --line-db 22.
 """
 
 import argparse
@@ -27,6 +27,10 @@ from packet_simulator import PacketTag
 
 FORCE_N, LOCATION_MM, CLOCK_HZ, SENSOR = 4.0, 35.0, 134.0, "line-2440mhz"
 FIRST_LINE = 0.225  # amplitude of the first line of a switched reflection of amplitude 1
+# Powers of the lines of a switch that is closed for a quarter of the time, and frequencies beside
+# them, in resolutions of a group, at which a tag has nothing.
+LINE_POWERS = np.sinc(np.arange(1, 7) / 4) ** 2
+BESIDE = np.array([-3, -2, 2, 3])
 
 
 class TagInFile:
@@ -88,23 +92,33 @@ class TagInFile:
                 return wiforce.read(path, self.scene())
 
     def jitter(self):
-        """Standard deviations from packet to packet: of the phase between the antennas, in rad, and
-        of the logarithms of the gain between them and of the one that they share.
+        """Standard deviations of packets by what the file holds at the tag's lines: of the phase
+        between the antennas, in rad, and of the logarithms of the gain between them and of the one
+        that they share. White noise of as much has as much there; of what wanders, packets that
+        follow each other show a third.
         """
         states = find_states(self.received, LEAST_STEP)
         gain = np.mean(np.log(np.abs(self.received[:, :, states.reference])), axis=1)
         against = against_reference(self.received, states.reference)[:, :, 1 - states.reference]
-        found = []
+        values = np.zeros((3, len(gain)))
         for state in range(states.count):
-            own = against[states.label == state]
-            if len(own) > 20:
-                mean = own.mean(axis=0)
-                beside = np.diff(np.log(own @ mean.conj() / np.vdot(mean, mean)))
-                common = np.diff(gain[states.label == state])
-                found.append([beside.imag, beside.real, common])
-        steps = np.abs(np.concatenate(found, axis=1))
-        # Of outliers there are few: 1.4826 median deviations are those of normal values.
-        return 1.4826 / np.sqrt(2) * np.median(steps, axis=1)
+            own = states.label == state
+            mean = against[own].mean(axis=0)
+            beside = np.log(against[own] @ mean.conj() / np.vdot(mean, mean))
+            values[:, own] = beside.imag, beside.real, gain[own] - np.median(gain[own])
+        time_s = self.time_s[: len(gain)]
+        group = (time_s // self.period_s).astype(int)
+        density = np.zeros(3)
+        for line, power in enumerate(LINE_POWERS, 1):
+            found = []
+            for rows in (np.flatnonzero(group == n) for n in range(group[-1])):
+                hertz = CLOCK_HZ * line + BESIDE / self.period_s
+                turns = np.exp(-2j * np.pi * np.outer(time_s[rows], hertz))
+                centered = values[:, rows] - values[:, rows].mean(axis=1, keepdims=True)
+                found.append(np.abs(centered @ turns) ** 2 / len(rows))
+            # The median of an exponential distribution is ln 2; of outliers there are few.
+            density += power * np.median(np.concatenate(found, axis=1), axis=1) / np.log(2)
+        return np.sqrt(density / sum(LINE_POWERS))
 
     def bounds(self):
         """Smallest standard deviations of the groups after the first touched one: (G, 2) in
