@@ -326,6 +326,13 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
     limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
+    apart = {
+        row["location_mm"] for row in _contradictions(_rows_at(model, "locations", frequency_hz))
+    }
+    if apart:
+        limit = (
+            f"locations that contradict each other: {', '.join(f'{x:g}' for x in sorted(apart))} mm"
+        )
     for row in _rows_at(model, "wrong", frequency_hz):
         limit = f"location {row['location_mm']:g} mm, which does not fit the others"
     return Verdict(
