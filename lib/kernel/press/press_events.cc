@@ -30,10 +30,11 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next->turning = next->steady = next->near = false;
     next->turned_now = true;
     next->motion.rest();
-    join_turn(*next);
+    begin_turn(*next);
     const auto was = next->motion.phase();
-    next->motion.widen_turn(squared(d_set.turn_deg * deg));
-    follow_turn(*next, was, from);
+    const double variance = squared(d_set.turn_deg * deg);
+    next->motion.widen({ variance, variance, variance });
+    give(*next, follow_turn(*next, was, from));
 }
 
 void press_filter::turn_slowly(
@@ -48,69 +49,51 @@ void press_filter::turn_slowly(
     next->near = near;
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
-    if (how == course::begins)
+    if (how == course::begins) {
         next->turns += !near && sees_turns(from, from.is);
+        begin_turn(*next);
+    }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
         next->strength.mean_variance += hand_variance(speed);
-    if (how == course::begins || from.is != untouched)
-        join_turn(*next);
     const auto was = next->motion.phase();
-    if (how != course::ends)
-        next->motion.widen_turn_velocity(squared(speeds[speed]) *
-                                         (how == course::begins ? 1 : d_elapsed_s) / 2);
+    if (how != course::ends) {
+        const double by =
+            squared(speeds[speed]) * (how == course::begins ? 1 : d_elapsed_s) / 2;
+        next->motion.widen_velocity({ by, by, by });
+    }
     next->motion.predict(d_elapsed_s);
-    if (from.is != untouched)
-        next->motion.stop_press(d_elapsed_s);
-    if (how == course::ends && from.is == untouched)
+    if (how == course::ends)
         next->motion.stop(d_elapsed_s);
-    else if (how == course::ends)
-        next->motion.stop_turn(d_elapsed_s);
-    follow_turn(*next, was, from);
+    give(*next, follow_turn(*next, was, from));
 }
 
-// The motion is that of the untouched line; or of a press, which is followed together
-// with the common phase of the line and the loss of the contact.
-void press_filter::join_turn(explanation& to) const
+void press_filter::begin_turn(explanation& to) const
 {
-    if (to.is == untouched) {
-        to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
-        to.strength = to.line;
-    } else
-        to.motion.join(to.common.estimate().variance,
-                       to.with_common,
-                       to.strength.difference_variance);
-}
-
-void press_filter::go_on_at_velocity(explanation& to) const
-{
-    join_turn(to);
-    to.motion.move(to.velocity);
+    if (to.is != untouched) {
+        to.common.widen(
+            d_common_noise); // how far it turns is seen with the noise of a group
+        return;
+    }
+    to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
+    to.strength = to.line;
 }
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
 // them.
-void press_filter::follow_turn(explanation& to,
-                               const pair_of_ends& was,
-                               const explanation& from)
+double press_filter::follow_turn(explanation& to,
+                                 const pair_of_ends& was,
+                                 const explanation& from) const
 {
     drift(to);
-    double likelihood = to.motion.expect(d_group.phase, d_noise);
-    if (hopeless(to, likelihood))
-        return;
-    to.motion.update(d_group.phase, d_noise);
+    double likelihood = to.motion.update(d_group.phase, d_noise);
     hold_level(to);
     const auto is = to.motion.phase();
-    const double by = to.is == untouched ? (is[0] - was[0] + is[1] - was[1]) / 2
-                                         : to.motion.common(),
-                 before = to.strength.mean;
+    const double by = (is[0] - was[0] + is[1] - was[1]) / 2, before = to.strength.mean;
     if (!to.near)
         to.strength.mean_variance +=
             squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
             std::max(1.0, least_turn_s / d_elapsed_s);
-    if (to.is == untouched)
-        to.common.turn(by);
-    else
-        part_turn(to);
+    to.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
     const bool second = from.is != untouched && from.age_s < 1.5 * d_elapsed_s;
     if (second && shows_turns(from) && !from.turning)
@@ -121,15 +104,15 @@ void press_filter::follow_turn(explanation& to,
     to.line.mean += to.strength.mean - before;
     if (!to.near)
         to.quiet_amplitude += to.strength.mean - before;
+    to.velocity = to.motion.common_velocity();
     if (to.is == untouched) {
-        to.velocity = to.motion.common_velocity();
         const auto sure = to.motion.covariance();
         to.common.reset(to.common.estimate().mean,
                         (sure.first + sure.second + 2 * sure.both) / 4);
         to.line = to.strength;
         notice_hand(to);
     }
-    give(to, likelihood);
+    return likelihood;
 }
 
 // What the first group of a press showed beside the stated off states was taken for their
@@ -139,7 +122,7 @@ void press_filter::begin_turn_earlier(explanation& to, double variance) const
     auto& own = to.strength;
     const double slope = -d_off.slope(to.shown.at),
                  error = d_off.variance({}, to.shown.at),
-                 seen = error + d_amplitude_difference_noise,
+                 seen = error + 4 * d_amplitude_noise,
                  all = squared(slope) * variance + seen;
     // Of what it showed, this is the share that counted as their error.
     const double of_error = slope * variance / all * to.shown.mean;
@@ -174,8 +157,10 @@ void press_filter::release(const explanation& from, double probability)
         reset_baseline(*next);
         next->known = true;
     }
-    if (next->turning)
-        go_on_at_velocity(*next);
+    if (next->turning) {
+        begin_turn(*next);
+        next->motion.move(next->velocity);
+    }
     give(*next, likelihood);
 }
 
@@ -189,7 +174,7 @@ void press_filter::touch(const explanation& from, double probability, state is)
     next->turning &= is == pressed;
     begin_press(*next);
     if (next->turning)
-        go_on_at_velocity(*next);
+        next->motion.move(next->velocity);
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next))
         touch_with_strength(from, *next, spread);
@@ -266,20 +251,44 @@ void press_filter::change_steadily(const explanation& from,
         from.steady && !slides ? squared(next->motion.speed()) * d_elapsed_s : along;
     next->motion.widen_velocity(covariance_along(direction, along, aside * across));
     if (from.turning) { // by what it turned before, or by anything
-        join_turn(*next);
-        next->motion.widen_turn_velocity(squared(speeds[from.turn_speed]) *
-                                         (from.velocity == 0 ? 1 : d_elapsed_s));
+        const double by =
+            squared(speeds[from.turn_speed]) * (from.velocity == 0 ? 1 : d_elapsed_s);
+        next->motion.widen_velocity({ by, by, by });
     }
     next->motion.predict(d_elapsed_s);
-    double likelihood = next->motion.expect(d_group.phase, d_noise);
-    if (hopeless(*next, likelihood))
-        return;
-    next->motion.update(d_group.phase, d_noise);
+    const auto was = from.motion.phase();
+    double likelihood = next->motion.update(d_group.phase, d_noise);
     if (from.turning)
-        part_turn(*next);
+        part_turn(*next, was, direction);
     doubt_off_states(*next);
     likelihood += update_strength(*next);
     give(*next, likelihood);
+}
+
+// While the tag turns and the force changes: both phases are moved by the turn alike, and
+// by the force in the direction of the press. In the middle of the line that is the same.
+void press_filter::part_turn(explanation& to,
+                             const pair_of_ends& was,
+                             const pair_of_ends& direction) const
+{
+    const auto is = to.motion.phase();
+    const double expected = to.velocity * d_elapsed_s;
+    const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
+    const double by_turn = squared(speeds[to.turn_speed] * d_elapsed_s),
+                 by_force = squared(speeds[to.speed] * d_elapsed_s),
+                 noise = d_noise.first / 100;
+    // What slides moves both in any direction, which only amplitudes tell from a turn.
+    const double across = to.slides && shows_turns(to) ? by_force : 0;
+    const double x = direction[0], y = direction[1];
+    const double a = by_force * x * x + across * y * y + by_turn + noise,
+                 b = by_force * y * y + across * x * x + by_turn + noise,
+                 ab = (by_force - across) * x * y + by_turn;
+    const double determinant = a * b - ab * ab;
+    const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
+                 doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
+    to.common.turn(expected + turned);
+    to.common.widen(std::max(doubt, 0.0));
+    to.velocity += 0.3 * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.
@@ -299,7 +308,7 @@ void press_filter::jump(const explanation& from, double probability)
         return;
     next->motion.rest();
     if (next->turning)
-        go_on_at_velocity(*next);
+        next->motion.move(next->velocity);
     const double along = squared(jump_deg * deg);
     next->motion.widen(
         covariance_along(press_direction(from), along, direction_variance(from) * along));

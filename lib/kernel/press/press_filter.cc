@@ -46,12 +46,10 @@ void press_filter::take(const press_observation& group)
     d_difference_noise = noise[0] + noise[1] + 2 * floor;
     d_common_noise = d_difference_noise / 4 + group.common_variance;
     d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
-    d_amplitude_difference_noise = 4 * d_amplitude_noise;
     d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
-    d_phase_peak = log_normal(0, d_common_noise) + log_normal(0, d_difference_noise);
-    d_amplitude_peak =
-        log_normal(0, d_amplitude_noise) + log_normal(0, d_amplitude_difference_noise);
+    d_peak = log_normal(0, d_common_noise) + log_normal(0, d_difference_noise) +
+             log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
     d_next.clear();
     d_best = -1e300;
     if (d_first)
@@ -171,39 +169,41 @@ void press_filter::branch_touched(const explanation& from)
     const double sudden = may.all - may.steadily + turns;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
-    // The tag and the press go on, begin or end to move, each by itself.
-    const double moves = quiet * (from.steady ? goes_on : begins), rests = quiet - moves;
-    const auto change = [&](const explanation& tag, double probability) {
-        if (from.steady)
-            go_on_changing(tag, probability);
-        else
-            begin_changing(tag, probability);
-    };
-    if (from.turning) {
-        auto resting = from;
+    if (from.turning && from.steady) {
+        // Both go on, or one of them ends.
+        const double ends = quiet * (1 - goes_on) / 2;
+        go_on_changing(from, quiet * goes_on);
+        auto resting = from, held = from;
         resting.turning = false;
-        resting.motion.stop_turn(0);
-        change(from, moves * goes_on);
-        change(resting, moves * (1 - goes_on));
-        go_on_turning(from, rests * goes_on);
+        resting.motion.push(-from.velocity);
+        change_steadily(resting, ends, from.slides, from.speed);
+        held.steady = false;
+        held.motion.move(from.velocity);
+        turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
+    } else if (from.turning) {
+        go_on_turning(from, quiet * goes_on * (1 - begins));
         turn_slowly(
-            from, rests * (1 - goes_on), course::ends, from.turn_speed, from.near);
-    } else {
+            from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
+        begin_changing(from, quiet * goes_on * begins);
+    } else if (from.steady) {
         auto turning = from;
         turning.turning = true;
         turning.turns += sees_turns(from, from.is);
         turning.near = false;
         turning.velocity = 0;
-        change(from, moves * (1 - turns));
-        // Where amplitudes do not show it, more force explains both.
+        go_on_changing(from, quiet * goes_on * (1 - turns));
         for (std::size_t i = 0; i < turning_speeds; i++) {
-            if (!from.steady && !shows_turns(from))
-                break;
             turning.turn_speed = i;
-            change(turning, moves * turns / turning_speeds);
+            change_steadily(turning,
+                            quiet * goes_on * turns / turning_speeds,
+                            from.slides,
+                            from.speed);
         }
-        hold(from, rests * (1 - turns));
-        begin_turning(from, rests * turns, 0);
+        hold(from, quiet * (1 - goes_on));
+    } else {
+        hold(from, quiet * (1 - begins) * (1 - turns));
+        begin_changing(from, quiet * begins);
+        begin_turning(from, quiet * turns, 0);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);

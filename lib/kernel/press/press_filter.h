@@ -180,13 +180,14 @@ private:
     double lasting() const;
     double between_groups() const;
     double going_on() const;
-    void join_turn(explanation& to) const;
-    void go_on_at_velocity(explanation& to) const;
-    void part_turn(explanation& to) const;
+    void part_turn(explanation& to,
+                   const pair_of_ends& was,
+                   const pair_of_ends& direction) const;
     void turn_unseen(explanation& to, double part) const;
+    void begin_turn(explanation& to) const;
     void begin_turn_earlier(explanation& to, double variance) const;
-    void follow_turn(explanation& to, const pair_of_ends& was, const explanation& from);
-    bool hopeless(const explanation& next, double log_likelihood) const;
+    double
+    follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
     void give(explanation& next, double log_likelihood);
     std::optional<explanation> follow(const explanation& from, double probability) const;
     void average(explanation& to) const;
@@ -234,16 +235,15 @@ private:
     off_states d_off;
     bool d_off_differ;
     std::vector<explanation> d_kept, d_next;
-    double d_best = 0;                             // largest log weight so far
-    double d_phase_peak = 0, d_amplitude_peak = 0; // largest log densities of a group
+    double d_best = 0,
+           d_peak = 0; // largest log weight so far; largest density of a group
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it
     press_observation d_passed; // what the receiver has done since
     double d_elapsed_s = 0;     // since the group before
     phase_covariance d_noise;
-    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0,
-           d_amplitude_difference_noise = 0;
+    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
 };
 

@@ -23,18 +23,12 @@ std::optional<press_filter::explanation> press_filter::follow(const explanation&
                                                               double probability) const
 {
     const double log_weight = from.log_weight + std::log(probability);
-    if (!(log_weight + d_phase_peak + d_amplitude_peak > d_best + negligible - 12))
+    if (!(log_weight + d_peak > d_best + negligible - 12))
         return std::nullopt;
     auto next = from;
     next.log_weight = log_weight;
     next.lasts = false;
     return next;
-}
-
-// Whether it will have no weight, by what the phases say and whatever the amplitudes do.
-bool press_filter::hopeless(const explanation& next, double log_likelihood) const
-{
-    return next.log_weight + log_likelihood + d_amplitude_peak < d_best + negligible;
 }
 
 void press_filter::give(explanation& next, double log_likelihood)
@@ -213,7 +207,7 @@ double press_filter::compare_contact(const explanation& with, double spread) con
     const auto density = [&](double loss) {
         return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
                log_normal(d_amplitude_difference - with.line.difference,
-                          with.line.difference_variance + d_amplitude_difference_noise +
+                          with.line.difference_variance + 4 * d_amplitude_noise +
                               2 * squared(loss));
     };
     // Good contacts lose nothing.
@@ -231,8 +225,7 @@ double press_filter::update_amplitude(both_amplitudes& own) const
     const double mean = d_amplitude - own.mean,
                  difference = d_amplitude_difference - own.difference;
     const double mean_variance = own.mean_variance + d_amplitude_noise,
-                 difference_variance =
-                     own.difference_variance + d_amplitude_difference_noise;
+                 difference_variance = own.difference_variance + 4 * d_amplitude_noise;
     const double likelihood =
         log_normal(mean, mean_variance) + log_normal(difference, difference_variance);
     const double by_mean = own.mean_variance / mean_variance,
@@ -262,18 +255,6 @@ pair_of_ends press_filter::change(const explanation& of, const pair_of_ends& pha
 {
     const auto at = baseline(of);
     return { phase[0] - at[0], phase[1] - at[1] };
-}
-
-// What the motion has found out about the line and the loss.
-void press_filter::part_turn(explanation& to) const
-{
-    to.common.turn(to.motion.common());
-    to.common.narrow(
-        std::max(to.motion.common_variance() / to.common.estimate().variance, 1e-6));
-    to.strength.difference += to.motion.loss();
-    to.strength.difference_variance = std::max(to.motion.loss_variance(), least_variance);
-    to.with_common = to.motion.common_with_loss();
-    to.velocity = to.motion.turn_velocity();
 }
 
 // Takes the amplitudes of a press. Where the off states differ they show the common
@@ -311,18 +292,20 @@ double press_filter::update_strength(explanation& to) const
         expected = d_off.amplitude(at);
         slope = -d_off.slope(at);
         variance = slope * slope * known + 2 * slope * to.with_common +
-                   own.difference_variance + d_amplitude_difference_noise;
+                   own.difference_variance + 4 * d_amplitude_noise;
         by_turn = (slope * known + to.with_common) / variance;
         off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
               slope * turn;
         turn = by_turn * off;
     }
+    const double by_loss = (slope * to.with_common + own.difference_variance) / variance;
     double likelihood = log_normal(off, variance);
-    join_turn(to);
-    to.motion.update_loss(slope, off, variance);
-    part_turn(to);
-    if (!to.turning)
-        to.motion.forget_turn();
+    own.difference += by_loss * off;
+    own.difference_variance =
+        std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
+    to.with_common -= by_turn * by_loss * variance;
+    to.common.turn(turn);
+    to.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
     to.shown = { change(to, to.motion.phase()),
                  own.difference - to.line.difference,
                  own.difference_variance };
@@ -402,10 +385,9 @@ void press_filter::begin_press(explanation& to) const
 
 press_filter::both_amplitudes press_filter::seen_amplitude() const
 {
-    return { d_amplitude,
-             d_amplitude_difference,
-             d_amplitude_noise,
-             d_amplitude_difference_noise };
+    return {
+        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
+    };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const

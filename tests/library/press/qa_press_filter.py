@@ -196,17 +196,16 @@ def rows_by_off_states(off, phases_deg, lost_np=0.0, **more):
     return rows
 
 
-def line_off_stds(slid, turn_deg, noise_deg):
-    """By how many standard deviations the line is off during a press from group 30 on; (n,).
-
-    Of forces and locations `slid` (n, 2) while the tag turns, where off states differ.
-    """
-    off, count = (0.3, -0.3), len(slid)
-    phases = MODEL.phases_deg(*slid.T) - MODEL.untouched_deg()
+def test_slide_that_begins_while_the_tag_turns_leaves_the_turn_in_the_deviation():
+    """Without it the turn ended with the begin of the slide, 12 to 18 deviations off."""
+    off, count, noise_deg = (0.3, -0.3), 74, 0.08
+    time = 0.036 * np.arange(count)
+    slid, turn = np.clip((time - 58 * 0.036) / 0.44, 0, 1), 5.5 * np.clip(time - 50 * 0.036, 0, 1)
+    phases = MODEL.phases_deg(4.9 - 2.5 * slid, 42.8 - 2.8 * slid) - MODEL.untouched_deg()
     phases[:30] = 0
     rows = rows_by_off_states(off, phases, noise_deg=noise_deg, period_s=0.036)
     noise = np.radians(noise_deg) * np.random.default_rng(1).standard_normal((2, count, 2))
-    rows["phase"] += noise[0] + np.radians(turn_deg)[:, None]
+    rows["phase"] += noise[0] + np.radians(turn)[:, None]
     rows["amplitude"] += noise[1]
     found = explained(rows, filter_for(off, 0.036, turns=0.25))
     found = found[(found["is"] == PRESSED) & (found["row"] < count - 1)]
@@ -217,23 +216,7 @@ def line_off_stds(slid, turn_deg, noise_deg):
     mean = np.bincount(found["row"], weights * line, minlength=count)
     square = np.degrees(1) ** 2 * found["common_variance"] + (line - mean[found["row"]]) ** 2
     std = np.sqrt(np.bincount(found["row"], weights * square, minlength=count))
-    return np.abs(mean - turn_deg)[32:-1] / std[32:-1]
-
-
-def test_slide_that_begins_while_the_tag_turns_leaves_the_turn_in_the_deviation():
-    """Without it the turn ended with the begin of the slide, 12 to 18 deviations off."""
-    time = 0.036 * np.arange(74)
-    slid, turn = np.clip((time - 58 * 0.036) / 0.44, 0, 1), 5.5 * np.clip(time - 50 * 0.036, 0, 1)
-    slid = np.transpose([4.9 - 2.5 * slid, 42.8 - 2.8 * slid])
-    assert (line_off_stds(slid, turn, 0.08) < 5).all()
-
-
-def test_tag_that_begins_to_turn_during_a_slide_leaves_the_turn_in_the_deviation():
-    """Its velocity was known by shares of both, and its error added up to 6 deviations."""
-    time = 0.036 * np.arange(74)
-    slid, turns = np.maximum(time - 36 * 0.036, 0), np.maximum(time - 60 * 0.036, 0)
-    slid = np.transpose([4.0 + 2.2 * slid, 42.0 + 13.8 * slid])
-    assert (line_off_stds(slid, -18 * turns**2, 0.14) < 5).all()
+    assert (np.abs(mean - turn)[32:-1] < 5 * std[32:-1]).all()
 
 
 @pytest.mark.parametrize("off", [(0, 0), (0.3, 0.3), (0.3, -0.3), (0.3j, -0.2)])
