@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from live_runs import FRAMES, command
 
-MODULE = Path(__file__).parents[3] / "build" / "tests" / "libemulated_b210.so"
+MODULE = Path(__file__).parents[3] / "build" / "libemulated_b210.so"
 
 pytestmark = pytest.mark.skipif(not MODULE.exists(), reason="needs libuhd-dev when building")
 
