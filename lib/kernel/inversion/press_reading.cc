@@ -19,7 +19,9 @@ constexpr double degrees = 180 / M_PI;
 constexpr double disturbed_deg = 1.0;
 // Weight of explanations that are inverted.
 constexpr double least_weight = 1e-4;
-// Standard deviations beyond which a reading is wrong.
+// Standard deviations beyond which a reading is wrong. That of a mixture is no such
+// limit: an explanation of weight w may lie 1 / sqrt(w) away, so that none is left
+// farther than this.
 constexpr double far = 5.0;
 // Gauss-Hermite quadrature of a normal variable: nodes in standard deviations, weights.
 constexpr double nodes[] = { 0.0, -1.7320508075688772, 1.7320508075688772 };
@@ -202,9 +204,8 @@ void press_reading::invert(const group& of,
         }
     }
     double means[2], stds[2];
-    std::vector<char> outside(solutions.size());
     for (int column = 0; column < 2; column++) {
-        double first = 0, second = 0;
+        double first = 0, second = 0, farthest = 0;
         for (const auto& each : solutions)
             first += each.weight * each.mean[column];
         first /= total;
@@ -212,18 +213,11 @@ void press_reading::invert(const group& of,
             const double away = each.mean[column] - first;
             const double own = each.variance[column];
             second += each.weight * ((std::isnan(own) ? 0 : own) + away * away);
+            farthest = std::max(farthest, std::abs(away));
         }
         means[column] = first;
-        stds[column] = std::sqrt(second / total);
-        for (std::size_t i = 0; i < solutions.size(); i++)
-            outside[i] |=
-                std::abs(solutions[i].mean[column] - first) > far * stds[column];
+        stds[column] = std::max(std::sqrt(second / total), farthest / far);
     }
-    double beyond = 0;
-    for (std::size_t i = 0; i < solutions.size(); i++)
-        beyond += outside[i] ? solutions[i].weight : 0;
-    if (beyond > d_limits.doubt * total)
-        to.flags |= d_bits.ambiguous;
     to.force_n = means[0];
     to.force_std_n = stds[0];
     to.location_mm = means[1];
