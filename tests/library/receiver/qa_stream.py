@@ -194,10 +194,8 @@ def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost
     # Without the survey, the same readings are much less certain.
     unaware = stream(settings, received)[1]
     held = slice(-9, -4)
-    assert all(
-        a.force_std_n < 0.85 * b.force_std_n
-        for a, b in zip(readings[held], unaware[held], strict=True)
-    )
+    stds = [[r.force_std_n for r in each[held]] for each in (readings, unaware)]
+    assert np.mean(stds[0]) < 0.7 * np.mean(stds[1])
 
 
 def test_stream_tare_that_changes_the_weights_is_believed(groups):
