@@ -17,7 +17,7 @@ PICTURE = Path(__file__).resolve().parent / "images" / "turn.png"
 # The tag moves away from the antennas, so that both ends turn alike.
 TURN_S, DISTANCE_MM, END_S = 2.0, 3.0, 4.4
 PRESS = {"start_s": 1.0, "hold_s": 2.2, "force_n": 2.5, "location_mm": 40.0}
-# What each reader is told of the sensor.
+# What each reader knows of the sensor.
 READERS = {
     "turns are rare (nothing stated)": {},
     "turns_per_s: 1": {"turns_per_s": 1.0},
