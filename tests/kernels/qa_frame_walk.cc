@@ -154,3 +154,27 @@ BOOST_DATA_TEST_CASE(frame_walk_after_an_unreported_loss_returns_to_the_grid,
     BOOST_TEST(slipped == sample);
     BOOST_TEST(walk.position() % length == taken % length);
 }
+
+BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
+{
+    const int frames = 5;
+    const preamble_folder folder(720, 64, 4);
+    std::vector<sc16> x(frames * 720, sc16(32751, -32751));
+    std::vector<int> found = { 7 };
+    std::vector<fc32> folded(64 * frames);
+    std::vector<snapshot_noise> noise(frames);
+    const auto fold = [&](const auto& samples, int count) {
+        folder.fold(&samples[64], count, folded.data(), noise.data(), &found);
+    };
+    fold(x, frames);
+    BOOST_TEST(found.empty());
+    x[63] = x[320] = sc16(32767, -32768); // beside the averaged part of frame 0
+    fold(x, frames);
+    BOOST_TEST(found.empty());
+    x[720 + 64] = sc16(0, 32752);
+    x[3 * 720 + 319] = sc16(-32752, 0);
+    fold(x, frames);
+    BOOST_TEST(found == std::vector<int>({ 1, 3 }), boost::test_tools::per_element());
+    fold(std::vector<fc32>(720, fc32(2, 2)), 1);
+    BOOST_TEST(found.empty());
+}

@@ -93,6 +93,7 @@ TABLES = {
     "conjugate pairs": tone_weights(50, [1, 2, 3, 4, -1, -2, -3, -4]),
     "pairs and singles": tone_weights(50, [0.5, 1, -1, 2.5, 4]),
     "a row twice": np.repeat(random_complex(1, 50), 2, 0),
+    "zeros": np.zeros((1, 50)),
 }
 
 
@@ -136,14 +137,6 @@ def test_accuracy_holds_beside_static_clutter(clutter_db):
     assert error < (1e-5 if clutter_db is None else 10 ** (-90 / 20))
 
 
-def test_spectrum_is_the_fourier_transform_over_the_group():
-    snapshots = random_complex(3 * 90, 64)
-    run = Run(snapshots, wiforce.phase_group_doppler.spectrum(90))
-    want = np.fft.fft(snapshots.reshape(3, 90, 64), axis=1) / 90
-    assert run.tones.shape == want.shape
-    np.testing.assert_allclose(run.tones, want, atol=1e-6)
-
-
 def incomplete_run(doppler, group_length, absent, not_finite=(), count=None):
     """A run without the absent snapshots; returns it, the snapshots with zeros, and the mask."""
     count = count or 6 * group_length
@@ -159,25 +152,26 @@ def incomplete_run(doppler, group_length, absent, not_finite=(), count=None):
     return run, snapshots, keep
 
 
-@pytest.mark.parametrize("mode", ["tones", "spectrum"])
+@pytest.mark.parametrize("mode", ["real rows", "pairs and singles", "spectrum"])
 def test_incomplete_groups_are_announced_and_their_snapshots_given(mode):
     length = 50
-    if mode == "tones":
-        weights = TABLES["pairs and singles"]
+    if mode in TABLES:
+        weights = TABLES[mode]
         doppler = wiforce.phase_group_doppler(weights, length)
     else:
         weights = np.exp(-2j * np.pi * np.outer(np.arange(length), np.arange(length)) / length)
         weights /= length
         doppler = wiforce.phase_group_doppler.spectrum(length)
     # Group 0: its first ones and one inside; group 2 from its middle to the end; group 3
-    # wholly; group 4: its start; group 5: values that are not finite, the first one too.
-    absent = [0, 1, 2, 30, *range(2 * 50 + 25, 4 * 50 + 10)]
+    # wholly; group 4: more than a block of sums; group 5: values that are not finite, the
+    # first one too.
+    absent = [0, 1, 2, 30, *range(2 * 50 + 25, 4 * 50 + 35)]
     run, snapshots, present = incomplete_run(doppler, length, absent, not_finite=(250, 260, 299))
     want = tones(snapshots.astype(np.complex64), weights)
     emitted = [0, 1, 2, 4, 5]
     np.testing.assert_allclose(run.tones, want[emitted], atol=1e-6 * np.abs(want).max())
     assert list(run.groups.values()) == emitted
-    counts = {0: 4, 2: 25, 4: 10, 5: 3}
+    counts = {0: 4, 2: 25, 4: 35, 5: 3}
     assert {run.groups[offset]: n for offset, n in run.missing.items()} == counts
     assert [group for group, _, _ in run.pdus] == list(counts)
     for group, mask, items in run.pdus:

@@ -153,16 +153,6 @@ def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
     assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
 
 
-@pytest.mark.parametrize("lost", [0, 300])
-def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_goes_on_from_it(tmp_path, lost):
-    tags = [rx_time(0, 1000.0), rx_time(5000, 1.0), rx_time(9000, 1.0 + (4000 + lost) / RATE)]
-    tags.append(rx_time(12_000, 1.0 + (7100 + lost) / RATE))
-    record(tmp_path / "run", stream(0, 30), tags)
-    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
-    first = [(9000, 9000 + lost)] if lost else []
-    assert places == [(0, 0), *first, (12_000, 12_100 + lost)]
-
-
 def test_what_is_no_time_marks_no_gap():
     for value in NO_TIMES.values():
         times = Timeline(RATE)

@@ -124,21 +124,6 @@ def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size)
     assert set(np.flatnonzero(saturated)) == full_scale
 
 
-def test_tone_reader_of_a_known_channel_gives_it_on_the_bins_asked_for(tmp_path):
-    rng = np.random.default_rng(5)
-    taps = rng.normal(size=4) + 1j * rng.normal(size=4)
-    frames = np.convolve(np.tile(WAVEFORM.frame(), 2 * GROUP), taps)[: 2 * GROUP * FRAME]
-    (tmp_path / "x").write_bytes(frames.astype("<c8").tobytes())
-    weights, bins = np.full((1, GROUP), 1 / GROUP), [3, 60, 1]
-    reader = tone_reader(
-        str(tmp_path / "x"), "cf32_le", [(0, 0, len(frames))], FRAME, 64, 4, 0, 64,
-        weights, WAVEFORM.equalizer(), [], bins,
-    )  # fmt: skip
-    tones = reader.read(10)["tones"]
-    want = np.broadcast_to(np.fft.fft(taps, 64)[bins], (2, 1, 3))
-    np.testing.assert_allclose(tones, want, atol=5e-6)
-
-
 def test_readers_of_frames_that_slip_count_it(tmp_path):
     rng = np.random.default_rng(5)
     frame = np.where(np.arange(96) < 70, rng.normal(size=96) + 1j * rng.normal(size=96), 0)
@@ -182,9 +167,6 @@ def test_kernels_do_not_load_gnu_radio():
     ("change", "message"),
     [
         ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
-        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le'"),
-        ({"segments": []}, "segments must hold one or more"),
-        ({"frame_length": 300}, "frame_length must be >="),
         ({"weights": np.ones(6)}, "weights must have 2 dimensions"),
         ({"weights": np.full((1, 6), np.nan)}, "weights must be finite"),
         ({"factors": np.ones(63)}, "factors must be as many as a symbol has samples, 64"),
