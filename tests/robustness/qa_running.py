@@ -110,15 +110,6 @@ def test_the_summary_counts_every_group_once(sandbox, readings):
     assert flagged == groups - clear and dropped == 0
 
 
-def test_a_capture_that_shows_nothing_says_so(sandbox):
-    rng = np.random.default_rng(1)
-    noise = rng.integers(-100, 100, 2 * GROUP * 14).astype("<i2")
-    (sandbox.folder / "noise.bin").write_bytes(noise.tobytes())
-    done = sandbox.run("read", "noise.bin", *READ, "--datatype", "ci16_le")
-    assert done.returncode == 2 and done.stdout == ""
-    assert "noise.bin: " in done.stderr and "ci16_le" in done.stderr
-
-
 @pytest.mark.parametrize("cores", [{0}, pytest.param({0, 1}, marks=pytest.mark.long)])
 def test_the_same_capture_gives_the_same_bytes_on_any_number_of_cores(sandbox, readings, cores):
     available = os.sched_getaffinity(0)

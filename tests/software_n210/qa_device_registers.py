@@ -5,7 +5,6 @@ import struct
 
 import pytest
 from software_n210 import wire
-from software_n210.air.frontend import Synthesizer
 from software_n210.hardware import DeviceClock
 from software_n210.host.control import (
     Control,
@@ -157,22 +156,3 @@ def test_control_zero_lock_time_ends_the_session():
     device.reply(request("r", poke(0, 0, 6)))
     assert closed == [1]
     assert struct.unpack_from(">I", device.reply(request("r", poke(3, 0, 5))), 16)[0] == 0x1234ABCD
-
-
-@pytest.mark.parametrize(
-    "registers, frequency_hz",
-    [
-        # R = 2, INT = 49, FRAC/MOD = 1/4: 50 MHz x 49.25; the divider is inside the loop.
-        ([49 << 15 | 1 << 3, 4 << 3 | 1, 2 << 14 | 2, 3, 1 << 20 | 4, 5], 2462.5e6),
-        # The same with feedback from before the output divider by 4.
-        ([49 << 15 | 1 << 3, 4 << 3 | 1, 2 << 14 | 2, 3, 1 << 23 | 2 << 20 | 4, 5], 615.625e6),
-        # Doubled and halved reference: 100 MHz x 2 / (4 x 2) = 25 MHz x 40.
-        ([40 << 15, 2 << 3 | 1, 1 << 25 | 1 << 24 | 4 << 14 | 2, 3, 4, 5], 1000e6),
-    ],
-)
-def test_synthesizer_registers_determine_frequency(registers, frequency_hz):
-    chip = Synthesizer()
-    assert chip.frequency_hz == 0
-    for word in reversed(registers):
-        chip.write(word)
-    assert chip.frequency_hz == pytest.approx(frequency_hz, rel=1e-12)

@@ -338,13 +338,6 @@ def test_export_to_mcap_and_its_metadata(tmp_path):
     ("name", "content", "rule"),
     [
         ("in.txt", "", "readings must be in a .csv, .jsonl, .parquet or .mcap file"),
-        ("in.csv", "force_n\n1\n", "it has no column time_s"),
-        ("in.csv", "time_s,sensor\n0.1,arm\nx,arm\n", "row 2: is no reading"),
-        (
-            "in.csv",
-            "time_s,sensor\n0.1\n",
-            "line 2: must have as many fields as there are columns, 2, got 1",
-        ),
         ("in.jsonl", '{"time_s": 0.1, "sensor": "arm"}\n{"time', "line 2: is not JSON"),
         ("in.parquet", "PAR1", "is not a complete Parquet file"),
         ("in.mcap", "MCAP", "is not an MCAP file"),

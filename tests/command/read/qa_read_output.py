@@ -251,18 +251,3 @@ def test_follow_metadata_that_contradict_what_was_read_end_the_run(growing, chan
     said = growing.process.communicate(timeout=300)[1]
     assert growing.process.returncode == 2 and message in said
     assert len(rows_of(growing.output)) >= 39
-
-
-def test_follow_gap_reported_before_its_samples_is_read(growing):
-    growing.wait_for_rows(40)
-    first = growing.content["captures"][0]
-    start = growing.written
-    growing.content["captures"].append(
-        {**first, "core:sample_start": start, "core:global_index": start + 321 * 63 * 5}
-    )
-    growing.grow()
-    growing.wait_for_rows(growing.data.size // (321 * 63))
-    growing.process.send_signal(signal.SIGINT)
-    said = growing.process.communicate(timeout=300)[1]
-    assert growing.process.returncode == 0, said
-    assert sum("gap" in row["flags"] for row in rows_of(growing.output)) in (5, 6)
