@@ -41,9 +41,6 @@ std::array<double, 3> clock_likelihood::at(double phase,
             const complex value = sums[element * subcarriers + k];
             const complex slope = sums[(2 + element) * subcarriers + k];
             const complex curvature = sums[(4 + element) * subcarriers + k];
-            const auto real_product = [](complex a, complex b) {
-                return a.real() * b.real() + a.imag() * b.imag();
-            };
             found[0] += real_product(value, value) * inverse_noise[k];
             found[1] += 2 * real_product(value, slope) * inverse_noise[k];
             found[2] += 2 *

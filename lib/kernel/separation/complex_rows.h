@@ -38,6 +38,12 @@ inline std::complex<double> inner_product(const std::complex<double>* first,
     return { real, imag };
 }
 
+// Real part of conj(first) x second.
+inline double real_product(std::complex<double> first, std::complex<double> second)
+{
+    return first.real() * second.real() + first.imag() * second.imag();
+}
+
 // sum += |row|^2
 inline void add_powers(const std::complex<double>* row, std::size_t count, double* sum)
 {

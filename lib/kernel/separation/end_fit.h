@@ -57,6 +57,9 @@ public:
         std::vector<double> sandwich, mean;
     };
     coherence coherent(const double* inverse_noise) const;
+
+private:
+    void invert(); // the mixing
 };
 
 } // namespace gr::wiforce::kernel

@@ -2,6 +2,7 @@
 #include "phase_expansion.h"
 
 #include "../clones.h"
+#include "complex_product.h"
 #include "complex_rows.h"
 
 #include <algorithm>
@@ -25,53 +26,49 @@ WIFORCE_CLONES
 void phase_expansion::expand(const end_fit& fit)
 {
     const auto [groups, tones, ends, subcarriers] = sizes;
-    std::vector<complex> moved(ends * ends), spread(ends * ends), changes(ends * tones),
-        along(subcarriers);
+    std::vector<complex> moved(ends * ends), changes(tones * ends),
+        along(ends * subcarriers);
+    std::vector<double> packed;
     for (std::size_t group = 0; group < groups; group++) {
         const complex* const solver = fit.solver.data() + group * ends * tones;
         const complex* const mixing = fit.mixing.data() + group * tones * ends;
         const complex* const slopes = fit.slopes.data() + group * tones * ends;
-        // By what the ends change, and what the tones then still do; a row per end.
+        // By what the ends change, and what the tones then still do; a column per end.
         std::fill(moved.begin(), moved.end(), 0.0);
-        for (std::size_t end = 0; end < ends; end++)
-            for (std::size_t tone = 0; tone < tones; tone++)
-                add_scaled(solver[end * tones + tone],
-                           slopes + tone * ends,
-                           ends,
-                           &moved[end * ends]);
-        for (std::size_t tone = 0; tone < tones; tone++)
-            for (std::size_t end = 0; end < ends; end++) {
-                complex change = slopes[tone * ends + end];
-                for (std::size_t other = 0; other < ends; other++)
-                    change -= mixing[tone * ends + other] * moved[other * ends + end];
-                changes[end * tones + tone] = change;
-            }
+        add_product(
+            { solver, tones, 1 }, ends, tones, slopes, ends, moved.data(), packed);
+        std::copy_n(slopes, changes.size(), changes.begin());
+        add_product({ mixing, ends, 1, -1 },
+                    tones,
+                    ends,
+                    moved.data(),
+                    ends,
+                    changes.data(),
+                    packed);
         complex* const gram = d_gram.data() + group * ends * ends;
+        const left_factor changed{ changes.data(), 1, ends, 1, true };
+        add_product(changed, ends, tones, changes.data(), ends, gram, packed);
         for (std::size_t row = 0; row < ends; row++)
-            for (std::size_t column = 0; column < ends; column++) {
-                gram[row * ends + column] =
-                    inner_product(&changes[row * tones], &changes[column * tones], tones);
-                if (row / 2 == column / 2)
-                    d_excess[group * tags() + row / 2] +=
-                        2 * subcarriers *
-                        (gram[row * ends + column] *
-                         inner_product(
-                             solver + row * tones, solver + column * tones, tones))
-                            .real();
-            }
+            for (std::size_t column = row / 2 * 2; column < row / 2 * 2 + 2; column++)
+                d_excess[group * tags() + row / 2] +=
+                    2 * subcarriers *
+                    (gram[row * ends + column] *
+                     inner_product(solver + row * tones, solver + column * tones, tones))
+                        .real();
+        std::fill(along.begin(), along.end(), 0.0);
+        add_product(changed,
+                    ends,
+                    tones,
+                    &fit.residual[group * tones * subcarriers],
+                    subcarriers,
+                    along.data(),
+                    packed);
         for (std::size_t end = 0; end < ends; end++) {
-            std::fill(along.begin(), along.end(), 0.0);
-            for (std::size_t tone = 0; tone < tones; tone++)
-                add_scaled(std::conj(changes[end * tones + tone]),
-                           &fit.residual[(group * tones + tone) * subcarriers],
-                           subcarriers,
-                           along.data());
             const complex* const channel = &d_ends[(group * ends + end) * subcarriers];
             double* const gradient =
                 &d_gradient[(group * tags() + end / 2) * subcarriers];
             for (std::size_t k = 0; k < subcarriers; k++)
-                gradient[k] += 2 * (channel[k].real() * along[k].real() +
-                                    channel[k].imag() * along[k].imag());
+                gradient[k] += 2 * real_product(channel[k], along[end * subcarriers + k]);
         }
     }
 }
