@@ -26,7 +26,7 @@ FLOWGRAPH = ROOT / "examples" / "press_simulation.grc"
 DISPLAY = ":97"
 WIDTH, HEIGHT = 1680, 900
 # Of the flowgraph, without menus, tools and the list of blocks: x, y, width, height.
-CANVAS = (0, 66, 1420, 630)
+CANVAS = (0, 66, 1420, 660)
 # GRC spells the last one so.
 PREFERENCES = f"""[main]
 main_window_width = {WIDTH}

@@ -24,7 +24,7 @@ def plot_calibration(table, model, path):
     from matplotlib.figure import Figure
 
     rows = [(index, port) for index in range(len(model.carriers)) for port in (1, 2)]
-    canvas = Figure(figsize=(15, 0.6 + 3.0 * len(rows)), layout="constrained")
+    canvas = Figure(figsize=(13, 0.6 + 3.0 * len(rows)), layout="constrained")
     panels = canvas.subplots(len(rows), 3, squeeze=False)
     canvas.suptitle(f"{model.name}: points measured, lines model, dashed untouched")
     for (index, port), axes in zip(rows, panels, strict=True):

@@ -101,7 +101,7 @@ def plot(
 
 def legend_beside(axis: Any) -> None:
     """Add a legend to the right of an axis, where it hides nothing."""
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=8)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=10)
 
 
 def _rows(name: str, table: Any) -> _Rows:
