@@ -185,7 +185,7 @@ def carriers_of(table: CalibrationTable) -> list[float]:
         if not CARRIERS_HZ[0] <= frequency <= CARRIERS_HZ[1]:
             index = int(np.argmax(table.frequency_hz == frequency))
             least, most = (limit / 1e6 for limit in CARRIERS_HZ)
-            rule = f"must be positive, from {least:g} to {most:g} MHz"
+            rule = f"must be {least:g} to {most:g} MHz (not in Hz or GHz)"
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
         if not carriers or frequency > carriers[-1] * (1 + _CARRIER_TOLERANCE):
             carriers.append(float(frequency))

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.optional import optional_module
 from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns
-from ..signal.carrier import same_carrier
+from ..signal.carrier import CARRIERS_HZ, same_carrier
 
 # A two-port file with 100 000 frequencies.
 _MAX_TOUCHSTONE_BYTES = 8_000_000
@@ -120,7 +120,7 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
         where = f"{path}: row {number}"
         frequency = frequency_hz
         if "freq_mhz" in header:
-            frequency = 1e6 * cell_number(line, "freq_mhz", where)
+            frequency = 1e6 * cell_number(line, "freq_mhz", where, largest=CARRIERS_HZ[1])
         location, force = _place_and_force(line, where)
         port = cell_number(line, "port", where)
         if port not in (1, 2):

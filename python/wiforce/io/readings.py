@@ -303,16 +303,25 @@ class GroupCounts:
 
     def short(self) -> str:
         """Number of groups by outcome, in words."""
-        return f"{self.groups} groups: {outcome_words(self.asdict())}"
+        return f"{_groups(self.groups)}: {outcome_words(self.asdict())}"
 
     def __str__(self) -> str:
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
-        text = f"{self.groups} groups: {outcome_words(self.asdict(), f' ({named})')}"
+        text = f"{_groups(self.groups)}: {outcome_words(self.asdict(), f' ({named})')}"
         if self.interfered:
             share = self.interfered / self.groups
-            text += f"; interference in {self.interfered} groups ({share:.0%})"
+            # An edge of a press within a frame, as simulations have it, looks like another
+            # transmitter as well.
+            text += (
+                f"; {_groups(self.interfered)} ({share:.0%}) lacked snapshots hit by another "
+                "transmitter or by a sudden touch or release"
+            )
         return text
+
+
+def _groups(count: int) -> str:
+    return f"{count} group{'' if count == 1 else 's'}"
 
 
 _FLAGS = frozenset(flag.word for flag in Flag)

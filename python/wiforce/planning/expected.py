@@ -200,8 +200,8 @@ class Expected:
         if self.over_span:
             text += f" ({presses[0]:.3g} N, {presses[1]:.3g} mm in the scene's presses)"
         return (
-            f"{text}, limited by the {_LIMITS[self.limited_by]}; phases {error[0]:.3g}/"
-            f"{error[1]:.3g} deg (noise {std[0]:.3g}/{std[1]:.3g} rms)"
+            f"{text}, limited by the {_LIMITS[self.limited_by]}; phases of port 1/2 {error[0]:.3g}/"
+            f"{error[1]:.3g} deg (standard deviation of their noise {std[0]:.3g}/{std[1]:.3g} deg)"
         )
 
 
@@ -291,20 +291,31 @@ def other_sensors_pressed(plan: Plan) -> Iterator[str]:
     tags, noise = scene.simulation.tags, phase_std_deg(plan)
     pressed = _pressed_points(scene)
     for sensor, tag, points, noise_deg in zip(plan.sensors, tags, pressed, noise, strict=True):
+        model = sensor.model
         if points is None:
-            continue
-        model, (force_n, location_mm) = sensor.model, points[:, :2].T
-        changes = model.phases_deg(force_n, location_mm, carrier_hz)
-        apart = points[:, 2:4] - points[:, 4:6] - changes + model.untouched_deg(carrier_hz)
-        apart = wrap_deg(apart)
+            force_n, location_mm = _span(model).T
+            truth, where = scene.load_model(tag.truth_model), "over the calibrated span"
+            pressed_deg = _changes(truth, force_n, location_mm, carrier_hz)
+        else:
+            (force_n, location_mm), where = points[:, :2].T, "in the scene's presses"
+            pressed_deg = points[:, 2:4] - points[:, 4:6]
+        apart = wrap_deg(pressed_deg - _changes(model, force_n, location_mm, carrier_hz))
         std = model.model_std_deg(force_n, location_mm, carrier_hz)
         if _rms(apart / np.hypot(std, noise_deg)) > _UNEXPLAINED_STDS:
             yield (
                 f"simulation.truth_model {tag.truth_model} is another sensor than the model of "
-                f"'{sensor.name}': in the scene's presses their phases differ by "
+                f"'{sensor.name}': {where} their phases differ by "
                 f"{_rms(apart):.2g} deg, where the calibration states {_rms(std):.2g}; readings "
                 "will be wrong or flagged (remove truth_model if this is not meant)"
             )
+
+
+def _changes(
+    model: SensorModel, force_n: np.ndarray, location_mm: np.ndarray, carrier_hz: float
+) -> np.ndarray:
+    """Phases (n, 2) of presses against the untouched sensor, in degrees."""
+    phases = model.phases_deg(force_n, location_mm, carrier_hz)
+    return phases - model.untouched_deg(carrier_hz)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -57,7 +57,7 @@ class OffStates:
     def __str__(self) -> str:
         """One line for a terminal."""
         line = (
-            f"{self.sensor}: off states {_pair(self.off_reflection)}, known to {self.off_std:.2g}: "
+            f"{self.sensor}: {_stated(self.off_reflection)}, known to {self.off_std:.2g}: "
             f"over the calibrated span force is read to {self.free_std_n:.2g} N while the tag "
             f"turns, to {self.force_std_n:.2g} N while it stands still; errors of "
             f"{self.known_to:.2g} would equal the noise"
@@ -167,6 +167,14 @@ class PressedLine:
         """Geometric mean over the presses of that of the force; shape (...)."""
         stds = self.stds(off, noise, off_std, turns)[..., 0]
         return np.exp(np.mean(np.log(1 / (1 / stds**2 + self._prior)), axis=-1) / 2)
+
+
+def _stated(off: tuple[complex, complex]) -> str:
+    """The same, and what one pair of the scene stands for."""
+    if off[0] != off[1]:
+        return f"off states {_pair(off)}"
+    both = f"{off[0].real:+.2f}{off[0].imag:+.2f}j"
+    return f"both off states {both} (one pair is [re, im]; [[re, im], [re, im]] states two)"
 
 
 def _pair(off: tuple[complex, complex]) -> str:

@@ -60,7 +60,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             HEADER + "0.9,20,1,2,30\n",
             CALIBRATE,
-            "freq_mhz: must be positive, from 1 to 100000 MHz, got 0.9",
+            "freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 0.9",
         ),
         (HEADER, ["evaluate", "demo", "--outptu", "x"], "evaluate: No such option: --outptu"),
         (HEADER, ["check", "folder"], "folder: is a folder; name a file of the capture in it"),
@@ -99,7 +99,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             HEADER + "900e6,20,1,2,30\n",
             CALIBRATE,
-            "freq_mhz: must be finite and at most 1e+06, got",
+            "freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 900000",
         ),
     ],
 )

@@ -188,7 +188,7 @@ def test_a_missing_port_is_refused(own_table, rows):
         ("900.000,,1,3,12", "row 254: location_mm: must be given"),
         ("900.000,30,1,-3,12", "row 254: force_n: must be at least"),
         ("900.000,95,1,3,12", "row 254: location_mm: must lie within the line"),
-        ("-5,30,1,3,12", "row 254: freq_mhz: must be positive"),
+        ("-5,30,1,3,12", "row 254: freq_mhz: must be 1 to"),
     ],
 )
 def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, message):

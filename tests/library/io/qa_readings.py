@@ -108,9 +108,11 @@ def test_group_counts_name_groups_with_interference():
     """What `read` prints at the end tells that other transmitters are in the room."""
     counts = GroupCounts()
     counts.note([Reading(0.018, "arm", interference=0.0)])
-    assert str(counts) == "1 groups: 1 usable"
+    assert str(counts) == "1 group: 1 usable"
     counts.note([Reading(0.054, "arm", interference=0.25)])
-    assert str(counts).endswith("2 usable; interference in 1 groups (50%)")
+    assert str(counts).startswith(
+        "2 groups: 2 usable; 1 group (50%) lacked snapshots hit by another"
+    )
     assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25
 
 

@@ -41,6 +41,9 @@ def test_equal_off_states_do_not_and_a_better_pair_is_named():
     better = judged(*found.better)
     assert found.free_std_n > 1.5 * found.better_std_n
     assert better.free_std_n == pytest.approx(found.better_std_n) and better.better is None
+    # [0.3, -0.3] was meant as two states.
+    assert "[[re, im], [re, im]] states two" in str(found)
+    assert "[re, im]" not in str(better)
 
 
 def test_errors_of_off_states_are_counted():
