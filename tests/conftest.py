@@ -31,7 +31,7 @@ LONGEST = (
     *("qa_simulation_channel", "qa_sensor_calibration", "qa_stream", "qa_bench_tradeoff"),
     *("qa_planning_plan", "qa_reader", "qa_read_output", "qa_capture_scene"),
     *("qa_backscatter_tag", "qa_evaluate_scenes", "qa_sensor_inversion", "qa_rooms"),
-    *("qa_command", "qa_estimation_pulses", "qa_live_outputs", "qa_live_room"),
+    *("qa_command", "qa_estimation_pulses", "qa_live_outputs"),
 )
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
 # again, pytest with rewritten assertions in several seconds.

@@ -3,7 +3,6 @@
 
 import dataclasses
 import threading
-import time
 
 import numpy as np
 import pmt
@@ -15,6 +14,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from machine import wait_until
 from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
 from wiforce_app.bench.cases import SnapshotChain
 
@@ -170,9 +170,7 @@ def test_reader_reports_what_becomes_of_a_tare():
     try:
         reader.tare(done=lambda state: (states.append(state), ended.set()))
         assert ended.wait(20)
-        deadline = time.monotonic() + 20
-        while port.num_messages() == 0 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(port.num_messages)
     finally:
         flowgraph.stop()
         flowgraph.wait()

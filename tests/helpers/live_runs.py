@@ -3,15 +3,14 @@
 
 import csv
 import json
-import socket
 import subprocess
 import sys
 import threading
-import time
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import zmq
+from machine import free_ports, wait_until  # noqa: F401  of those who use what is here
 
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
 GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
@@ -91,13 +90,6 @@ def streaming_s(device):
     return device.command("status")["streaming_s"]
 
 
-def wait_until(condition, limit=300):
-    end = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        time.sleep(0.05)
-
-
 def run_session(*arguments):
     """The last line that a run of session_runs.py prints, and what it says besides."""
     script = Path(__file__).with_name("session_runs.py")
@@ -105,13 +97,6 @@ def run_session(*arguments):
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
-
-
-def free_ports(count):
-    """Ports that nobody listens at, now at least."""
-    with ExitStack() as held:
-        servers = [held.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
-        return [server.getsockname()[1] for server in servers]
 
 
 @contextmanager

@@ -5,21 +5,16 @@ import asyncio
 import json
 import socket
 import threading
-import time
 from contextlib import closing, contextmanager
 from urllib.parse import urlsplit
 
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, answer_words
 from gnuradio.wiforce.io.readings import Reading
+from machine import free_port, wait_until
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.server import PageServer
 
 RUN = "20260101T000000Z-abcdef"
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 @contextmanager
@@ -100,11 +95,7 @@ class Publisher:
 
     def until(self, condition, limit_s=60.0, **heartbeat):
         """Send heartbeats until a condition holds."""
-        end = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < end, "not in time"
-            self.heartbeat(**heartbeat)
-            time.sleep(0.05)
+        wait_until(condition, limit_s, meanwhile=lambda: self.heartbeat(**heartbeat))
 
     def close(self):
         self._ending.set()

@@ -8,9 +8,9 @@ import time
 
 import numpy as np
 import pytest
-from full_disk import room_for
 from gnuradio import blocks, gr, wiforce
 from long_cases import cases
+from machine import room_for
 
 READ = ("--scene", "scene.yaml")
 

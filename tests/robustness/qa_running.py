@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from machine import rows_in, wait_until
 
 READ = ("--scene", "scene.yaml")
 GROUP = 625 * 720
@@ -27,16 +28,9 @@ def follow(sandbox, name, output, *options):
     )
 
 
-def rows_in(path):
-    return path.read_text().count("\n") if path.exists() else 0
-
-
 def wait_for_rows(path, count):
     """The file's rows as soon as there are so many."""
-    end = time.monotonic() + 60
-    while rows_in(path) < count:
-        assert time.monotonic() < end, f"{rows_in(path)} rows of {count}"
-        time.sleep(0.05)
+    wait_until(lambda: rows_in(path) >= count)
     return rows_in(path)
 
 

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The judge of the soak test finds what the reader never does."""
+"""The soak test: its judge finds what the reader never does; a minute of it finds nothing."""
 
+import re
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -112,3 +116,16 @@ def test_a_group_that_is_missing_is_a_problem(tmp_path, drop):
 
 def test_readings_that_end_early_are_a_problem(tmp_path):
     assert problems_of(tmp_path, rows_of()[:30]) == ["run a: 30 groups instead of 40"]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_live_reader_with_whatever_happens_to_it_is_right_or_says_that_it_is_not():
+    """A robot acts on readings without a flag, and on the state; nobody looks for weeks."""
+    command = [sys.executable, Path(__file__).with_name("run.py"), "--short", "--loops", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "device lost and found 1 times" in done.stdout and "\n0 problems" in done.stdout
+    # It has compared something.
+    assert int(re.search(r"'unflagged touched': (\d+)", done.stdout)[1]) > 30
+    assert int(re.search(r"(\d+) checks", done.stdout)[1]) >= 10

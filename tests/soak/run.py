@@ -26,8 +26,7 @@ from pathlib import Path
 
 import numpy as np
 import zmq
-from clock import PlayedTime
-from device import Device
+from device import Device, PlayedTime
 from events import SHORT, Events, schedule
 from judge import Judge
 from loops import FRAME, RATE_HZ, SLOT_S, Loops, Noise, scene_of

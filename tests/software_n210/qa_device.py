@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from contextlib import closing
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import pytest
 import zmq
 from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.io.network.zmq_sockets import request
-from live_runs import free_ports
+from machine import free_port, wait_until
 from software_n210.air.cable import Cable
 from software_n210.command import ZmqControl
 from software_n210.device import Device
@@ -183,7 +182,7 @@ job.kill()
 
 def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
     """`emulate demo &` in a shell was stopped by the next command that was typed."""
-    (port,) = free_ports(1)
+    port = free_port()
     device = ["-m", "software_n210", "--air", "cable", "--bind", "127.0.211.8"]
     device += ["--control", str(port)]
     shell, terminal = pty.openpty()
@@ -207,12 +206,9 @@ def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
 def test_device_fault_in_the_past_happens_at_once(software_usrp):
     device = software_usrp("--air", "cable", faults=["0 swap"])
     assert device.command("fault 0 late rx") == {"ok": True}
-    end = time.monotonic() + 10
-    while device.command("status")["faults"] < 2:
-        assert time.monotonic() < end
+    wait_until(lambda: device.command("status")["faults"] == 2)
     before = device.command("status")["device_time_s"]
-    while device.command("status")["device_time_s"] == before:
-        assert time.monotonic() < end
+    wait_until(lambda: device.command("status")["device_time_s"] > before)
 
 
 def test_device_twenty_starts_and_stops_leave_nothing_open():
@@ -283,9 +279,7 @@ def test_device_flood_of_requests_answered_without_stopping_time():
                     device.stop()
                 return "{}"
 
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
-        endpoint = f"tcp://127.0.0.1:{port}"
+        endpoint = f"tcp://127.0.0.1:{free_port()}"
         with closing(ZmqControl(Console(), device, endpoint)):
             client.connect(endpoint)
             for _ in range(flood):

@@ -2,7 +2,6 @@
 """The scene on the air of the software N210: the same channel as `simulate`, at the same levels."""
 
 import json
-import socket
 import time
 from types import SimpleNamespace
 
@@ -12,6 +11,7 @@ from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
+from machine import free_port
 from software_n210.air.scene_air import SceneAir
 
 REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
@@ -235,9 +235,7 @@ def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):
 
 def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_file):
     zmq = pytest.importorskip("zmq")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp://127.0.0.1:{free_port()}"
     device = software_usrp(scene_file, "--control", endpoint)
     answer = device.command("press arm 4.0 45.0")
     assert answer["ok"] and "no reader reads yet" in answer["note"]

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sources are formatted and linted as the project's configuration says."""
+"""Sources: format, lint, types, names of tags in both languages, constants that are given once."""
 
+import ast
+import importlib.util
 import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
+from gnuradio.wiforce.blocks import names
 
 ROOT = Path(__file__).resolve().parents[2]
 # Every version breaks some lines in other places; this is that of Debian 12.
@@ -38,3 +43,62 @@ def test_cpp_sources_pass_clang_format():
         pytest.skip(f"needs clang-format {CLANG_FORMAT}, found {version[1]}")
     status, output = run("clang-format", "--dry-run", "-Werror", *sources)
     assert status == 0, output
+
+
+HEADER = ROOT / "include/gnuradio/wiforce/names.h"
+
+
+def test_both_languages_use_the_same_names():
+    in_cpp = dict(re.findall(r'constexpr char (\w+)\[\] = "([^"]*)";', HEADER.read_text()))
+    in_python = {k: v for k, v in vars(names).items() if k.isupper()}
+    assert in_cpp == in_python
+    assert len(in_cpp) >= 9
+
+
+def test_no_constant_is_given_twice_in_a_file():
+    """The second one would replace the first, of which a reader of the file sees nothing."""
+    twice = []
+    for path in (*ROOT.glob("python/**/*.py"), *ROOT.glob("gr-wiforce/**/*.py")):
+        targets = []
+        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(statement, ast.Assign):
+                targets += statement.targets
+            elif isinstance(statement, ast.AnnAssign):
+                targets.append(statement.target)
+        named = Counter(
+            node.id
+            for target in targets
+            for node in ast.walk(target)
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+        )
+        twice += [f"{path}: {name}" for name, count in named.items() if count > 1]
+    assert not twice
+
+
+def test_every_tag_and_port_has_a_row_in_the_table():
+    table = (ROOT / "docs/architecture.md").read_text().split("### Tags, ports and keys")[1]
+    rows = [
+        row.split("|")[1] for row in table.split("\n## ")[0].splitlines() if row.startswith("| `")
+    ]
+    found = {name for row in rows for name in re.findall("`(.*?)`", row)}
+    # Keys of the messages on the ports `tare` and `warnings`.
+    keys = {names.FORCE, names.TEXT}
+    assert found == {v for k, v in vars(names).items() if k.isupper()} - keys
+
+
+@pytest.mark.skipif(
+    not np.__version__.startswith("1."), reason="the annotations of NumPy 2 have other types"
+)
+def test_package_annotations_pass_mypy(pytestconfig):
+    """Editors complete and check calls by the annotations: wrong ones mislead."""
+    # Kept from run to run: a run without changes then takes a second instead of ten.
+    cache = pytestconfig.cache.mkdir("mypy")
+    assert importlib.util.find_spec("mypy"), "mypy is missing: ./bootstrap installs it"
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--cache-dir", str(cache)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -2,7 +2,6 @@
 """The node of ros2/wiforce_ros, run with a stand-in for rclpy: ROS itself is not here."""
 
 import importlib
-import socket
 import sys
 import time
 import types
@@ -19,6 +18,7 @@ from gnuradio.wiforce.io.ros_messages import (
     complete_definition,
     fields_of,
 )
+from machine import free_port
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,8 +94,7 @@ def test_node_publishes_what_the_reader_sends(node):
     """From the bytes on the wire to messages on the topics of MCAP files."""
     reading = Reading(0.018, "arm", 1, 4, 0.05, 45.0, 0.2, flags=("weak",))
     health = {"state": "lost", "reason": "", **STAMP}
-    with socket.create_server(("127.0.0.1", 0)) as held:
-        port = held.getsockname()[1]
+    port = free_port()
     publisher = ReadingsPublisher(str(port))
     node.connect(f"tcp://127.0.0.1:{port}")
     deadline = time.monotonic() + 60

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The speed benchmark: every row checked against double precision, and what it prints.
-
-No speed is asserted here: that is what the benchmark is for.
-"""
+"""Benchmarks of time: chains held to double precision, growth along axes, and what is printed."""
 
 import json
+import re
 import subprocess
+from dataclasses import asdict
 
 import numpy as np
 import pytest
+from command_runs import run_command
+from gnuradio.wiforce.planning.plan import plan
+from wiforce_app.bench import inversion, read
 from wiforce_app.bench.chains import CHAINS
+from wiforce_app.bench.live import delays_s
+from wiforce_app.bench.read import AXES, growth, scaling_of, scene_of
 from wiforce_app.bench.recording import reference_tones, tone_weights, write_recording
 from wiforce_app.bench.speed import Row, Worker, _check, _interval
 
@@ -87,3 +91,123 @@ def test_rows_as_json():
     for pinned in (True, False):
         assert by_name["stock-tuned", pinned]["over_stock_tuned"] == 1
         assert by_name["ceiling-read", pinned]["of_read_bandwidth"] == 1
+
+
+def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_run):
+    if not long_run:
+        for name, value in {"_BATCH": 4000, "_SINGLE": 100, "_CHECKED": 6, "_RUNS": 2}.items():
+            monkeypatch.setattr(inversion, name, value)
+    done = run_command("bench", "inversion", "--json", "--sensor", "wiforce-900mhz")
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["noise_deg"] for row in rows] == [0.2, 1.0]
+    for row in rows:
+        assert row["sensor"] == "wiforce-900mhz" and row["carrier_mhz"] == 900
+        assert row["batch_us"] > 0 and row["single_us"] > 0
+        # the mode is reported where it is nearer to the mean than this
+        assert row["from_exact_std"] < 0.3
+        assert row["within_2_std"] > 0.9 and 0 < row["flagged"] < 1
+
+
+SHORTEST_S = 10.08e-3  # a reading waits for the group after it
+
+
+def test_delays_are_counted_from_when_the_device_sent_the_sample():
+    """A device that is late, or sends in bursts, must not count as a delay of the reader."""
+    sent = [(5.00, 100.0), (5.01, 100.2), (5.02, 100.21), (5.03, 100.5)]
+    readings = [(100.25, 5.005), (100.30, 5.015), (100.30, 4.9), (101.0, 5.03)]
+    assert delays_s(readings, sent, 0.005) == pytest.approx([0.05, 0.09])
+    assert delays_s(readings, sent, 0.006) == pytest.approx([0.04, -0.2])
+
+
+@pytest.mark.long
+def test_bench_live_measures_delay_of_readings_and_presses():
+    command = ["gr-wiforce", "bench", "live", "--json", "--msps", "1.25", "--presses", "2"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    (row,) = json.loads(run.stdout)
+    assert row["msps"] == 1.25 and abs(row["group_ms"] - 10.08) < 1e-6
+    assert row["readings"] > 50 and row["presses"] == 2
+    # What a busy machine adds to it is not limited here.
+    assert row["delay_ms"] > 1e3 * SHORTEST_S - 3
+    assert row["delay_ms"] <= row["delay_95_ms"] <= row["delay_99_ms"]
+    assert 0 < row["work_ms"] < row["delay_ms"] and row["speed"] > 0
+    assert row["press_ms"] > 1e3 * SHORTEST_S - 3 and row["cores"] > 0
+
+
+SMALL = [setting for axis in ("sensors", "snapshots") for setting in AXES[axis]]
+
+
+def row(setting, start_s=0.5, samples_ms=10.0, group_us=700.0, groups_ms=20.0):
+    return {
+        "setting": asdict(setting), "value": setting.value, "subcarriers": 62, "tones": 24,
+        "plan_s": 0.1, "start_s": start_s, "samples_ms": samples_ms, "group_us": group_us,
+        "groups_ms": groups_ms, "real_time": 50.0,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Rows with known exponents instead of those of this machine."""
+    monkeypatch.setattr(
+        read,
+        "_scaling_row",
+        lambda s, folder: row(s, samples_ms=3 * s.value**0.5, group_us=40 * s.value**1.5),
+    )
+
+
+def test_growth_of_powers_gives_their_exponents():
+    """The exponents are what decides whether a larger set-up can be read at all."""
+    rows = [row(s, samples_ms=s.value, group_us=5 * s.value**2) for s in AXES["sensors"]]
+    # A part that does not grow hides the growth of the rest, except at the end.
+    rows = [{**r, "start_s": 1 + 0.01 * r["value"] ** 3} for r in rows]
+    found = {each["quantity"]: each for each in growth(rows)}
+    assert found["samples_ms"]["exponent"] == found["samples_ms"]["at_end"] == 1.0
+    assert found["group_us"]["exponent"] == 2.0 and found["groups_ms"]["exponent"] == 0.0
+    assert 1 < found["start_s"]["exponent"] < 2 < found["start_s"]["at_end"] < 3
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_rows_change_only_their_axis_and_can_be_planned(axis):
+    """A row that is refused after minutes of measuring would cost the whole run."""
+    values = [s.value for s in AXES[axis]]
+    assert values == sorted(set(values)) and len(values) == 5
+    for setting in (AXES[axis][0], AXES[axis][-1]):
+        scene = scene_of(setting)
+        settings = plan(scene)
+        assert len(settings.clocks) == setting.sensors
+        assert settings.group_length == setting.snapshots
+        # Whole periods, frames and groups in the piece that is repeated.
+        assert all((3.6 * hz) % 1 == pytest.approx(0, abs=1e-6) for hz in settings.clocks_hz)
+        assert 45_000_000 % (setting.frame_length * setting.snapshots) == 0
+
+
+def test_command_scaling_prints_and_draws_rows(measured, tmp_path):
+    """The exponents are what decides whether a larger set-up can be read at all."""
+    command = ["bench", "read", "--scaling", "--axis", "sensors"]
+    done = run_command(*command, "--plot", tmp_path / "scaling.png")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert " cores, NumPy " in done.stdout
+    assert "| sensors | groups (us/group) | 1.50 | 1.50 |" in re.sub(" +", " ", done.stdout)
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+    both = [*command, "--axis", "snapshots", "--json"]
+    result = json.loads(run_command(*both).stdout)
+    assert [r["setting"] for r in result["rows"]] == [asdict(s) for s in SMALL]
+
+
+@pytest.mark.parametrize(
+    "options", [["--scaling", "--seconds", "9"], ["--axis", "sensors"], ["--plot", "a.png"]]
+)
+def test_command_read_options_of_other_form_are_refused(options):
+    """An option without effect would leave its user waiting for it."""
+    done = run_command("bench", "read", *options)
+    assert done.returncode == 2 and "apply with --scaling" in done.stderr
+
+
+@pytest.mark.long
+def test_scaling_measures_rows(tmp_path, monkeypatch):
+    """The measurement itself, for two lengths of the groups."""
+    monkeypatch.setitem(AXES, "snapshots", AXES["snapshots"][1:3])
+    result = scaling_of(["snapshots"], tmp_path)
+    assert [r["value"] for r in result["rows"]] == [250, 625]
+    assert all(r[key] > 0 for r in result["rows"] for key in ("start_s", "samples_ms", "group_us"))

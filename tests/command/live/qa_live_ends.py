@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import session_runs
 import zmq
-from full_disk import room_for
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from live_runs import (
@@ -28,6 +27,7 @@ from live_runs import (
     streaming_s,
     wait_until,
 )
+from machine import room_for
 
 KILLS, LONG_KILLS = 2, 100
 

@@ -1,14 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presses read live, with and without lost samples, against what was pressed."""
+"""Presses read live: with lost samples, in a room that no scene describes, by another symbol."""
 
+import json
 import math
 import subprocess
 
 import numpy as np
 import pytest
+import zmq
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
-from live_runs import FRAMES, GAINS, SLOW, SLOW_GROUP_S, live_command, rows_of, scene_file
+from live_runs import (
+    FRAMES,
+    GAINS,
+    SLOW,
+    SLOW_GROUP_S,
+    ask,
+    connected,
+    free_ports,
+    live,
+    live_command,
+    rows_of,
+    scene_file,
+    scene_of,
+    wait_until,
+)
+from live_runs import command as run
 from software_usrp import SoftwareUsrp
 
 SECONDS, LONG_SECONDS = 5, 180
@@ -141,3 +158,80 @@ def test_live_presses_read_within_their_errors(side_by_side):
 def test_live_overflows_and_lost_packets_flag_their_groups_only(side_by_side):
     """A user would lose the reference, or seconds of readings, with every overflow."""
     side_by_side.check_faulty()
+
+
+CLOCK_HZ = 540
+PRESS = (1.0, 4.0, 4.0, 45.0)
+
+
+def test_live_room_is_surveyed_in_the_reference_and_reported(tmp_path):
+    """An unlisted tag and lamps must not make live readings wrong, nor stay unsaid."""
+    scene = scene_of([PRESS], CLOCK_HZ, **SLOW)
+    scene["simulation"] |= {
+        "other_tags": [{"clock_hz": 670, "level_db": -5, "delay_s": 2e-8}],
+        "lamps": {"mains_hz": 50, "level_db": 0},
+    }
+    path, output, (port,) = tmp_path / "scene.json", tmp_path / "out.csv", free_ports(1)
+    path.write_text(json.dumps(scene))
+    device = SoftwareUsrp(path)
+    try:
+        with (
+            live(device.args, path, *GAINS, "-o", output, "--control", port) as process,
+            connected(zmq.REQ, port) as client,
+        ):
+            wait_until(lambda: ask(client, "status")["time_s"] > 2.2)
+            status = ask(client, "status")
+            ask(client, "stop")
+            _, said = process.communicate(timeout=300)
+    finally:
+        device.stop()
+    assert process.returncode == 0
+    by_kind = {finding["kind"]: finding for finding in status["room"]}
+    assert by_kind["tag"]["frequency_hz"] == pytest.approx(670, abs=0.5)
+    assert by_kind["lamps"]["frequency_hz"] == 50
+    assert "gr-wiforce: room: tag with a clock of 67" in said and "room: lamps on 50 Hz" in said
+    rows = rows_of(output)
+    assert status["gaps"] == 0 and all("gap" not in row["flags"] for row in rows)
+    steady = [row for row in rows if 1.25 < float(row["time_s"]) < 1.75]
+    assert len(steady) >= 14 and all((row["touch"], row["flags"]) == ("1", "") for row in steady)
+    for row in steady:
+        assert abs(float(row["force_n"]) - 4.0) < 0.2 + 4 * float(row["force_std_n"])
+        assert abs(float(row["location_mm"]) - 45.0) < 0.5
+
+
+SYMBOL_SECONDS = 4
+
+
+def test_symbol_from_a_file_is_sent_and_read_live(tmp_path, software_usrp):
+    """The process that has the device must be given the symbol, not only its name."""
+    n = np.arange(96)
+    np.save(tmp_path / "own.npy", np.exp(2j * np.pi * (n**2 / 192 - n / 2)))
+    scene = scene_file(
+        tmp_path,
+        [(1.2, 4.0, 4.0, 45.0), (2.4, 6.0, 6.0, 33.0)],
+        700,
+        0.4,
+        radio={"sample_rate_hz": 2.5e6},
+        sounding={"waveform": "own.npy", "frame_length": 400, "repetitions": 3},
+        phase_group={"snapshots": 200},
+    )
+    output = tmp_path / "readings.csv"
+    device = software_usrp(scene)
+    record = ["--record", tmp_path / "run"]
+    command = live_command(f"{device.args},{FRAMES}", scene, *GAINS, *record, "-o", output)
+    done = subprocess.run(
+        [*command, "--duration", str(SYMBOL_SECONDS)], capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == 0, done.stderr
+    rows = rows_of(output)
+    pressed = [row for row in rows if row["touch"] == "1" and not row["flags"]]
+    places = np.array([float(row["location_mm"]) for row in pressed])
+    forces = np.array([float(row["force_n"]) for row in pressed])
+    steady = (np.abs(forces - 4) < 0.3) & (np.abs(places - 45) < 0.5)
+    steady |= (np.abs(forces - 6) < 0.3) & (np.abs(places - 33) < 0.5)
+    assert len(pressed) > 20 and steady.sum() > 0.8 * len(pressed)
+    # What was recorded holds the symbol.
+    (tmp_path / "own.npy").unlink()
+    status, out, said = run("read", tmp_path / "run")
+    assert status == 0, said
+    assert out.count("\n") >= len(rows) - 2

@@ -1,11 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Warnings and summary of a live run, from counters alone."""
+"""A live session without a device: its start, its end, and the warnings of its monitor."""
 
+import socket
+import sys
 from types import SimpleNamespace
 
 import pytest
+from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.scene import load_scene
 from wiforce_app.live import monitor as session_monitor
+from wiforce_app.live.live import _Ending
+from wiforce_app.live.session import LiveSession
+from wiforce_app.radio.request import RadioRequest
 
 
 def session_in_words():
@@ -69,3 +76,42 @@ def test_session_monitor_many_gaps_advises_larger_socket_buffers(
         assert said.count("\n") == 1 and f"{lost} samples lost" in said
         assert ("is too slow" in said) is warned
         assert ("net.core.rmem_max" in said) is (warned and advised)
+
+
+def test_session_counts_no_samples_until_its_flowgraph_runs():
+    """The heartbeat's thread read counts that GNU Radio replaced meanwhile, and crashed."""
+    scene = load_scene("demo")
+    session = LiveSession(scene, RadioRequest.of_scene(scene, "played"), lambda reading: None)
+    asked, seen = [], []
+
+    def count(_):
+        asked.append(True)
+        return 7
+
+    session.source = SimpleNamespace(
+        nitems_written=count, received=0, attach=lambda stream, aligned: None
+    )
+
+    def start():
+        seen.append((session.samples, session.samples_received, session.behind_s))
+
+    session._flowgraph = SimpleNamespace(start=start)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        session.attach(SimpleNamespace(take_samples=lambda: ours, aligned=False))
+    assert seen == [(0, 0, 0.0)] and not asked
+    assert session.samples == 7
+
+
+def test_ending_names_the_exception_with_python_3_10(monkeypatch):
+    """``sys.exception`` is of Python 3.11: with 3.10, every run ended with an AttributeError."""
+    monkeypatch.delattr(sys, "exception", raising=False)
+    ending = _Ending()
+    ending.request("request")
+    assert ending.report() == {"state": "ended", "reason": "request", "exit_status": 0}
+    try:
+        raise OutputError("press.csv", "cannot be written (disk full)")
+    except OutputError:
+        report = ending.report()
+    assert report["reason"] == "press.csv: cannot be written (disk full)"
+    assert report["exit_status"] == 1

@@ -3,7 +3,6 @@
 
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
+from machine import wait_until
 
 SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
 SHORT = {"sensors": [SENSOR], "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04}}
@@ -57,10 +57,10 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     command = ["gr-wiforce", "simulate", tmp_path / "scene.yaml", tmp_path / "long"]
     with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True) as process:
-        end = time.monotonic() + 30
-        while not any(path.stat().st_size for path in tmp_path.glob(".simulate-*/*")):
-            assert time.monotonic() < end and process.poll() is None
-            time.sleep(0.01)
+        begun = tmp_path.glob
+        wait_until(
+            lambda: any(path.stat().st_size for path in begun(".simulate-*/*")), process=process
+        )
         process.send_signal(number)
         said = process.communicate(timeout=300)[1]
     word = "terminated" if number == signal.SIGTERM else "interrupted"

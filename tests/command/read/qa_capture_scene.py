@@ -4,7 +4,6 @@
 import os
 import signal
 import subprocess
-import time
 import warnings
 
 import numpy as np
@@ -17,6 +16,7 @@ from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
 from long_cases import cases
+from machine import rows_in, wait_until
 
 # Frames of 320 samples at 1.25 Msps: a second of it is small and quickly read.
 SCENE = {
@@ -246,10 +246,7 @@ def test_follow_waits_for_frames_and_then_reads(press, tmp_path):
     assert first.endswith("; waiting\n") and not output.exists()
     with open(path, "ab") as stream:
         stream.write(press.with_suffix(".sigmf-data").read_bytes())
-    end = time.monotonic() + 40
-    while not output.exists() or output.read_text().count("\n") < 40:
-        assert time.monotonic() < end and process.poll() is None
-        time.sleep(0.1)
+    wait_until(lambda: rows_in(output) >= 40, process=process)
     process.send_signal(signal.SIGINT)
     assert "read " in process.communicate(timeout=300)[1] and process.returncode == 0
 

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from machine import wait_until
 from wiforce_app.read.reading_job import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
 
@@ -182,9 +182,7 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
     out = tmp_path / "out"
     words = [*COMMAND, "read", tmp_path / "in", "-o", out, "--jobs", "1"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60
-        while len(list(out.glob("[!.]*.csv"))) < 2 and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_until(lambda: len(list(out.glob("[!.]*.csv"))) >= 2)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=300)
     assert process.returncode == 130
@@ -288,9 +286,7 @@ def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tm
 
 def _kill_first_worker(cluster, out):
     """Kill a worker and what would start it again, when two of five captures are read."""
-    deadline = time.monotonic() + 60
-    while len(list(out.glob("[!.]*.csv"))) < 2 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: len(list(out.glob("[!.]*.csv"))) >= 2)
     nanny = next(iter(cluster.workers.values()))
     os.kill(nanny.pid, signal.SIGKILL)
 

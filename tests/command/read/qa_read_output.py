@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import subprocess
-import time
 
 import numpy as np
 import pandas
@@ -17,6 +16,7 @@ from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases
+from machine import rows_in, wait_until
 from pyarrow import parquet
 from ros_clients import bag_messages
 
@@ -172,10 +172,8 @@ def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, stat
     bag = tmp_path / "out.mcap"
     command = ["gr-wiforce", "read", str(tmp_path / "long"), "-o", str(output), "--mcap", str(bag)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        end = time.monotonic() + 60
-        while not (output.exists() and output.stat().st_size > 1000):
-            assert time.monotonic() < end and process.poll() is None
-            time.sleep(0.005)
+        begun = output.exists
+        wait_until(lambda: begun() and output.stat().st_size > 1000, pause_s=5e-3, process=process)
         process.send_signal(number)
         said = process.communicate(timeout=300)[1].splitlines()[-1]
     assert process.returncode == status
@@ -208,10 +206,7 @@ class Growing:
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     def wait_for_rows(self, count):
-        end = time.monotonic() + 40
-        while not self.output.exists() or self.output.read_text().count("\n") < count:
-            assert time.monotonic() < end and self.process.poll() is None
-            time.sleep(0.05)
+        wait_until(lambda: rows_in(self.output) >= count, process=self.process)
 
     def grow(self):
         """Metadata first, then the rest of the samples, as a recorder does."""

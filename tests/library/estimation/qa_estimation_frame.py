@@ -1,10 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where frames begin: a capture that does not start with one must be read all the same."""
+"""Where frames begin, also without a guard or by a sample clock of the transmitter's own."""
+
+from functools import lru_cache
 
 import numpy as np
+import pmt
 import pytest
+from gnuradio import gr, wiforce
+from gnuradio.wiforce.blocks.snapshots import free_fold
+from gnuradio.wiforce.blocks.stream_watch import time_value
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import (
     MARGIN,
+    FrameFollower,
     find_frame_offset,
     find_frame_period,
     keeps_alignment,
@@ -107,3 +115,190 @@ def test_find_frame_period_sees_frames_beside_a_stronger_tone_or_reader():
     assert repeats_every_frame(ours + tone, sounding_waveform())
     assert repeats_every_frame(ours + other, sounding_waveform())
     assert not repeats_every_frame(other, sounding_waveform())
+
+
+RATE_HZ = 1.25e6
+
+
+def symbol_file(folder, length, seed):
+    """A random symbol of unit power."""
+    symbol = np.random.default_rng(seed).standard_normal((length, 2)) @ np.array([1, 1j])
+    path = folder / f"symbol{length}_{seed}.npy"
+    np.save(path, (symbol / np.sqrt(np.mean(np.abs(symbol) ** 2))).astype(np.complex64))
+    return path
+
+
+def scene_of(symbol, length, clock_hz=1040.0):
+    press = {"start_s": 0.4, "hold_s": 0.25, "force_n": 4.0, "end_force_n": 4.0}
+    return {
+        "radio": {"center_frequency_hz": 900e6, "sample_rate_hz": RATE_HZ},
+        "sounding": {"waveform": str(symbol), "repetitions": 5, "frame_length": 5 * length},
+        "phase_group": {"snapshots": round(0.036 * RATE_HZ / (5 * length))},
+        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": clock_hz}],
+        "reference_s": 0.3,
+        "simulation": {
+            "truth_model": "line-900mhz",
+            "duration_s": 0.8,
+            "static_clutter_db": 50,
+            "presses": [{"sensor": "arm", "location_mm": 37.0, **press}],
+        },
+    }
+
+
+@pytest.mark.parametrize("length", [17, 19, 23])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_frames_without_a_guard_are_read(length, seed, tmp_path):
+    """Half of the captures were refused, as if they held no frames."""
+    scene = scene_of(symbol_file(tmp_path, length, seed), length)
+    wiforce.simulate(scene, tmp_path / "press")
+    readings = wiforce.read(tmp_path / "press", scene)
+    held = readings[(readings["time_s"] > 0.52) & (readings["time_s"] < 0.64) & readings["ok"]]
+    assert len(held) >= 2
+    assert np.abs(held["force_n"] - 4).max() < 0.4
+
+
+@pytest.mark.parametrize("length", [17, 23, 64])
+def test_other_symbols_and_noise_of_the_same_period_are_no_frames(length, tmp_path):
+    """Everything that repeats as often has the same period."""
+    sent, expected = (
+        sounding_waveform(str(symbol_file(tmp_path, length, seed)), 5 * length, repetitions=5)
+        for seed in (1, 2)
+    )
+    noise = np.random.default_rng(1).standard_normal((65_000, 2)) @ np.array([1, 1j])
+    received = np.tile(sent.frame(), 65_000 // (5 * length))
+    received = received + 0.03 * noise[: len(received)]
+    assert find_frame_period(received, sent).agrees
+    assert not find_frame_period(received, expected).agrees
+    assert not find_frame_period(noise, expected).agrees
+
+
+@pytest.mark.parametrize("parts", [9, 10, 12])
+def test_clock_whose_lines_alias_is_refused_by_simulate_as_by_read(parts, tmp_path):
+    """It was simulated, and then refused with words about another tag."""
+    scene = scene_of("repeated", 64, RATE_HZ / 320 / parts)
+    del scene["sounding"]["repetitions"]
+    with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag") as refusal:
+        wiforce.simulate(scene, tmp_path / "press")
+    assert "another tag" not in str(refusal.value) and not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag"):
+        wiforce.plan(scene)
+
+
+LENGTH, FRAMES = 400, 1500
+SYMBOL = np.exp(1j * np.pi * np.r_[0, np.arange(1, 32), 0, np.arange(-31, 0)] ** 2 / 64)
+SYMBOL[[0, 32]] = 0
+
+
+@lru_cache
+def received_by_antennas(ppm):
+    """Samples of two antennas, (n, 4): every frame has a common phase of its own."""
+    rng = np.random.default_rng(1)
+    frame = np.zeros(LENGTH, complex)
+    frame[8:328] = np.tile(np.fft.ifft(SYMBOL), 5)
+    spectrum, bins = np.fft.fft(frame), np.fft.fftfreq(LENGTH, 1 / LENGTH)
+    period = LENGTH * (1 + 1e-6 * ppm)
+    samples = np.zeros((FRAMES * LENGTH, 2), complex)
+    for number in range(int(FRAMES * LENGTH / period)):
+        first = int(np.ceil(number * period))
+        shift = np.exp(2j * np.pi * bins * (first - number * period) / LENGTH)
+        part = np.fft.ifft(spectrum * shift) * np.exp(2j * np.pi * rng.random())
+        end = min(first + LENGTH, len(samples))
+        samples[first:end] = part[: end - first, None] * [1.0, 0.5j]
+    noise = rng.normal(0, 3e-4, (2, *samples.shape))
+    samples += noise[0] + 1j * noise[1]
+    parts = np.stack([samples.real, samples.imag], axis=-1).reshape(len(samples), 4)
+    return np.rint(60_000 * parts).astype(np.int16)
+
+
+def delays(frames):
+    """Delay of every frame against the first antenna's symbol, in samples."""
+    values = (
+        frames.reshape(-1, LENGTH, 4)[:, 64:128, 0]
+        + 1j * frames.reshape(-1, LENGTH, 4)[:, 64:128, 1]
+    )
+    channel = np.fft.fft(values)[:, 1:32] / SYMBOL[1:32]
+    return -np.angle(np.sum(channel[:, 1:] * channel[:, :-1].conj(), axis=1)) * 64 / (2 * np.pi)
+
+
+@pytest.mark.parametrize("ppm", [0, 8, -40])
+def test_follower_keeps_frames_of_another_clock_in_place(ppm):
+    follower, items = FrameFollower(LENGTH), received_by_antennas(ppm)
+    frames = np.concatenate([follower.take(part) for part in np.array_split(items, 53)])
+    late = delays(frames)
+    assert len(late) > FRAMES - 70 and follower.moved == follower.lost == 0
+    assert follower.period / LENGTH - 1 == pytest.approx(1e-6 * ppm, abs=2e-6)
+    assert np.abs(late - late[0]).max() < 4  # while the period is learned
+    assert np.abs(late[900:] - late[0]).max() < 1.6
+
+
+def test_follower_after_a_known_gap_goes_on_with_the_next_whole_frame():
+    follower, items = FrameFollower(LENGTH), received_by_antennas(-40)
+    start, lost = 1000 * LENGTH + 123, 5 * LENGTH + 77
+    parts = [follower.take(items[:start]), follower.lose(lost, 4)]
+    before = sum(map(len, parts)) // LENGTH
+    parts.append(follower.take(items[start + lost :]))
+    late = delays(np.concatenate(parts))
+    assert before == 1000 and follower.lost == 6 and follower.moved == 0
+    assert np.abs(late[900:] - late[0]).max() < 1.5
+
+
+def test_follower_finds_frames_after_an_unknown_loss():
+    follower, items = FrameFollower(LENGTH), received_by_antennas(8)
+    items = np.concatenate([items[: 500 * LENGTH + 99], items[500 * LENGTH + 99 + 577 :]])
+    late = delays(follower.take(items))
+    assert follower.moved >= 1
+    assert np.abs(late[:499] - late[0]).max() < 3
+    assert np.abs(late[-64:] - late[0]).max() < 1.5
+
+
+class _Source(gr.sync_block):
+    def __init__(self, items, tags=()):
+        gr.sync_block.__init__(self, "source", None, [(np.int16, 2)])
+        self._items, self._at, self._tags = items, 0, list(tags)
+
+    def work(self, _, outputs):
+        count = min(len(outputs[0]), len(self._items) - self._at)
+        if count == 0:
+            return -1
+        outputs[0][:count] = self._items[self._at : self._at + count]
+        for item, value in self._tags:
+            if self._at <= item < self._at + count:
+                self.add_item_tag(0, item, pmt.intern("rx_time"), value)
+        self._at += count
+        return count
+
+
+class _Sink(gr.sync_block):
+    def __init__(self):
+        gr.sync_block.__init__(self, "sink", [(np.complex64, 64)], None)
+        self.vectors, self.tags = [], []
+
+    def work(self, inputs, _):
+        self.vectors.append(inputs[0].copy())
+        self.tags += [
+            (tag.offset, pmt.symbol_to_string(tag.key), tag.value)
+            for tag in self.get_tags_in_window(0, 0, len(inputs[0]))
+        ]
+        return len(inputs[0])
+
+
+def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps():
+    items, start, lost = received_by_antennas(8), 700 * LENGTH + 50, 3 * LENGTH
+    items = np.concatenate([items[:start], items[start + lost :]])
+    times = [(0, time_value(3, 0.0)), (start, time_value(3, (start + lost) / 2.5e6))]
+    fold, sinks = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6)), [_Sink(), _Sink()]
+    sources = [_Source(items[:, :2].copy(), times), _Source(items[:, 2:].copy())]
+    flowgraph = gr.top_block()
+    for port in range(2):
+        flowgraph.connect(sources[port], (fold, port))
+        flowgraph.connect((fold, port), sinks[port])
+    flowgraph.run()
+    first, second = (np.fft.fft(np.concatenate(sink.vectors))[:, 1:32] for sink in sinks)
+    assert len(first) > FRAMES - 80
+    ratio = second / first
+    assert np.abs(ratio - 0.5j).max() < 0.02
+    found = {at: pmt.to_uint64(value) for at, key, value in sinks[0].tags if key == "snapshot"}
+    assert found == {0: 0, 700: 704}
+    assert (fold.gaps(), fold.samples_lost(), fold.frames_moved()) == (1, lost, 0)
+    noise = [value for _, key, value in sinks[1].tags if key == "noise"]
+    assert sum(pmt.length(value) for value in noise) == 2 * len(second)

@@ -4,7 +4,6 @@
 import json
 import math
 import os
-import socket
 import time
 from datetime import datetime, timezone
 
@@ -16,6 +15,7 @@ from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets, lsl_offset_s
 from gnuradio.wiforce.io.readings import Reading
+from machine import free_port, wait_until
 from ros_clients import SUBPROTOCOL, FoxgloveClient
 
 STAMP = {"run": "r", "time_utc": "2026-01-31T23:59:59.000000Z", "device_time_s": 1.0}
@@ -23,19 +23,11 @@ STAMP = {"run": "r", "time_utc": "2026-01-31T23:59:59.000000Z", "device_time_s":
 
 @pytest.fixture
 def server():
-    with socket.create_server(("127.0.0.1", 0)) as held:
-        port = held.getsockname()[1]
+    port = free_port()
     made = FoxgloveServer(str(port), ["arm"])
     made.port = port
     yield made
     made.close()
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline, "not in time"
-        time.sleep(0.01)
 
 
 def test_foxglove_client_that_does_not_read_delays_nobody(server):
@@ -55,11 +47,11 @@ def test_foxglove_client_that_does_not_read_delays_nobody(server):
             server.take(Reading(0.0, "arm", 0, group=-1), STAMP)
             return received
 
-        wait_for(heard)
+        wait_until(heard)
         large = STAMP | {"run": "r" * 10_000}
         for group in range(1000):  # 10 MB, more than the sockets of both hold
             server.take(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
-        wait_for(lambda: received[-1].group == 999)
+        wait_until(lambda: received[-1].group == 999)
         stalled.socket.close()
 
 

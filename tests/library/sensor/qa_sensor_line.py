@@ -1,15 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The physical line: what is pressed in simulations."""
+"""Lines by their physics: what is pressed in simulations, and what is to be built."""
 
+import csv
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.constants  # noqa: F401  scikit-rf uses it without importing it
+import skrf
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.line import ContactLaw, round_trip_deg_per_mm, shorting_points_mm
+from gnuradio.wiforce.sensor.microstrip import (
+    Microstrip,
+    effective_permittivity,
+    strips_impedance_ohm,
+    tag_timer,
+    wide_ground_impedance_ohm,
+)
 
 NAMES = {"line-900mhz": 900e6, "line-2400mhz": 2400e6}
 
@@ -96,3 +107,94 @@ def test_phases_of_an_unknown_force_are_unknown_rather_than_untouched(name):
     known = model.phases_deg([4.0, 0.0], 45.0)
     phases = model.phases_deg([np.nan, 4.0, 0.0], 45.0)
     assert np.isnan(phases[0]).all() and np.array_equal(phases[1:], known)
+
+
+def pair_impedance_ohm(width_to_height):
+    """Trace and ground of one width, by the mirror at mid-height."""
+    return 2 * wide_ground_impedance_ohm(2 * np.asarray(width_to_height))
+
+
+@pytest.mark.parametrize("permittivity", [1.05, 2.2, 2.8, 9.8])
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.97, 8.0])
+def test_wide_ground_impedance_equals_that_of_scikit_rf(ratio, permittivity):
+    """The same equations, written by others; sqrt and logarithms leave 1e-6."""
+    media = skrf.media.MLine(
+        skrf.Frequency(0.9, 0.9, 1, "ghz"),
+        w=ratio * 1e-3,
+        h=1e-3,
+        t=None,
+        ep_r=permittivity,
+        model="hammerstadjensen",
+        disp="none",
+        compatibility_mode=None,
+    )
+    found = wide_ground_impedance_ohm(ratio, permittivity)
+    assert found == pytest.approx(complex(media.z0_characteristic[0]).real, rel=1e-6)
+
+
+def test_wide_ground_impedance_equals_published_values():
+    # D. M. Pozar, Microwave Engineering: example 3.7 (w/h 3.081 on 2.20: 50 ohm, 1.87, by equations
+    # good to 1 %), and 126.5 ohm at w = h in air.
+    assert wide_ground_impedance_ohm(3.081, 2.2) == pytest.approx(50, rel=0.01)
+    assert effective_permittivity(3.081, 2.2) == pytest.approx(1.87, rel=0.01)
+    assert wide_ground_impedance_ohm(1.0) == pytest.approx(126.5, rel=0.01)
+    # The paper's own formula for w/h = 5, docs/build-a-tag.md.
+    assert wide_ground_impedance_ohm(5.0) == pytest.approx(49.4, abs=0.1)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0, 20.0])
+def test_strips_reach_the_limits_of_wide_and_of_equal_grounds(ratio):
+    """Hammerstad and Jensen state 0.03 % in air; 40 heights of ground leave 0.15 %."""
+    wide = strips_impedance_ohm(ratio, 1000.0, 1.0)
+    assert wide == pytest.approx(float(wide_ground_impedance_ohm(ratio)), rel=3e-3)
+    equal = strips_impedance_ohm(ratio, ratio, 1.0)
+    assert equal == pytest.approx(float(pair_impedance_ohm(ratio)), rel=1e-3)
+    between = [strips_impedance_ohm(ratio, share * ratio, 1.0) for share in (1.0, 1.5, 2.5, 5.0)]
+    assert np.all(np.diff(between) < 0) and between[-1] > 0.999 * wide
+
+
+def test_strips_narrower_than_high_equal_two_wires():
+    """A flat strip acts as a wire of a quarter of its width: 120 ln(4 h / w) ohm for far strips."""
+    found = strips_impedance_ohm(0.01, 0.01, 1.0)
+    assert found == pytest.approx(119.917 * np.log(4 / 0.01), rel=1e-4)
+
+
+def test_reflection_equals_that_of_a_line_of_scikit_rf():
+    line, hertz = Microstrip(permittivity=2.0), np.linspace(50e6, 3e9, 60)
+    frequency = skrf.Frequency.from_f(hertz, unit="Hz")
+    gamma = 2j * np.pi * hertz * np.sqrt(line.effective_permittivity) / 299_792_458
+    own = np.full(len(hertz), line.impedance_ohm)
+    media = skrf.media.DefinedGammaZ0(frequency, z0_port=50.0, z0=own, gamma=gamma)
+    s11 = media.line(80e-3, unit="m").s[:, 0, 0]
+    assert line.reflection_db(hertz) == pytest.approx(20 * np.log10(np.abs(s11)), abs=1e-6)
+    assert line.matched().reflection_db(hertz).max() < -100
+
+
+def test_best_match_lies_where_the_published_field_simulations_have_it():
+    published = {}
+    with open(Path(DATA_DIR) / "data" / "paper" / "hfss_s11.csv") as stream:
+        for row in csv.DictReader(stream):
+            curve = published.setdefault((float(row["ground_width_mm"]), row["freq_mhz"]), [])
+            curve.append((float(row["s11_db"]), float(row["width_to_height_ratio"])))
+    optima = {key: min(curve)[1] for key, curve in published.items()}
+    found = {ground: 2.5 / Microstrip(ground_mm=ground).matched().height_mm for ground in (2.5, 6)}
+    for (ground, mhz), ratio in optima.items():
+        # Connectors, which are not in the formulas, shift the optimum with the carrier.
+        assert ratio == pytest.approx(found[ground], abs=0.4 if mhz == "900" else 0.85)
+    assert found[2.5] - found[6] == pytest.approx(optima[2.5, "900"] - optima[6.0, "900"], abs=0.1)
+
+
+def test_match_that_no_height_has_is_refused():
+    with pytest.raises(InputError, match="impedance: is reached at no height"):
+        Microstrip().matched(1000.0)
+
+
+@pytest.mark.parametrize("clock_hz", [50.0, 139.0, 165.0, 765.0, 1000.0, 1035.0, 1400.0, 3800.0])
+def test_timer_is_within_one_percent_of_the_clock(clock_hz):
+    found = tag_timer(clock_hz)
+    divisor = {1: 1, 2: 8, 3: 64}[found.prescaler]
+    assert found.clock_hz == pytest.approx(4e6 / (16 * found.steps * divisor), rel=1e-12)
+    assert abs(found.clock_hz / clock_hz - 1) < 0.01
+    assert found.steps <= 256 and found.steps * divisor >= 64
+    with pytest.raises(InputError, match="clock_hz: is not within reach"):
+        tag_timer(100 * clock_hz)

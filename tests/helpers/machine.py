@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the machine gives to a test: free ports, a disk that is soon full, time to wait."""
+
+import os
+import resource
+import socket
+import time
+from contextlib import ExitStack
+
+
+def free_ports(count):
+    """Ports that nobody listens at, now at least."""
+    with ExitStack() as held:
+        servers = [held.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
+        return [server.getsockname()[1] for server in servers]
+
+
+def free_port():
+    return free_ports(1)[0]
+
+
+def wait_until(condition, limit=300, pause_s=0.02, process=None, meanwhile=None):
+    """Wait until a condition holds, so many seconds at most; what it has returned then.
+
+    A ``process`` that is given must not end before; ``meanwhile`` is called in between.
+    """
+    end = time.monotonic() + limit
+    while not (result := condition()):
+        assert time.monotonic() < end, "not in time"
+        assert process is None or process.poll() is None, "the process has ended"
+        if meanwhile is not None:
+            meanwhile()
+        time.sleep(pause_s)
+    return result
+
+
+def rows_in(path):
+    """Rows of a file of readings so far, with the header of CSV."""
+    return path.read_text().count("\n") if path.exists() else 0
+
+
+def room_for(size):
+    """What a process calls first that may write so many bytes to each file.
+
+    It must not compile what it imports: Python does not check how much of the bytecode could be
+    written, so that later processes would fail on its first part.
+    """
+
+    def limit():
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    return limit
