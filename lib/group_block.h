@@ -3,7 +3,7 @@
 
 #include "kernel/counter.h"
 #include "kernel/doppler/group_collector.h"
-#include "noise_tags.h"
+#include "tag_values.h"
 #include <gnuradio/wiforce/names.h>
 
 #include <cstdint>

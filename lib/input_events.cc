@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "input_events.h"
 
-#include "rx_time.h"
+#include "tag_values.h"
 #include <gnuradio/wiforce/names.h>
 
 #include <algorithm>

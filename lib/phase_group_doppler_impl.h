@@ -2,7 +2,7 @@
 #pragma once
 
 #include "group_block.h"
-#include "noise_tags.h"
+#include "tag_values.h"
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 namespace gr::wiforce {

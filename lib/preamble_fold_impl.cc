@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "preamble_fold_impl.h"
 
-#include "noise_tags.h"
+#include "tag_values.h"
 
 #include "kernel/doppler/doppler_transform.h"
 #include "kernel/doppler/tone_accumulator.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "recording_source_impl.h"
 
-#include "noise_tags.h"
+#include "tag_values.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
 

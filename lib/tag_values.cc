@@ -1,7 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "noise_tags.h"
+#include "tag_values.h"
 
 namespace gr::wiforce {
+
+std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value)
+{
+    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
+        return std::nullopt;
+    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
+    const pmt::pmt_t fraction = pmt::tuple_ref(value, 1);
+    const bool is_whole = pmt::is_uint64(seconds) ||
+                          (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0);
+    if (!is_whole || !pmt::is_real(fraction))
+        return std::nullopt;
+    return kernel::timeline::time{ pmt::to_uint64(seconds), pmt::to_double(fraction) };
+}
 
 void noise_tags::add(const std::vector<gr::tag_t>& tags)
 {

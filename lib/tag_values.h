@@ -2,15 +2,22 @@
 #pragma once
 
 #include "kernel/fold/frame_walk.h"
+#include "kernel/timing/timeline.h"
 #include "kernel/types.h"
 #include <gnuradio/tags.h>
+#include <gnuradio/wiforce/api.h>
 #include <pmt/pmt.h>
 
 #include <cstdint>
 #include <deque>
+#include <optional>
 #include <vector>
 
 namespace gr::wiforce {
+
+// The time in the value of an rx_time tag, a tuple(uint64 seconds, double fraction) as
+// gr-uhd makes it; nothing when it is anything else. Python blocks use the same rule.
+WIFORCE_API std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value);
 
 // Value of the tag `noise`: two floats for the tagged folded vector and each of those
 // that follow, the members of snapshot_noise. A tag per vector would cost more than the

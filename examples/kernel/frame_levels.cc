@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Prints the level and the noise of the sounding frames in a file of 16-bit samples.
-#include <gnuradio/wiforce/kernel/recording/folded_reader.h>
+#include <gnuradio/wiforce/kernel/recording/readers.h>
 
 #include <cmath>
 #include <cstdio>

@@ -13,7 +13,7 @@
 #include <gnuradio/wiforce/recording_source.h>
 
 #include "refusal.h"
-#include "rx_time.h"
+#include "tag_values.h"
 
 #include <algorithm>
 

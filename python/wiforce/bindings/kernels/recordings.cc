@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <kernel/recording/folded_reader.h>
-#include <kernel/recording/tone_reader.h>
+#include <kernel/recording/readers.h>
 
 #include <pybind11/stl.h>
 
