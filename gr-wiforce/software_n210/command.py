@@ -53,7 +53,7 @@ class Console:
     def _press(self, arguments):
         sensor, *numbers = self._take("press", arguments, 3, 3)
         air = self._device.air
-        air.press(sensor, *_numbers("press", numbers))
+        air.press(sensor, *_numbers("press", arguments, numbers))
         # A session starts the scene again, and takes its begin for the untouched sensor.
         if self._device.status()["streaming_s"] > air.reference_s:
             return {}
@@ -85,11 +85,12 @@ class Console:
         return arguments
 
 
-def _numbers(name, texts):
+def _numbers(name, arguments, texts):
     try:
         return [float(text) for text in texts]
     except ValueError:
-        raise InputError("control", f"must have the form: {USAGE[name]}", " ".join(texts)) from None
+        rule = f"must have the form: {USAGE[name]}, with a decimal point"
+        raise InputError("control", rule, " ".join(arguments)) from None
 
 
 class LineControl:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, uhd
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
@@ -223,6 +224,12 @@ def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):
     assert device.air.status()["sensors"]["arm"]["touch"] is False
     device.air.press("arm", 4.0, 45.0)
     pressed = {"touch": True, "force_n": 4.0, "location_mm": 45.0}
+    assert device.air.status()["sensors"]["arm"] == pressed
+    # Force and location exchanged, or beside the line of 80 mm.
+    with pytest.raises(InputError, match="must be 0 to 80 mm, the length of arm, got 450"):
+        device.air.press("arm", 4.0, 450.0)
+    with pytest.raises(InputError, match="force must be 0 to 1000 N"):
+        device.air.press("arm", -4.0, 45.0)
     assert device.air.status()["sensors"]["arm"] == pressed
     device.air.release("arm")
     assert device.air.status()["sensors"]["arm"]["touch"] is False

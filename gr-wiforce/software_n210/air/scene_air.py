@@ -73,9 +73,13 @@ class SceneAir(Cable):
 
     def press(self, sensor, force_n, location_mm):
         """Press a sensor from now on, whatever the scene specifies."""
-        if not (0 <= force_n < 1000 and 0 <= location_mm <= 10_000):
-            raise InputError("press", "force must be 0 to 1000 N, location 0 to 10000 mm")
-        self._sensor(sensor).pressed.hold(force_n, location_mm)
+        pressed = self._sensor(sensor).pressed
+        if not 0 <= force_n < 1000:
+            raise InputError("press", "the force must be 0 to 1000 N", force_n)
+        if not 0 <= location_mm <= pressed.length_mm:
+            rule = f"the location must be 0 to {pressed.length_mm:g} mm, the length of {sensor}"
+            raise InputError("press", rule, location_mm)
+        pressed.hold(force_n, location_mm)
 
     def release(self, sensor):
         """Release a sensor."""

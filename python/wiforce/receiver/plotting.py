@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 PANELS = 4
 _LABELS = ("force (N)", "location\n(mm from port 1)", "phases (deg)", "SNR (dB)")
 _NEEDED = ("time_s", "sensor", "touch", "force_n", "location_mm")
+_NEEDED_OF_READINGS = (*_NEEDED, "flags")
 _Rows = Sequence[Mapping[str, Any]]
 
 
@@ -54,7 +55,7 @@ def plot(
     Raises
     ------
     InputError
-        When a column is missing, or there are not four axes.
+        When there is no table, a column is missing, or there are not four axes.
 
     Examples
     --------
@@ -64,7 +65,7 @@ def plot(
     >>> axes[0].containers[0].lines[0].get_ydata().tolist()
     [0.0, 4.0]
     """
-    rows = _rows("readings", readings)
+    rows = _rows("readings", readings, _NEEDED_OF_READINGS)
     if axes is None:
         from matplotlib import pyplot
 
@@ -85,7 +86,7 @@ def plot(
         label = f"{name}, flagged" if len(runs) > 1 else "flagged"
         flagged.append((label, [row for row in own if _flagged(row)]))
         if truth is not None:
-            real = [row for row in _rows("truth", truth) if row["sensor"] == sensor]
+            real = [row for row in _rows("truth", truth, _NEEDED) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
     _plot_flagged(axes, flagged)
     axes[1].set_ylim(bottom=0, top=length_mm)
@@ -104,9 +105,9 @@ def legend_beside(axis: Any) -> None:
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=10)
 
 
-def _rows(name: str, table: Any) -> _Rows:
+def _rows(name: str, table: Any, needed: Sequence[str]) -> _Rows:
     """Rows by the names of their columns, unknown values None or NaN, flags as one text."""
-    if hasattr(table, "to_dict"):
+    if hasattr(table, "columns"):
         if "flags" in table:  # pandas reads no flags as NaN from a file
             table = table.assign(flags=table["flags"].fillna(""))
         rows = table.to_dict("records")
@@ -115,7 +116,11 @@ def _rows(name: str, table: Any) -> _Rows:
             {**vars(row), "flags": " ".join(row.flags)} if isinstance(row, Reading) else row
             for row in table
         ]
-    for column in _NEEDED if rows else ():
+        if not all(isinstance(row, Mapping) for row in rows):
+            raise InputError(
+                name, "must be a pandas frame or a list of its rows", type(table).__name__
+            )
+    for column in needed if rows else ():
         if column not in rows[0]:
             raise InputError(name, f"must have the column {column}; found {', '.join(rows[0])}")
     return rows

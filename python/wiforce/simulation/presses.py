@@ -113,6 +113,11 @@ class PressedSensor:
         model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
 
     @property
+    def length_mm(self) -> float:
+        """Length of its line."""
+        return self._model.length_mm
+
+    @property
     def presses(self) -> "list[Press]":
         """The presses, in the order of their starts."""
         return self._presses

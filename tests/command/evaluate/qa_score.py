@@ -231,6 +231,21 @@ def test_files_that_are_no_gauges_are_refused(text, tmp_path):
     assert BAD[text] in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "stated"),
+    [("load", None, False), ("load (g)", None, True), ("load", "g", True)],
+)
+def test_unit_that_nothing_states_is_named_in_the_comparison(column, unit, stated, tmp_path):
+    """A gauge that shows grams looks like a sensor that is wrong by a factor of 100."""
+    shown = gauge()
+    lines = [f"{t:.4f},{f:.4f}" for t, f in zip(shown.time_s, shown.force_n, strict=True)]
+    (tmp_path / "cell.csv").write_text("\n".join([f"time_s,{column}", *lines]) + "\n")
+    record = read_gauge_file(tmp_path / "cell.csv", unit=unit)
+    assert record.unit_stated == stated
+    text = str(compare_with_gauge(readings(), GaugeRecord(shown.time_s, shown.force_n, stated)))
+    assert ("newtons are assumed: state others with --unit" in text) == (not stated)
+
+
 def rows_of(sensor, own, share=1.0, idle_until_s=0.0):
     """A sensor's readings as rows, with a share of the forces, untouched until a time."""
     for time_s, force, touched, clear in zip(

@@ -86,6 +86,12 @@ def test_plot_of_several_captures_labels_each(folder):
     ("call", "rule"),
     [
         (lambda frame: wiforce.plot(frame.drop(columns="force_n")), "must have the column force_n"),
+        # Doubtful readings would be drawn as clear ones.
+        (lambda frame: wiforce.plot(frame.drop(columns="flags")), "must have the column flags"),
+        (lambda frame: wiforce.plot(frame["force_n"]), "readings: must be a pandas frame"),
+        (lambda frame: wiforce.plot(frame["force_n"].to_numpy()), "must be a pandas frame"),
+        (lambda frame: wiforce.plot(frame, truth="first.truth.csv"), "truth: must be a pandas"),
+        (lambda frame: wiforce.score(frame, frame), "gauge: must be a CSV file or a GaugeRecord"),
         (lambda frame: wiforce.plot(frame, axes=[None]), "axes: must be 4, got 1"),
         (lambda frame: wiforce.score(frame.drop(columns="flags"), "gauge.csv"), "gauge.csv"),
         (lambda frame: wiforce.score([1], "gauge.csv"), "readings: must be a pandas frame"),

@@ -48,7 +48,8 @@ class GaugeComparison:
     without flag, with the mean force of the gauge over each group; ``flagged``, ``missed``,
     ``false``: steady groups in which the gauge shows a press and the reading is flagged; is clear
     but untouched; and clear touched groups in which the gauge shows none; ``unrecorded``: readings
-    without flag in holes of the gauge's record.
+    without flag in holes of the gauge's record; ``unit_stated``: whether anything says that the
+    gauge shows this unit.
     """
 
     offset_s: float
@@ -65,6 +66,7 @@ class GaugeComparison:
     missed: int
     false: int
     unrecorded: int
+    unit_stated: bool = True
 
     @property
     def error_n(self) -> np.ndarray:
@@ -110,7 +112,8 @@ class GaugeComparison:
             f"offset          {r['offset_s']:.4f} +- {2 * r['offset_std_s']:.4f} s (time of the "
             f"gauge at time 0 of the readings; correlation {r['correlation']:.3f})",
             f"gauge           zero {r['gauge_zero_n']:.3f} N, subtracted"
-            + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else ""),
+            + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else "")
+            + ("" if self.unit_stated else "; newtons are assumed: state others with --unit"),
             f"compared        {r['compared']} unflagged readings between pressed ones",
             f"force error     median {r['median_error_n']:.3f} N, rms {r['rms_error_n']:.3f}"
             f" N, 90 % below {r['p90_error_n']:.3f} N, bias {r['bias_n']:+.3f} N",
@@ -212,6 +215,7 @@ def compare_with_gauge(
         missed=int(np.sum(steady & readings.clear & ~readings.touched)),
         false=int(np.sum(none & readings.clear & readings.touched)),
         unrecorded=int(np.sum(readings.clear & average.in_hole(readings.time_s + offset_s))),
+        unit_stated=gauge.unit_stated,
     )
 
 

@@ -169,11 +169,12 @@ class GaugeRecord:
     """What a force gauge recorded.
 
     ``time_s`` (n,): increasing; from any origin, in the gauge's clock; ``force_n`` (n,): as
-    recorded: with the gauge's zero and sign.
+    recorded: with the gauge's zero and sign; ``unit_stated``: False where newtons are assumed.
     """
 
     time_s: np.ndarray
     force_n: np.ndarray
+    unit_stated: bool = True
 
 
 def read_gauge_file(
@@ -216,7 +217,8 @@ def read_gauge_file(
     last = np.append(np.diff(times) > 0, True)
     if np.sum(last) < 2:
         raise InputError(path, f"{time_name} must increase", times[0])
-    return GaugeRecord(times[last], forces[last])
+    stated = unit is not None or _unit_of(force_name).lower() in UNITS_N
+    return GaugeRecord(times[last], forces[last], stated)
 
 
 def _table(path: str | Path) -> pd.DataFrame:

@@ -73,6 +73,8 @@ def score(
         rows = readings.to_dict("records")
     else:
         raise InputError("readings", "must be a pandas frame or a file of readings", readings)
+    if not isinstance(gauge, GaugeRecord | str | Path):
+        raise InputError("gauge", "must be a CSV file or a GaugeRecord", type(gauge).__name__)
     record = gauge if isinstance(gauge, GaugeRecord) else read_gauge_file(gauge)
     return compare_with_gauge(timed_forces(rows, sensor), record, touch_n, offset_s)
 

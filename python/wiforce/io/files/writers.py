@@ -156,7 +156,7 @@ def open_writer(
             raise InputError(path, "nothing can be appended to Parquet; use .csv or .jsonl")
         return ParquetWriter(path, inputs, also, metadata)
     if path is not None and not name.endswith(".csv"):
-        raise InputError(path, "output must end in .csv, .jsonl or .parquet")
+        raise InputError(path, "output must end in .csv, .jsonl or .parquet (MCAP: --mcap FILE)")
     columns = (*COLUMNS, *also)
     return ReadingsWriter(
         path,
