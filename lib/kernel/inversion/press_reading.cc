@@ -17,8 +17,6 @@ constexpr double degrees = 180 / M_PI;
 // Phase std above which a disturbance of the tag's own lines is flagged: most of it may
 // be hidden.
 constexpr double disturbed_deg = 1.0;
-// Weight of explanations that are inverted.
-constexpr double least_weight = 1e-4;
 // Standard deviations beyond which a reading is wrong. That of a mixture is no such
 // limit: an explanation of weight w may lie 1 / sqrt(w) away, so that none is left
 // farther than this.
@@ -177,8 +175,7 @@ void press_reading::invert(const group& of,
     double total = 0;
     for (std::size_t i = 0; i < of.count; i++) {
         const auto& each = of.first[i];
-        if (i && !(each.is == press_filter::pressed && each.known &&
-                   each.weight > least_weight))
+        if (i && !(each.is == press_filter::pressed && each.known))
             continue;
         const double common = std::sqrt(each.common_variance + of.common_variance);
         for (int node = 0; node < 3; node++) {
