@@ -5,10 +5,12 @@ import errno
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas
@@ -21,7 +23,9 @@ from gnuradio.wiforce.io.files.output_file import OutputFile
 from gnuradio.wiforce.io.files.parquet import ParquetWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.ros_messages import topics_of
 from mcap.reader import make_reader
 from pyarrow import parquet
 from ros_clients import bag_messages
@@ -361,3 +365,37 @@ def test_export_reads_parquet_of_several_captures_with_their_names(tmp_path):
     parquet.write_table(table.append_column("capture", [["day/1"] * 20]), path)
     rows = list(ReadingsFile(path).rows())
     assert rows[3]["capture"] == "day/1" and rows[3]["flags"] == "weak" and rows[2]["touch"] is None
+
+
+PAGE = (Path(__file__).resolve().parents[3] / "docs/outputs.md").read_text(encoding="utf-8")
+
+
+def test_examples_run_on_a_press(tmp_path, monkeypatch, capsys):
+    """In their order, as one program, on the scene that is simulated fastest."""
+    monkeypatch.chdir(tmp_path)
+    assert run_command("simulate", "tabletop", "press").returncode == 0
+    words = ["read", "press", "-o", "press.parquet", "--mcap", "press.mcap"]
+    assert run_command(*words).returncode == 0
+    # The stream of LSL is a live one, and its test is with the live run; a folder of captures is
+    # read in qa_docs.py.
+    elsewhere = ("pylsl", 'read("captures")')
+    blocks = [
+        block
+        for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+        if not any(part in block for part in elsewhere)
+    ]
+    assert len(blocks) == 4
+    names = {}
+    exec("\n".join(blocks), names)
+    error_n, reference_s, *forces = capsys.readouterr().out.split("max")[1].splitlines()[1:]
+    assert float(error_n) < 0.2 and float(reference_s) > 0 and len(forces) > 50
+    assert len(names["both"]) == len(names["clear"]) == len(forces)
+
+
+@pytest.mark.parametrize("name", [*(name for name, *_ in CHANNELS), "mcap-ros2-support"])
+def test_page_names_channels_and_packages(name):
+    assert f"`{name}`" in PAGE
+
+
+def test_page_names_all_topics():
+    assert all(f"`{topic}`" in PAGE for topic in topics_of(["SENSOR"]))

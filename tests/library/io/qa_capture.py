@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings: what their metadata may state, and what is refused before anything is read."""
 
+import copy
 import json
 import os
+import warnings
 
+import jsonschema
 import pytest
+import sigmf
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Segment, open_capture
+from gnuradio.wiforce.io.capture.sigmf_metadata import SPECIFICATION, read_metadata, write_metadata
 from gnuradio.wiforce.scene import load_capture_scene, load_scene
 
 
@@ -183,3 +188,144 @@ def test_check_against_other_rate_or_carrier_raises(tmp_path):
             other["sensors"] = [{"name": "arm", "model": "wiforce-2400mhz"}]
         with pytest.raises(InputError, match=message):
             capture.check_against(load_scene(other))
+
+
+FIELDS = {
+    "core:datatype": "ci16_le",
+    "core:sample_rate": 12.5e6,
+    "core:num_channels": 1,
+    "core:offset": 0,
+    "core:extensions": [{"name": "wiforce", "version": "1", "optional": True}],
+    "wiforce:scene": {"b": [1, {"z": None, "a": "Kräfte"}], "a": 2.5},
+}
+CAPTURES = [
+    {"core:sample_start": 0, "core:frequency": 9e8},
+    {"core:sample_start": 10, "core:global_index": 15, "core:datetime": "2026-01-02T03:04:05Z"},
+]
+VALID = {"global": FIELDS, "captures": CAPTURES, "annotations": [{"core:sample_start": 3}]}
+
+
+def changed(section, key, value):
+    whole = copy.deepcopy(VALID)
+    item = whole[section] if isinstance(whole[section], dict) else whole[section][-1]
+    item[key] = value
+    return whole
+
+
+def refusal_by_package(whole):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sigmf.SigMFFile(metadata=whole).validate()
+    except Exception as error:  # jsonschema's, SigMF's, TypeError, KeyError
+        return error
+
+
+def refusal(tmp_path, whole):
+    path = tmp_path / "x.sigmf-meta"
+    path.write_text(json.dumps(whole))
+    try:
+        read_metadata(path)
+    except InputError as error:
+        assert "x.sigmf-meta: " in str(error) and "\n" not in str(error)
+        return error
+
+
+def test_write_metadata_gives_file_of_package(tmp_path):
+    """Files would differ from those of earlier versions, or other tools refuse them."""
+    data = tmp_path / "x.sigmf-data"
+    data.write_bytes(bytes(range(256)) * 20_000)
+    write_metadata(tmp_path / "x.sigmf-meta", data, FIELDS, CAPTURES)
+    other = sigmf.SigMFFile(global_info=FIELDS)
+    for capture in CAPTURES:
+        other.add_capture(capture["core:sample_start"], metadata=capture)
+    other.set_data_file(data)
+    ours, theirs = json.loads((tmp_path / "x.sigmf-meta").read_text()), json.loads(other.dumps())
+    assert ours["global"]["core:version"] == SPECIFICATION
+    for whole in (ours, theirs):  # the package writes the version that it knows
+        whole["global"].pop("core:version")
+    assert json.dumps(ours) == json.dumps(theirs)
+    sigmf.fromfile(tmp_path / "x.sigmf-meta").validate()
+
+
+MISTAKES = [
+    (changed("global", "core:sample_rate", "fast"), "global: core:sample_rate: .*'fast' is not of"),
+    (changed("global", "core:sample_rate", 0), "core:sample_rate: .*0 is not from"),
+    (changed("global", "core:sample_rate", 2e12), "to 1e.12"),
+    (changed("global", "core:sample_rate", True), "True is not of type 'number'"),
+    (changed("global", "core:datatype", 3), "core:datatype: .*3 is not of type 'string'"),
+    (changed("global", "core:num_channels", 0), "core:num_channels: .*0 is not from 1"),
+    (changed("captures", "core:sample_start", -1), "captures: 1: core:sample_start: .*-1 is not"),
+    (changed("captures", "core:sample_start", 2**63), "core:sample_start: .* is not from 0"),
+    (changed("captures", "core:frequency", "ism"), "captures: 1: core:frequency: .*'ism'"),
+    (changed("captures", "core:global_index", 1.5), "core:global_index: .*1.5 is not of type"),
+    (VALID | {"captures": [3]}, "captures: 0: .*3 is not of type 'object'"),
+    (VALID | {"captures": [{}]}, "captures: 0: .*'core:sample_start' is missing"),
+    (VALID | {"captures": CAPTURES[::-1]}, "captures: .*must not decrease"),
+    (VALID | {"captures": None}, "captures: .*None is not of type 'array'"),
+    (changed("captures", "core:frequency", [9e8]), "a value of type 'array' is not of type 'num"),
+    ({"global": FIELDS}, "key 'captures' is missing"),
+    (VALID | {"global": {}}, "global: .*'core:datatype' is missing"),
+    (VALID | {"global": 3}, "global: .*3 is not of type 'object'"),
+]
+
+
+@pytest.mark.parametrize(("whole", "rule"), MISTAKES)
+def test_read_metadata_refuses_what_package_refuses(tmp_path, whole, rule):
+    """A mistake would appear later, as a wrong reading or a traceback."""
+    assert refusal_by_package(whole) is not None
+    error = refusal(tmp_path, whole)
+    assert error is not None
+    with pytest.raises(InputError, match=rule):
+        raise error
+
+
+def test_read_metadata_valid_file_is_returned_as_it_is(tmp_path):
+    assert refusal_by_package(VALID) is None
+    (tmp_path / "x.sigmf-meta").write_text(json.dumps(VALID))
+    assert read_metadata(tmp_path / "x.sigmf-meta") == (FIELDS, CAPTURES)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "\xff", "[" * 100_000, '{"global": NaN}'])
+def test_read_metadata_not_an_object_is_refused(tmp_path, text):
+    (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError, match="x.sigmf-meta: "):
+        read_metadata(tmp_path / "x.sigmf-meta")
+
+
+PLACES = [
+    ("global", "core:datatype"),
+    ("global", "core:sample_rate"),
+    ("global", "core:num_channels"),
+    ("captures", "core:sample_start"),
+    ("captures", "core:frequency"),
+    ("captures", "core:global_index"),
+    ("captures", "core:header_bytes"),
+]
+# Whole numbers as floats are integers to JSON Schema, but no index of a sample: refused here. A
+# null stands for a default in the package.
+VALUES = [True, False, -2, -1, 0, 1, 7, 10**12, 10**12 + 1, 2**63 - 1, 2**63, 2**70]
+VALUES += [-1e12, -1.1e12, -0.5, 0.5, 1.5, 1e12, 1.1e12, 5e-324]
+VALUES += ["cf32_le", "ci16_le", [], [0], {}, {"a": 1}]
+AGREED = [(place, value) for place in PLACES for value in VALUES]
+
+
+def whole_as_float(place, value):
+    integers = ("sample_start", "global_index", "header_bytes", "num_channels")
+    return place[1].endswith(integers) and isinstance(value, float) and value == int(value)
+
+
+def test_read_metadata_agrees_with_package_on_every_key_that_is_read(tmp_path):
+    """A file that other tools write would be refused, or one that they refuse would be read."""
+    schema = sigmf.schema.get_schema()
+    package = jsonschema.validators.validator_for(schema)(schema)
+    outcomes = set()
+    for place, value in AGREED:
+        if whole_as_float(place, value):
+            continue
+        whole = changed(*place, value)
+        whole["global"]["core:version"] = SPECIFICATION  # the package adds it
+        refused = not package.is_valid(whole)
+        assert (refusal(tmp_path, whole) is not None) == refused, (place, value)
+        outcomes.add(refused)
+    assert outcomes == {True, False}
