@@ -18,7 +18,7 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth import read_truth, steady_rows
+from gnuradio.wiforce.simulation.truth import read_truth, score
 
 from ..evaluate.error_summary import calibration_bias_deg
 from ..evaluate.experiment import with_mean_phases
@@ -91,23 +91,14 @@ def _read(scene, recording, survey, truth):
     started = time.process_time()
     readings = [reading for batch in reader for reading in batch]
     ended = time.process_time()
-    steady = {round(row["time_s"], 4): row for row in steady_rows(truth)}
-    read = [
-        (reading, steady[round(reading.time_s, 4)])
-        for reading in readings
-        if round(reading.time_s, 4) in steady and reading.force_n is not None
-    ]
-    phases = [
-        [r.phase1_deg - row["phase1_deg"], r.phase2_deg - row["phase2_deg"]] for r, row in read
-    ]
-    phases = wrap_deg(np.reshape(phases, (-1, 2)) - calibration_bias_deg(scene, 0))
-    errors = [[r.force_n - row["force_n"], r.location_mm - row["location_mm"]] for r, row in read]
+    found = score(readings, truth, scene.sensors[0].name)
+    stds = [[reading.force_std_n, reading.location_std_mm] for reading in found.compared]
     return {
-        "phase_deg": phases,
-        "errors": np.reshape(errors, (-1, 2)),
-        "std": np.reshape([[r.force_std_n, r.location_std_mm] for r, _ in read], (-1, 2)),
-        "flagged": np.array([bool(r.flags) for r, _ in read], bool),
-        "unread": len(steady) - len(read),
+        "phase_deg": wrap_deg(found.phase_error_deg - calibration_bias_deg(scene, 0)),
+        "errors": np.column_stack([found.force_error_n, found.location_error_mm]),
+        "std": np.reshape(stds, (-1, 2)),
+        "flagged": np.array([bool(reading.flags) for reading in found.compared], bool),
+        "unread": found.missed,
         "bound_deg": np.array(expect(settings)[0].phase_std_deg),
         "added": changes_of(settings, reader.plan),
         "skipped": skipped_of(reader.plan),
