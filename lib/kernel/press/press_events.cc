@@ -184,7 +184,7 @@ void press_filter::touch(const explanation& from, double probability, state is)
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
 // another one from now on.
-void press_filter::slip(const explanation& from, double probability)
+void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.known)
         return;

@@ -155,7 +155,7 @@ void press_filter::branch_untouched(const explanation& from)
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);
-    slip(from, between * may.unexplained / 2);
+    move_line(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from))
         touch(tag, between * may.press * share, pressed);
     mix(from, (1 - between) * sudden);
@@ -207,7 +207,7 @@ void press_filter::branch_touched(const explanation& from)
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);
-    slip(from, between * may.unexplained / 2);
+    move_line(from, between * may.unexplained / 2);
     for (const auto& [tag, share] : courses(from)) {
         release(tag, between * may.release * share);
         touch(tag, between * may.exchange * share, pressed);
@@ -235,7 +235,7 @@ void press_filter::branch_mixed(const explanation& from)
     as_before.log_weight += to_this;
     turn_suddenly(as_before, turns / all);
     touch(as_before, may.unexplained / all / 2, unexplained);
-    slip(as_before, may.unexplained / all / 2);
+    move_line(as_before, may.unexplained / all / 2);
     for (auto& [tag, share] : courses(from)) {
         const double to_untouched = single && tag.known && !tag.turned_now
                                         ? chord(tag, untouched_ratio(tag), 0) - known
@@ -278,12 +278,12 @@ void press_filter::begin_changing(const explanation& from, double probability)
 void press_filter::go_on_changing(const explanation& from, double probability)
 {
     const double ends = 1 - going_on(), slows = from.speed > 0 ? ends : 0,
-                 slips = from.slides ? 0 : sliding * ends;
-    change_steadily(from, probability * (1 - slows - slips), from.slides, from.speed);
+                 slides = from.slides ? 0 : sliding * ends;
+    change_steadily(from, probability * (1 - slows - slides), from.slides, from.speed);
     if (slows > 0)
         change_steadily(from, probability * slows, from.slides, from.speed - 1);
-    if (slips > 0)
-        change_steadily(from, probability * slips, true, from.speed);
+    if (slides > 0)
+        change_steadily(from, probability * slides, true, from.speed);
 }
 
 // A turn that becomes steadier is one turn, as a force that rises ever more slowly. Where

@@ -156,7 +156,7 @@ private:
     void remain_untouched(const explanation& from, double probability);
     void release(const explanation& from, double probability);
     void touch(const explanation& from, double probability, state is);
-    void slip(const explanation& from, double probability);
+    void move_line(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
                          double probability,
