@@ -122,10 +122,12 @@ class SideBySide:
         assert np.allclose(np.diff(clean.time_s), self.group_s)
         assert not any("gap" in flags for flags in clean.flags)
         clean.check(10 * self.seconds)
-        # When anybody may press, and the summary; a busy machine may miss when nobody may.
-        *_, may_be_pressed, summary = self.said[0].splitlines()
+        # When anybody may press, and the summary; a busy machine may miss when nobody may, and
+        # send too late.
+        said = [line for line in self.said[0].splitlines() if "transmit underflow" not in line]
+        *_, may_be_pressed, summary = said
         assert "may be pressed" in may_be_pressed and "gaps" not in summary
-        assert self.said[0].count("\n") <= 3
+        assert len(said) <= 3
 
     def check_faulty(self):
         """Faults cost no more than their groups; nothing restarts."""
