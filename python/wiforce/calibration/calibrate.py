@@ -17,15 +17,16 @@ from .data import (
     check_table,
     with_location_steps,
 )
-from .fit import fit_carrier
-from .mistakes import stated_suspicions, suspicions
-from .tables import CalibrationTable
-from .validation import (
+from .explanations import (
+    find_exchanged_rows,
     find_wrong_location,
     leave_locations_out,
-    validate_forms,
     wrong_location_text,
 )
+from .fit import contact_values, fit_carrier
+from .mistakes import stated_suspicions, suspicions
+from .tables import CalibrationTable
+from .validation import validate_forms
 
 LOCATION_STEPS = ("nearest", "given", "line")
 FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)
@@ -121,16 +122,20 @@ def calibrate(
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = curves.force_knots(form, forces)
     carriers = [fit_carrier(d, form, knots) for d in data]
-    validation["locations"], wrong = [], []
-    for each in zip(data, carriers, strict=True):
-        rows = leave_locations_out(*each, form, knots, ruler_std_mm)
+    validation["locations"], wrong, exchanged = [], [], []
+    for each, carrier in zip(data, carriers, strict=True):
+        contact = contact_values(
+            each, carrier.coefficients_deg, carrier.covariance_deg2, form, knots
+        )
+        rows = leave_locations_out(each, contact, ruler_std_mm)
         validation["locations"] += rows
-        if row := find_wrong_location(*each, form, knots, rows, ruler_std_mm):
+        if row := find_wrong_location(each, carrier, contact, rows, ruler_std_mm):
             wrong.append(row)
+        exchanged += find_exchanged_rows(each, form, knots)
     suspected = suspicions(table, length_mm, permittivity)
     if wrong:
         validation["wrong"] = wrong
-        suspected = suspected or [wrong_location_text(row) for row in wrong]
+    suspected = suspected or [*map(wrong_location_text, wrong), *exchanged]
     if ruler_std_mm:
         assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")
     onset = _onset(data, forces, onset_force_n, assumed)

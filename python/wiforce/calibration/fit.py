@@ -44,19 +44,19 @@ class CurveFitter:
     """
 
     def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
-        self._basis = curves.force_basis(form, knots_n)
-        self.size = self._basis.size
+        self.basis = curves.force_basis(form, knots_n)
+        self.size = self.basis.size
         # rows appended to the least squares, per root of the number of samples
         self._penalty: np.ndarray | None = None
-        if isinstance(self._basis, curves.SplineBasis):
-            choices = [np.sqrt(weight) * self._basis.curvatures() for weight in _SMOOTHING]
+        if isinstance(self.basis, curves.SplineBasis):
+            choices = [np.sqrt(weight) * self.basis.curvatures() for weight in _SMOOTHING]
             scores = [self._score(samples, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]
 
     def _score(self, samples: Samples, penalty: np.ndarray) -> float:
         squares, count, freedom = 0.0, 0, 0.0
         for force, value in samples:
-            basis = self._basis(force)
+            basis = self.basis(force)
             inverse = _penalised_inverse(basis, penalty)
             squares += np.sum((value - basis @ (inverse @ (basis.T @ value))) ** 2)
             freedom += len(force) - np.trace(inverse @ basis.T @ basis)
@@ -68,7 +68,7 @@ class CurveFitter:
 
         ``force_n``, ``value_deg`` (n,).
         """
-        basis = self._basis(force_n)
+        basis = self.basis(force_n)
         normal = basis.T @ basis
         if self._penalty is None:
             inverse = np.linalg.inv(normal)
@@ -82,7 +82,7 @@ class CurveFitter:
 
     def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
         """Evaluate a fitted curve, in degrees, at forces in N."""
-        return self._basis(force_n) @ fit.coefficients
+        return self.basis(force_n) @ fit.coefficients
 
 
 def _penalised_inverse(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
@@ -210,6 +210,27 @@ def _powers(force: np.ndarray, low: float, high: float) -> np.ndarray:
 _LARGEST_EXTENT_MM = 30.0
 
 
+@dataclass(frozen=True)
+class ContactValues:
+    """Phases that the contact adds at J locations, at the forces that are compared.
+
+    ``location_mm`` (J,); ``added_deg`` (2, J, n): for each port; ``variance_deg2`` (2, J): their
+    mean variance over the forces from noise in the table.
+    """
+
+    location_mm: np.ndarray
+    added_deg: np.ndarray
+    variance_deg2: np.ndarray
+
+    def without(self, index: int) -> "ContactValues":
+        """Those of all locations but one."""
+        return ContactValues(
+            np.delete(self.location_mm, index),
+            np.delete(self.added_deg, index, axis=1),
+            np.delete(self.variance_deg2, index, axis=1),
+        )
+
+
 def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> curves.Carrier:
     """A :class:`.curves.Carrier` of one carrier's data."""
     fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
@@ -222,7 +243,7 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> curve
             for port, (noise, _) in zip(fits, quality, strict=True)
         ]
     )
-    interpolation = interpolate(data, coefficients, covariance, form, knots, data.location_mm)
+    interpolation = interpolate(data, contact_values(data, coefficients, covariance, form, knots))
     difference_n = find_hysteresis(
         data.all_curves(), [fit for port in fits for fit in port], fitter
     )
@@ -252,18 +273,29 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> curve
     )
 
 
-def interpolate(
+def contact_values(
     data: CarrierData,
     coefficients: np.ndarray,
     covariance: np.ndarray,
     form: str,
     knots: np.ndarray | None,
-    location_mm: np.ndarray,
-) -> LocationInterpolation:
-    """How to go between some of the locations, from coefficients (2, J, K) and their covariance."""
+) -> ContactValues:
+    """What fitted curves say, from coefficients (2, J, K) and their covariance."""
     basis = curves.force_basis(form, knots)(compared_forces(data))
-    values = np.einsum("pjk,fk->pjf", coefficients, basis)
-    noise = np.mean(np.einsum("fk,pjkm,fm->pjf", basis, covariance, basis))
+    return ContactValues(
+        data.location_mm,
+        np.einsum("pjk,fk->pjf", coefficients, basis),
+        np.einsum("fk,pjkm,fm->pj", basis, covariance, basis) / len(basis),
+    )
+
+
+def interpolate(data: CarrierData, contact: ContactValues) -> LocationInterpolation:
+    """How to go between some of the locations of a carrier's data."""
     slope = line.round_trip_deg_per_mm(data.frequency_hz)
-    physical = np.ptp(values, axis=1).max() < _LARGEST_EXTENT_MM * slope
-    return learn_interpolation(location_mm, data.length_mm, values, noise, physical)
+    return learn_interpolation(
+        contact.location_mm,
+        data.length_mm,
+        contact.added_deg,
+        np.mean(contact.variance_deg2),
+        np.ptp(contact.added_deg, axis=1).max() < _LARGEST_EXTENT_MM * slope,
+    )

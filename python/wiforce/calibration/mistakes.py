@@ -118,14 +118,14 @@ def _estimate(
 ) -> LineEstimate:
     slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
     ambiguity_mm = float(360.0 / slope)
-    touched = rows.take(~rows.untouched)
+    untouched = untouched_phases(rows)
+    touched, _ = touched_rows(rows, untouched)
     scores = concentrations(touched, _SLOPES * slope)
     best = int(np.argmax(scores))
     places = np.unique(touched.location_mm)
     if scores[best] < ON_A_LINE or len(places) < ENOUGH_LOCATIONS:
         return LineEstimate(frequency_hz, None, None, ambiguity_mm)
     own_permittivity = float(permittivity * _SLOPES[best] ** 2)
-    untouched = untouched_phases(rows)
     if untouched is None:
         return LineEstimate(frequency_hz, own_permittivity, None, ambiguity_mm)
     lengths = _lengths_mm(touched, untouched, slope)
@@ -179,7 +179,8 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     if found:
         return found
     for frequency in carriers_of(touched):
-        rows = touched.take(same_carrier(touched.frequency_hz, frequency))
+        own = table.take(same_carrier(table.frequency_hz, frequency))
+        rows, _ = touched_rows(own, untouched_phases(own))
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
         found += (
             _radians_at_places(rows, slope)

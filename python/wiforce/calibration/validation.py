@@ -3,7 +3,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,10 @@ from ..sensor import curves, line
 from ..sensor.curves import Carrier, CurveModel
 from ..sensor.inversion import Inversion
 from ..sensor.model import SensorModel
-from ..signal.carrier import same_carrier, wrap_deg
-from .data import CarrierData, ContactCurve, compared_forces
-from .fit import CurveFitter, interpolate
+from ..signal.carrier import same_carrier
+from .data import CarrierData, ContactCurve
+from .explanations import VAGUE_MM, contradictions, wrong_location_text
+from .fit import CurveFitter
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -102,160 +103,6 @@ def _folds(curve: ContactCurve, by_press: bool) -> list[tuple[np.ndarray, bool]]
     return [(block == b, b in (0, _BLOCKS - 1)) for b in range(_BLOCKS)]
 
 
-def leave_locations_out(
-    data: CarrierData,
-    carrier: curves.Carrier,
-    form: str,
-    knots: np.ndarray | None,
-    ruler_std_mm: float = 0.0,
-) -> list[dict[str, Any]]:
-    """Predict each inner location from the others.
-
-    Returns list of dict: ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the
-    prediction and ``expected_deg``, which the interpolation states; by location and port.
-
-    ``carrier``: the curves fitted to it; ``ruler_std_mm``: standard deviation of the locations.
-    """
-    forces = compared_forces(data)
-    basis = curves.force_basis(form, knots)(forces)
-    rows = []
-    ruler_deg = ruler_std_mm * data.slope
-    for j in range(1, len(data.location_mm) - 1):
-        kept = np.arange(len(data.location_mm)) != j
-        interpolation = interpolate(
-            data,
-            carrier.coefficients_deg[:, kept],
-            carrier.covariance_deg2[:, kept],
-            form,
-            knots,
-            data.location_mm[kept],
-        )
-        for port in (0, 1):
-            values = basis @ carrier.coefficients_deg[port].T
-            weights = interpolation.weights(data.location_mm[j], port)
-            error = values[:, kept] @ weights - values[:, j]
-            variance = interpolation.variance(
-                np.full(len(forces), data.location_mm[j]), port, values[:, kept]
-            )
-            # The errors of the ruler at this location and at those that predict it.
-            variance = variance + ruler_deg**2 * (1 + weights @ weights)
-            rows.append(
-                {
-                    "frequency_mhz": round(data.frequency_hz / 1e6, 6),
-                    "location_mm": float(data.location_mm[j]),
-                    "port": port + 1,
-                    "rms_deg": round(float(np.sqrt(np.mean(error**2))), 4),
-                    "expected_deg": round(float(np.sqrt(np.mean(variance))), 4),
-                }
-            )
-    return rows
-
-
-# What a location that is left out may differ from what the others predict, in standard deviations.
-_UNEXPECTED = 3.0
-# Fewest locations of which one can be left out while the others still predict one of them.
-_LEAST_TESTED = 4
-# Places at which a press is sought, closer than a ruler is read.
-_PLACE_STEP_MM = 0.1
-
-
-def find_wrong_location(
-    data: CarrierData,
-    carrier: Carrier,
-    form: str,
-    knots: np.ndarray | None,
-    rows: Sequence[Mapping[str, Any]],
-    ruler_std_mm: float = 0.0,
-) -> dict[str, Any] | None:
-    """The one location that the others contradict, while they agree among each other.
-
-    A wrong location also spoils the predictions of its neighbours. It is the one without which the
-    others are predicted best.
-
-    Returns dict or None: ``frequency_mhz``, ``location_mm`` and ``fits_mm``, where the others see
-    such phases, None where they see them nowhere.
-
-    ``rows``: of :func:`leave_locations_out`; the other arguments as there.
-    """
-    count = len(data.location_mm)
-    if count < _LEAST_TESTED or not _contradictions(rows):
-        return None
-    others = [
-        leave_locations_out(*_without(data, carrier, j), form, knots, ruler_std_mm)
-        for j in range(count)
-    ]
-    worst = [max(row["rms_deg"] / row["expected_deg"] for row in each) for each in others]
-    wrong = int(np.argmin(worst))
-    stated_mm = float(data.location_mm[wrong])
-    fits_mm = _place_among(data, carrier, form, knots, wrong, ruler_std_mm)
-    # Nearer than a reading is expected to be, no ruler was misread.
-    near = fits_mm is not None and abs(fits_mm - stated_mm) <= _VAGUE_MM
-    if worst[wrong] > _UNEXPECTED or near:
-        return None
-    return {
-        "frequency_mhz": round(data.frequency_hz / 1e6, 6),
-        "location_mm": stated_mm,
-        "fits_mm": fits_mm,
-    }
-
-
-def _contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    return [row for row in rows if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]]
-
-
-def _without(data: CarrierData, carrier: Carrier, wrong: int) -> tuple[CarrierData, Carrier]:
-    """The data and the curves of all locations but one, by its index."""
-    kept = np.flatnonzero(np.arange(len(data.location_mm)) != wrong)
-    return (
-        replace(
-            data,
-            location_mm=data.location_mm[kept],
-            curves=[[port[j] for j in kept] for port in data.curves],
-        ),
-        replace(
-            carrier,
-            location_mm=carrier.location_mm[kept],
-            force_span_n=carrier.force_span_n[kept],
-            coefficients_deg=carrier.coefficients_deg[:, kept],
-            covariance_deg2=carrier.covariance_deg2[:, kept],
-        ),
-    )
-
-
-def _place_among(
-    data: CarrierData,
-    carrier: Carrier,
-    form: str,
-    knots: np.ndarray | None,
-    wrong: int,
-    ruler_std_mm: float,
-) -> float | None:
-    """Where the other locations expect the phases of one, in mm; None where nowhere."""
-    rest, curve = _without(data, carrier, wrong)
-    interpolation = interpolate(
-        rest, curve.coefficients_deg, curve.covariance_deg2, form, knots, rest.location_mm
-    )
-    basis = curves.force_basis(form, knots)(compared_forces(data))
-    places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
-    squares, variances = [], []
-    for port in (0, 1):
-
-        def short(location: np.ndarray, port: int = port) -> np.ndarray:
-            distance = data.length_mm - location if port else location
-            return line.short_phase_deg(distance, data.frequency_hz, data.permittivity)
-
-        values = basis @ curve.coefficients_deg[port].T
-        measured = basis @ carrier.coefficients_deg[port, wrong] + short(data.location_mm[wrong])
-        predicted = interpolation.weights(places, port) @ values.T + short(places)[:, None]
-        squares.append(np.mean(wrap_deg(measured - predicted) ** 2, axis=1))
-        spread = [interpolation.variance(places, port, value) for value in values]
-        variances.append(np.mean(spread, axis=0) + np.square(carrier.noise_deg[port]))
-    square = np.mean(squares, axis=0)
-    best = int(np.argmin(square))
-    expected = np.mean(variances, axis=0)[best] + (ruler_std_mm * data.slope) ** 2
-    return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
-
-
 _FORCES, _LOCATIONS = 5, 9
 _QUIET_DEG = 1e-3  # phases without noise of their own
 _LIMITS = {
@@ -269,7 +116,6 @@ _LIMITS = {
 _ENOUGH_LOCATIONS = 5
 _LARGEST_STEP_MM = 15.0
 _FALL_DEG = 1.0
-_VAGUE_MM = 0.5
 # Presses of 1 to 8 N are .1 to .82 kg. A gentle sensor is pressed as lightly, so that this is no
 # suspicion.
 _LITTLE_FORCE_N = 0.9
@@ -327,14 +173,19 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
     limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
     apart = {
-        row["location_mm"] for row in _contradictions(_rows_at(model, "locations", frequency_hz))
+        row["location_mm"] for row in contradictions(_rows_at(model, "locations", frequency_hz))
     }
     if apart:
         limit = (
             f"locations that contradict each other: {', '.join(f'{x:g}' for x in sorted(apart))} mm"
         )
     for row in _rows_at(model, "wrong", frequency_hz):
-        limit = f"location {row['location_mm']:g} mm, which does not fit the others"
+        place = f"{row['location_mm']:g}"
+        limit = (
+            f"locations {place} and {row['exchanged_mm']:g} mm, which would fit exchanged"
+            if "exchanged_mm" in row
+            else f"location {place} mm, which does not fit the others"
+        )
     return Verdict(
         frequency_hz,
         _median_and_largest(found.force_std_n[used]),
@@ -409,7 +260,7 @@ def contradiction_deg(
     """
     rows = _rows_at(model, "locations", frequency_hz)
     found = np.zeros((len(location_mm), 2))
-    contradicting = _contradictions(rows)
+    contradicting = contradictions(rows)
     for port in (1, 2) if contradicting else ():
         own = sorted(
             (row["location_mm"], row["rms_deg"] if row in contradicting else 0.0)
@@ -458,7 +309,7 @@ def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
     std = model.model_std_deg(force, middles, carrier.frequency_hz).max(axis=1)
     std_mm = std / line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
     for low, high, vague in zip(places[:-1], places[1:], std_mm, strict=True):
-        if vague > _VAGUE_MM:
+        if vague > VAGUE_MM:
             texts.append(f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only")
     return texts
 
@@ -485,16 +336,8 @@ def _contradicted_locations(model: CurveModel, carrier: Carrier) -> list[str]:
         f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
         f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
         f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
-        for row in _contradictions(_rows_at(model, "locations", carrier.frequency_hz))
+        for row in contradictions(_rows_at(model, "locations", carrier.frequency_hz))
     ]
-
-
-def wrong_location_text(row: Mapping[str, Any]) -> str:
-    """What :func:`find_wrong_location` found, in words."""
-    text = f"location {row['location_mm']:g} mm does not fit the others"
-    if row["fits_mm"] is None:
-        return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
-    return f"{text}, which see such phases at {row['fits_mm']:g} mm: was the ruler right there?"
 
 
 def _misfit(carrier: Carrier) -> list[str]:

@@ -215,6 +215,9 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
             first,
         )
         assert f"limited by {limit} (" in first
+        # An error of the ruler at an outermost location shifts readings without any sign of it.
+        assert ("locations count as exact: " in first) == (not options)
+        assert ("with the ruler's 1 mm; at 20 and 60 mm nothing else" in first) == bool(options)
     (found,) = verdict(load_sensor(path))
     assert found.location_std_mm == pytest.approx((1.0, 1.0), abs=0.05)
     # The largest force is known worst, so that the median alone would promise too much.
@@ -223,6 +226,76 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
 
 
 SIX = (15.0, 25.0, 35.0, 45.0, 55.0, 65.0)
+
+
+def exchanged(values, chosen, first, second):
+    """Values (n,) with two of them exchanged for each other in the chosen rows."""
+    return np.select(
+        [chosen & (values == first), chosen & (values == second)], [second, first], values
+    )
+
+
+@pytest.mark.parametrize(
+    "name, places",
+    [
+        ("line-900mhz", (30.0, 50.0)),
+        ("line-900mhz", (20.0, 60.0)),
+        ("line-2400mhz", (20.0, 50.0)),
+        ("fingertip-900mhz", (40.0, 50.0)),
+        ("fingertip-2400mhz", (30.0, 50.0)),
+        ("wiforce-900mhz", (20.0, 30.0)),
+    ],
+)
+def test_exchanged_sweeps_are_a_suspicion(name, places):
+    """Locations 30 and 50 mm entered for each other read without a word, as wrong as 20 mm."""
+    right = table_of(load_sensor(name))
+    swapped = exchanged(right.location_mm, ~right.untouched, *places)
+    model = calibrate(replace(right, location_mm=swapped), "arm")
+    said = "locations {:g} and {:g} mm would fit the others exchanged".format(*places)
+    (found,) = model.provenance["suspicions"]
+    assert found == f"{said}: were their presses exchanged?"
+    limit = "locations {:g} and {:g} mm, which would fit exchanged".format(*places)
+    assert verdict(model)[0].limit == limit
+    assert any(text.endswith(found) for text in calibration_warnings(model))
+
+
+@pytest.mark.parametrize("form", ["cubic", "power", "spline"])
+@pytest.mark.parametrize("port, place", [(1, 20.0), (2, 40.0), (2, 60.0)])
+def test_exchanged_rows_are_a_suspicion(table, form, port, place):
+    """The forces of two rows exchanged were read as noise of all phases."""
+    here = (table.location_mm == place) & (table.port == port)
+    forces = exchanged(table.force_n, here, 2.0, 3.5)
+    model = calibrate(replace(table, force_n=forces), "arm", form=form)
+    (found,) = model.provenance["suspicions"]
+    assert found.startswith(
+        f"the phases of 2 and 3.5 N at location {place:g} mm, port {port}, would"
+    )
+
+
+@pytest.mark.parametrize("noise_n", [0.0, 0.05])
+@pytest.mark.parametrize("name", MODELS)
+def test_calibration_of_noisy_forces_and_repeats_is_not_suspected(name, noise_n):
+    """Neighbouring forces and phases change their order with the noise of gauge and phases."""
+    model, forces = load_sensor(name), np.linspace(1.5, 6.0, 23)
+    for seed, places in enumerate([(20.0, 40.0, 60.0), (20.0, 23.0, 34.0, 50.0)]):
+        sweeps = [measure_vna(model, places, forces, 0.5, seed=3 * seed + k) for k in range(2)]
+        rows = np.random.default_rng(seed).standard_normal((2, len(sweeps[0].row)))
+        both = {
+            name: np.concatenate([getattr(sweep, name) for sweep in sweeps])
+            for name in ("row", "frequency_hz", "location_mm", "port", "phase_deg")
+        }
+        table = replace(
+            sweeps[0],
+            **both,
+            press=np.repeat(["1", "2"], len(rows[0])),
+            force_n=np.concatenate(
+                [
+                    sweep.force_n + noise_n * ~sweep.untouched * row
+                    for sweep, row in zip(sweeps, rows, strict=True)
+                ]
+            ),
+        )
+        assert calibrate(table, "arm").provenance.get("suspicions", []) == []
 
 
 def at_location(place, **change):

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Other explanations of a table: a location is another, or locations or rows were exchanged.
+
+Locations are explained by how well each inner one is predicted from the others, which is the
+leave-one-out predictive probability of Gaussian processes (C. E. Rasmussen and C. K. I. Williams,
+*Gaussian Processes for Machine Learning*, 2006, section 5.4.2).
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import combinations, repeat
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..sensor import line
+from ..sensor.curves import Carrier, slope_over_force
+from ..signal.carrier import wrap_deg
+from .data import CarrierData, ContactCurve
+from .fit import ContactValues, CurveFitter, ForceCurve, interpolate
+
+# What an explanation may leave, and how much better another one must be, in standard deviations.
+_UNEXPECTED = 3.0
+# Fewest locations of which one can be left out while the others still predict one of them.
+_LEAST_TESTED = 4
+# Places at which a press is sought, closer than a ruler is read.
+_PLACE_STEP_MM = 0.1
+# Nearer than a reading is expected to be, no ruler was misread.
+VAGUE_MM = 0.5
+# Cross-validation is stated to this.
+_ROUNDED_DEG, _DECIMALS = 1e-4, 4
+
+
+def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Those rows of :func:`leave_locations_out` that the other locations did not expect."""
+    return [row for row in rows if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]]
+
+
+def leave_locations_out(
+    data: CarrierData, contact: ContactValues, ruler_std_mm: float = 0.0
+) -> list[dict[str, Any]]:
+    """Predict each inner location from the others.
+
+    Returns list of dict: ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the
+    prediction and ``expected_deg``, which the interpolation states; by location and port.
+
+    ``contact``: of all locations or of some; ``ruler_std_mm``: standard deviation of the locations.
+    """
+    rows = []
+    ruler_deg = ruler_std_mm * data.slope
+    for j in range(1, len(contact.location_mm) - 1):
+        others, place = contact.without(j), contact.location_mm[j]
+        interpolation = interpolate(data, others)
+        for port in (0, 1):
+            values = others.added_deg[port].T
+            weights = interpolation.weights(place, port)
+            error = values @ weights - contact.added_deg[port, j]
+            variance = interpolation.variance(np.full(len(error), place), port, values)
+            # The errors of the ruler at this location and at those that predict it.
+            variance = variance + ruler_deg**2 * (1 + weights @ weights)
+            rows.append(
+                {
+                    "frequency_mhz": round(data.frequency_hz / 1e6, 6),
+                    "location_mm": float(place),
+                    "port": port + 1,
+                    "rms_deg": round(float(np.sqrt(np.mean(error**2))), _DECIMALS),
+                    "expected_deg": round(float(np.sqrt(np.mean(variance))), _DECIMALS),
+                }
+            )
+    return rows
+
+
+def find_wrong_location(
+    data: CarrierData,
+    carrier: Carrier,
+    contact: ContactValues,
+    rows: Sequence[Mapping[str, Any]],
+    ruler_std_mm: float = 0.0,
+) -> dict[str, Any] | None:
+    """Two locations that were exchanged, or the one that the others contradict.
+
+    A wrong location also spoils the predictions of its neighbours. It is the one without which the
+    others are predicted best.
+
+    Returns dict or None: ``frequency_mhz``, ``location_mm``, and ``exchanged_mm``, the other one,
+    or ``fits_mm``, where the others see such phases, None where they see them nowhere.
+
+    ``rows``: of :func:`leave_locations_out`; the other arguments as there.
+    """
+    found = {"frequency_mhz": round(data.frequency_hz / 1e6, 6)}
+    if exchanged := _exchanged_locations(data, contact, rows, ruler_std_mm):
+        return found | exchanged
+    count = len(data.location_mm)
+    if count < _LEAST_TESTED or not contradictions(rows):
+        return None
+    others = [leave_locations_out(data, contact.without(j), ruler_std_mm) for j in range(count)]
+    worst = [max(row["rms_deg"] / row["expected_deg"] for row in each) for each in others]
+    wrong = int(np.argmin(worst))
+    stated_mm = float(data.location_mm[wrong])
+    fits_mm = _place_among(data, carrier, contact, wrong, ruler_std_mm)
+    near = fits_mm is not None and abs(fits_mm - stated_mm) <= VAGUE_MM
+    if worst[wrong] > _UNEXPECTED or near:
+        return None
+    return found | {"location_mm": stated_mm, "fits_mm": fits_mm}
+
+
+def wrong_location_text(row: Mapping[str, Any]) -> str:
+    """What :func:`find_wrong_location` found, in words."""
+    if "exchanged_mm" in row:
+        return (
+            f"locations {row['location_mm']:g} and {row['exchanged_mm']:g} mm would fit the others "
+            "exchanged: were their presses exchanged?"
+        )
+    text = f"location {row['location_mm']:g} mm does not fit the others"
+    if row["fits_mm"] is None:
+        return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
+    return f"{text}, which see such phases at {row['fits_mm']:g} mm: was the ruler right there?"
+
+
+def _exchanged_locations(
+    data: CarrierData,
+    contact: ContactValues,
+    rows: Sequence[Mapping[str, Any]],
+    ruler_std_mm: float,
+) -> dict[str, float] | None:
+    """Two locations whose exchange explains the phases better, as ``location_mm`` and
+    ``exchanged_mm``.
+    """
+    if not rows:
+        return None
+    # Along a line an exchange moves phases further apart, unless it takes another one back.
+    pairs = list(combinations(range(len(contact.location_mm)), 2))
+    values = [_exchange(data, contact, *pair) for pair in pairs]
+    spread = [float(np.var(each.added_deg, axis=1).mean()) for each in values]
+    best = int(np.argmin(spread))
+    as_given = _exchange(data, contact, 0, 0)
+    if spread[best] >= np.var(as_given.added_deg, axis=1).mean():
+        return None
+    after = leave_locations_out(data, values[best], ruler_std_mm)
+    if not _better(_log_probability(after) - _log_probability(rows), len(pairs)):
+        return None
+    first, second = (float(contact.location_mm[j]) for j in pairs[best])
+    return {"location_mm": first, "exchanged_mm": second}
+
+
+def _exchange(data: CarrierData, contact: ContactValues, first: int, second: int) -> ContactValues:
+    """The same with the phases of two locations exchanged, turns of 360 deg by the line."""
+    order = np.arange(len(contact.location_mm))
+    order[[first, second]] = second, first
+    added = contact.added_deg[:, order]
+    for port, values in enumerate(added):
+        short = _short_deg(data, contact.location_mm, port)
+        values += (short[order] - short)[:, None]
+        middles = np.median(values, axis=1)
+        values += (np.unwrap(middles, period=360.0) - middles)[:, None]
+    return ContactValues(contact.location_mm, added, contact.variance_deg2[:, order])
+
+
+def _short_deg(data: CarrierData, location_mm: np.ndarray | float, port: int) -> np.ndarray:
+    """Phase of a short exactly at some locations, in degrees."""
+    distance = data.length_mm - location_mm if port else location_mm
+    return np.asarray(line.short_phase_deg(distance, data.frequency_hz, data.permittivity))
+
+
+def _log_probability(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Of predictions, but for a constant: the forces of a location and port err alike."""
+    rms, expected = (np.array([row[name] for row in rows]) for name in ("rms_deg", "expected_deg"))
+    expected = np.maximum(expected, _ROUNDED_DEG)
+    return float(-np.sum(np.log(expected) + 0.5 * (rms / expected) ** 2))
+
+
+def _better(log_ratio: float, count: int) -> bool:
+    """Whether the best of so many other explanations is certain, by its likelihood ratio."""
+    return log_ratio - np.log(count) > 0.5 * _UNEXPECTED**2
+
+
+def _place_among(
+    data: CarrierData, carrier: Carrier, contact: ContactValues, wrong: int, ruler_std_mm: float
+) -> float | None:
+    """Where the other locations expect the phases of one, in mm; None where nowhere."""
+    others = contact.without(wrong)
+    interpolation = interpolate(data, others)
+    places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
+    squares, variances = [], []
+    for port in (0, 1):
+        values = others.added_deg[port].T
+        short = _short_deg(data, contact.location_mm[wrong], port)
+        measured = contact.added_deg[port, wrong] + short
+        predicted = (
+            interpolation.weights(places, port) @ values.T + _short_deg(data, places, port)[:, None]
+        )
+        squares.append(np.mean(wrap_deg(measured - predicted) ** 2, axis=1))
+        spread = [interpolation.variance(places, port, value) for value in values]
+        variances.append(np.mean(spread, axis=0) + np.square(carrier.noise_deg[port]))
+    square = np.mean(squares, axis=0)
+    best = int(np.argmin(square))
+    expected = np.mean(variances, axis=0)[best] + (ruler_std_mm * data.slope) ** 2
+    return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
+
+
+def find_exchanged_rows(data: CarrierData, form: str, knots: np.ndarray | None) -> list[str]:
+    """Rows of a location whose exchange explains the phases better.
+
+    Returns list of str: a sentence each.
+
+    A phase follows force smoothly, with noise of its own and of the force, which the slope turns
+    into phase. Of each location and port the pair is tried whose exchange fits the curve best.
+    """
+    contacts = [
+        (place, port, contact)
+        for port, row in enumerate(data.curves, 1)
+        for place, contact in zip(data.location_mm, row, strict=True)
+        if not contact.copied
+    ]
+    fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
+    fits = [fitter.fit(contact.force_n, contact.added_deg) for _, _, contact in contacts]
+    pairs, counts = zip(*map(_best_exchange, contacts, repeat(fitter), fits), strict=True)
+    slopes = [
+        slope_over_force(partial(fitter.value, fit), contact.force_n)
+        for (_, _, contact), fit in zip(contacts, fits, strict=True)
+    ]
+    found = []
+    for (place, port, contact), pair, fit, slope in zip(contacts, pairs, fits, slopes, strict=True):
+        if pair is None:
+            continue
+        exchanged = contact.added_deg.copy()
+        exchanged[list(pair)] = exchanged[list(pair)[::-1]]
+        after = fitter.fit(contact.force_n, exchanged)
+        # Where rows of both ports were exchanged, only other locations tell the noise.
+        others = [k for k, each in enumerate(contacts) if each[0] != place]
+        noise = _noise([fits[k] for k in others], [slopes[k] for k in others])
+        # A curve that does not follow its data leaves more than noise.
+        left = max(float(np.sum(after.residual**2)) / after.freedom, _ROUNDED_DEG**2)
+        variance = np.maximum(noise[0] + noise[1] * slope**2, left)
+        freedom = sum(fits[k].freedom for k in others)
+        # Noise that few rows tell is Student's.
+        square = float(np.sum((fit.residual**2 - after.residual**2) / variance))
+        if square > 0 and _better(
+            (freedom + 1) / 2 * float(np.log1p(square / freedom)), sum(counts)
+        ):
+            low, high = contact.force_n[list(pair)]
+            found.append(
+                f"the phases of {low:g} and {high:g} N at location {place:g} mm, port {port}, "
+                "would fit the others exchanged: were rows exchanged?"
+            )
+    return found
+
+
+def _noise(fits: Sequence[ForceCurve], slopes: Sequence[np.ndarray]) -> np.ndarray:
+    """Variance of phases (deg^2) and of forces (N^2) about fitted curves of known slopes."""
+    parts = [
+        fit.freedom / len(slope) * np.column_stack([np.ones(len(slope)), slope**2])
+        for fit, slope in zip(fits, slopes, strict=True)
+    ]
+    squares = np.concatenate([fit.residual**2 for fit in fits])
+    return np.asarray(nnls(np.concatenate(parts), squares)[0])
+
+
+def _best_exchange(
+    own: tuple[float, int, ContactCurve], fitter: CurveFitter, fit: ForceCurve
+) -> tuple[tuple[int, int] | None, int]:
+    """The two rows of a press, by their index, whose exchange reduces the squares about a curve
+    most, None where none does; and how many could be exchanged.
+    """
+    contact = own[2]
+    basis = fitter.basis(contact.force_n)
+    # What a fit leaves of its data, exactly where the coefficients are free.
+    rest = np.eye(len(basis)) - basis @ fit.unit_covariance @ basis.T
+    first, second = np.triu_indices(len(basis), 1)
+    same = contact.press[first] == contact.press[second]
+    first, second = first[same], second[same]
+    step = contact.added_deg[second] - contact.added_deg[first]
+    size = rest[first, first] + rest[second, second] - 2 * rest[first, second]
+    gain = step * (2 * (fit.residual[second] - fit.residual[first]) - step * size)
+    if not gain.size or gain.max() <= 0:
+        return None, gain.size
+    best = int(np.argmax(gain))
+    return (int(first[best]), int(second[best])), gain.size
