@@ -13,6 +13,7 @@ from gnuradio.wiforce.estimation.packets.antenna_noise import without_shared_noi
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
+    _without_room,
     _without_tags,
     find_states,
 )
@@ -299,6 +300,15 @@ def test_states_that_only_a_closed_switch_shows_are_a_tag():
     assert found.max() == 2 and len(np.unique(found[tag])) == 1
     kept = np.delete(np.arange(400), tag)
     assert np.array_equal(found[kept], np.minimum(label[kept], 2))
+
+
+def test_phase_that_flips_shortly_before_the_end_is_a_state():
+    """It ended the program with an IndexError."""
+    rng = np.random.default_rng(1)
+    channel = np.ones((100, 16, 2), complex) + 0.01 * rng.standard_normal((100, 16, 2))
+    channel[85:, :, 1] *= -1
+    label = np.repeat([0, 1], [85, 15])
+    assert np.array_equal(_without_room(np.delete(channel, 0, axis=2), label), label)
 
 
 def test_simulated_card_flips_steps_and_rounds(tmp_path):

@@ -256,7 +256,7 @@ def _without_room(against: Array, label: Array) -> Array:
             continue  # the first one, or one that alternates with others all the time
         before = np.arange(start - LEAST_PACKETS, start)
         former = np.bincount(label[before]).argmax()
-        after = np.arange(start, start + LEAST_PACKETS)
+        after = np.arange(start, min(start + LEAST_PACKETS, len(label)))
         after, before = after[label[after] == state], before[label[before] == former]
         step = means[state] - means[former]
         size = np.sum(np.abs(step) ** 2)
