@@ -21,7 +21,6 @@ from gnuradio.wiforce.estimation.packets.antenna_states import (
     against_reference,
     find_states,
 )
-from gnuradio.wiforce.estimation.packets.packet_survey import snapshot_snr_db
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from packet_simulator import PacketTag
 
@@ -120,6 +119,33 @@ class TagInFile:
             density += power * np.median(np.concatenate(found, axis=1), axis=1) / np.log(2)
         return np.sqrt(density / sum(LINE_POWERS))
 
+    def noise(self):
+        """Static paths (2 K,) in units of the noise, and the inverse of its covariance (2 K, 2 K).
+
+        Neighbouring subcarriers of an AX200 have noise alike, and in directions that paths of
+        ordinary delays take it is two to five times the mean.
+        """
+        own = find_states(self.received, LEAST_STEP).label == 0
+        packets = self.received[own].transpose(0, 2, 1).reshape(np.sum(own), -1)
+        scaled = packets / np.linalg.norm(packets, axis=1, keepdims=True)
+        count = packets.shape[1]
+        static = np.linalg.eigh(scaled.T @ scaled.conj())[1][:, -1] * np.sqrt(count)
+        hertz = np.tile(self.hertz, 2) / np.abs(self.hertz).max()
+        antenna = np.repeat([1.0, -1.0], count // 2)
+        # In phase, gain and delay of a packet and in the ratio of its antennas noise is not seen.
+        hidden = np.stack([np.ones(count), antenna, hertz, hertz * antenna], axis=1)
+        hidden = np.linalg.qr(static[:, None] * hidden)[0]
+        rest = packets - packets @ hidden.conj() @ hidden.T
+        rest /= (packets @ static.conj() / count)[:, None]
+        group = (self.time_s[: len(own)][own] // self.period_s).astype(int)
+        for each in np.unique(group):  # what is slower than a group is no noise of it
+            rest[group == each] -= rest[group == each].mean(axis=0)
+        covariance = rest.T @ rest.conj() / len(rest)
+        # The largest is a bend of all subcarriers that changes from packet to packet.
+        mean = np.linalg.eigvalsh(covariance)[hidden.shape[1] : -1].mean()
+        covariance = covariance / mean + hidden @ hidden.conj().T
+        return static / np.sqrt(mean), np.linalg.inv(covariance)
+
     def bounds(self):
         """Smallest standard deviations of the groups after the first touched one: (G, 2) in
         degrees, (G,) in N.
@@ -129,9 +155,7 @@ class TagInFile:
         unknown. Clocks, states of the receiver and the size to expect of T are known, and
         gains and antennas vary from packet to packet by as much as they do in the file.
         """
-        power = np.median(np.abs(self.received) ** 2, axis=0)
-        snr = 10 ** (np.array(snapshot_snr_db(self.received, self.hertz)) / 10)
-        static = (np.sqrt(power) / np.sqrt(power.mean(axis=0) / snr)).T.ravel()  # noise 1
+        static, precision = self.noise()
         way = static * self.way.T.ravel()
         count, group = len(static), (self.time_s // self.period_s).astype(int)
         first = int(np.ceil(self.reference_s / self.period_s)) + 2  # the first is touched in part
@@ -166,9 +190,9 @@ class TagInFile:
                     + [1j * antenna * received, antenna * received],
                     axis=1,
                 )
-                across = 2 * (slopes.conj().T @ nuisance).real
-                inner = 2 * (nuisance.conj().T @ nuisance).real + beside
-                whole = 2 * (slopes.conj().T @ slopes).real
+                across = 2 * (slopes.conj().T @ precision @ nuisance).real
+                inner = 2 * (nuisance.conj().T @ precision @ nuisance).real + beside
+                whole = 2 * (slopes.conj().T @ precision @ slopes).real
                 information += packets * (whole - across @ np.linalg.solve(inner, across.T))
         covariance = np.linalg.inv(information)
         degrees, newtons = [], []
