@@ -11,10 +11,10 @@ from gnuradio.wiforce.wiforce_kernels import (
     clock_likelihood,
     coherent_residual,
     end_fit,
+    group_weights,
     noise_estimate,
     phase_expansion,
     raised_subcarriers,
-    switching_mixer,
 )
 
 GROUPS, TONES, SUBCARRIERS = 3, 14, 6
@@ -73,9 +73,7 @@ def test_end_fit_without_tags_leaves_the_tones():
     fit = end_fit(np.zeros((GROUPS, TONES, 0)), tones)
     np.testing.assert_array_equal(fit.residual, tones)
     assert fit.ends.shape == (GROUPS, 0, SUBCARRIERS)
-    power = np.sum(np.abs(tones) ** 2, axis=1)
-    found = phase_expansion(fit).power_at(np.zeros((GROUPS, 0)))
-    np.testing.assert_allclose(found, power, rtol=1e-12)
+    np.testing.assert_allclose(fit.power(), np.sum(np.abs(tones) ** 2, axis=1), rtol=1e-12)
 
 
 def test_coherent_residual_is_that_of_both_estimators():
@@ -178,16 +176,6 @@ def test_noise_with_a_profile_keeps_it_and_is_not_below_rounding_errors():
     np.testing.assert_allclose(plain.variance, 5e-14, rtol=1e-12)
 
 
-def test_changed_residual_counts_in_power():
-    """What a clock without a crystal explains is taken out before the noise is learned."""
-    _, _, fit = fitted(1)
-    expansion = phase_expansion(fit)
-    fit.residual[1] /= 2
-    expansion.set_power(fit)
-    expected = np.sum(np.abs(fit.residual) ** 2, axis=1)
-    np.testing.assert_allclose(expansion.power_at(np.zeros((GROUPS, 1))), expected, rtol=1e-12)
-
-
 def test_clock_likelihood_is_the_energy_in_the_lines_of_both_ends():
     """Its slope steers the clock of every tag."""
     rng = np.random.default_rng(5)
@@ -231,8 +219,6 @@ def test_methods_refuse_arrays_of_other_shapes():
         (noise_estimate(0.036).follow, [np.ones((1, 0)), 14, [1.0], [True]]),
         (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
         (raised_subcarriers, [np.ones(5), 14]),
-        (expansion.power_at, [np.ones((GROUPS + 1, 1))]),
-        (expansion.power_at, [np.ones((GROUPS, 2))]),
         (expansion.information, [np.ones(7)]),
         (kernel.at, [np.ones(3), np.ones((3, 5, 6)), np.ones(6)]),
         (kernel.at, [np.ones(3), np.ones((2, 4, 6)), np.ones(6)]),
@@ -275,13 +261,24 @@ def test_switched_tones_are_those_of_the_waveforms_in_numpy():
 )
 def test_mixer_refuses_arrays_of_other_shapes(clocks, pulses):
     """A kernel must not read beyond its arrays."""
-    mixer = switching_mixer(np.ones((4, 5)), np.arange(5.0))
+    weights = group_weights(np.ones((4, 5)), np.arange(5.0), np.eye(4))
     with pytest.raises(ValueError, match="must have shape"):
-        mixer.mix(np.ones(clocks), np.ones(pulses))
+        weights.switched(np.ones(clocks), np.ones(pulses))
 
 
-@pytest.mark.parametrize("weights", [(4, 6), (5,)])
-def test_mixer_refuses_weights_of_other_snapshots(weights):
-    """Weights and times must be those of the same snapshots."""
-    with pytest.raises(ValueError, match="a column for each of 5"):
-        switching_mixer(np.ones(weights), np.arange(5.0))
+@pytest.mark.parametrize(
+    ("mixer", "whitener"), [((4, 6), (4, 4)), ((5,), (0, 0)), ((4, 5), (3, 3))]
+)
+def test_weights_refuse_arrays_of_other_shapes(mixer, whitener):
+    """Weights, times and whitener must be those of the same snapshots and tones."""
+    with pytest.raises(ValueError, match="must have"):
+        group_weights(np.ones(mixer), np.arange(5.0), np.ones(whitener))
+
+
+def test_colorer_is_the_inverse_of_the_whitener():
+    """The lines of a tag are taken from it where others are subtracted."""
+    rng = np.random.default_rng(2)
+    whitener = np.tril(rng.standard_normal((7, 7)) + 1j * rng.standard_normal((7, 7)))
+    whitener += 5 * np.eye(7)
+    weights = group_weights(np.ones((7, 5)), np.arange(5.0), whitener)
+    np.testing.assert_allclose(weights.colorer, np.linalg.inv(whitener), atol=1e-12)

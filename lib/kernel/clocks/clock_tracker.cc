@@ -42,11 +42,6 @@ clock_tracker::clock_tracker(const fit& start)
 {
 }
 
-double clock_tracker::ahead_of(double other, double at_s) const
-{
-    return std::remainder(predict(at_s) - other, turn);
-}
-
 void clock_tracker::advance(double at_s)
 {
     const double dt = at_s - time_s, q = d_drift_power;
@@ -72,13 +67,10 @@ bool clock_tracker::is_present(double energy, double expected) const
 bool clock_tracker::update(double at_s,
                            const double* likelihood,
                            double noise_level,
-                           const measurement* measured,
-                           double ahead)
+                           const measurement* measured)
 {
     advance(at_s);
-    const double slope = likelihood[1] + ahead * likelihood[2], curvature = likelihood[2];
-    const double energy =
-        likelihood[0] + ahead * (likelihood[1] + ahead * likelihood[2] / 2);
+    const double energy = likelihood[0], slope = likelihood[1], curvature = likelihood[2];
     if (!is_present(energy, d_energy / noise_level))
         return false;
     d_groups = std::min(d_groups + 1, curvature_memory);
@@ -87,7 +79,7 @@ bool clock_tracker::update(double at_s,
     const double kappa = std::max(-d_curvature / noise_level, 1e-9);
     const auto found =
         measured
-            ? measurement{ measured->error - ahead, measured->variance }
+            ? *measured
             : measurement{ slope / kappa, (kappa + d_slope_variance) / (kappa * kappa) };
     const auto [p00, p01, p11] = variances;
     const double spread = p00 + found.variance;
@@ -102,39 +94,6 @@ bool clock_tracker::update(double at_s,
     }
     seen_s = at_s;
     return true;
-}
-
-followed_clocks follow_clocks(const std::vector<clock_tracker*>& clocks,
-                              const clock_measurements& measured,
-                              const clock_limits& limits)
-{
-    const std::size_t tags = clocks.size();
-    followed_clocks found;
-    std::vector<double> ahead(tags);
-    for (std::size_t group = 0; group < measured.center_s.size(); group++) {
-        const double at_s = measured.center_s[group];
-        const std::size_t first = group * tags;
-        for (std::size_t tag = 0; tag < tags; tag++) {
-            ahead[tag] = clocks[tag]->ahead_of(measured.assumed[first + tag], at_s);
-            if (group && (!(std::abs(ahead[tag]) <= limits.reach_rad[tag]) ||
-                          limits.expired(*clocks[tag], at_s)))
-                return found;
-        }
-        for (std::size_t tag = 0; tag < tags; tag++) {
-            auto& clock = *clocks[tag];
-            const std::size_t place = first + tag;
-            const auto* error = measured.errors ? measured.errors + place : nullptr;
-            found.received.push_back(clock.update(at_s,
-                                                  measured.likelihood + 3 * place,
-                                                  measured.noise_level,
-                                                  error,
-                                                  ahead[tag]));
-            found.phase.push_back(clock.phase);
-            found.rate.push_back(clock.rate);
-        }
-        found.groups++;
-    }
-    return found;
 }
 
 } // namespace gr::wiforce::kernel

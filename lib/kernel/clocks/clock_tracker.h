@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstddef>
-#include <vector>
 
 namespace gr::wiforce::kernel {
 
@@ -42,19 +41,15 @@ public:
         return phase + (d_nominal + rate) * (at_s - time_s);
     }
 
-    // By how much the phase expected at a time exceeds another one, in rad.
-    double ahead_of(double other, double at_s) const;
-
     // Advances to a time and corrects by the group's likelihood; false when it lacks the
-    // tag, and the clock then coasts. `likelihood`: J, J' and J'' of the group, without
-    // the other tags, at a phase that the predicted one exceeds by `ahead` rad.
-    // `noise_level`: scales the energy of a mean group. `measured`: the error of that
-    // phase, instead of the likelihood's; may be null.
+    // tag, and the clock then coasts. `likelihood`: J, J' and J'' of the group at the
+    // predicted phase, without the other tags. `noise_level`: scales the energy of a mean
+    // group. `measured`: the error of that phase, instead of the likelihood's; may be
+    // null.
     bool update(double at_s,
                 const double* likelihood,
                 double noise_level,
-                const measurement* measured,
-                double ahead);
+                const measurement* measured);
 
 private:
     void advance(double at_s);
@@ -65,20 +60,8 @@ private:
     std::size_t d_groups;
 };
 
-// What G groups say of the clocks of S tags.
-struct clock_measurements {
-    const std::vector<double>& center_s; // G
-    const double* assumed;               // G x S, phases in rad
-    const double* likelihood;            // G x S x 3, J, J' and J'' at these phases
-    // G x S, of these phases by the complete model; null where it is not used
-    const clock_tracker::measurement* errors;
-    double noise_level; // that the likelihoods are scaled by
-};
-
-// How long measurements and clocks are of use.
+// A tag's clock is given up when the tag was absent, or not received, for this long.
 struct clock_limits {
-    std::vector<double> reach_rad; // S, of clocks from the phases assumed
-    // A tag's clock is given up when the tag was absent, or not received, for this long.
     double absent_s, unseen_s;
 
     bool expired(const clock_tracker& clock, double at_s) const
@@ -86,17 +69,5 @@ struct clock_limits {
         return clock.time_s - clock.seen_s > absent_s || at_s - clock.seen_s > unseen_s;
     }
 };
-
-// Clocks corrected by some groups, as many x S each.
-struct followed_clocks {
-    std::size_t groups = 0;
-    std::vector<double> phase, rate;
-    std::vector<char> received; // whether the group holds the tag
-};
-
-// Updates trackers by one group after the other, at least one, as long as limits allow.
-followed_clocks follow_clocks(const std::vector<clock_tracker*>& clocks,
-                              const clock_measurements& measured,
-                              const clock_limits& limits);
 
 } // namespace gr::wiforce::kernel

@@ -11,7 +11,7 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-inline void add(double factor, const double* row, int columns, double* __restrict sum)
+inline void add_row(double factor, const double* row, int columns, double* __restrict sum)
 {
     for (int i = 0; i < columns; i++)
         sum[i] += factor * row[i];
@@ -37,8 +37,31 @@ switching_mixer::switching_mixer(std::vector<double> weights, std::vector<double
 {
 }
 
+std::vector<std::complex<double>> switching_mixer::mix(const clock* clocks,
+                                                       const pulses* of,
+                                                       std::size_t tags,
+                                                       bool with_slopes) const
+{
+    const std::size_t tones = d_columns / 2;
+    std::vector<std::complex<double>> mixed(tones * 4 * tags);
+    std::vector<double> sums(4 * d_columns);
+    for (std::size_t tag = 0; tag < tags; tag++) {
+        add(clocks[tag], of[tag], with_slopes, sums.data());
+        for (std::size_t row = 0; row < 4; row++) {
+            const double* const sum = &sums[row * d_columns];
+            auto* to = &mixed[row / 2 * 2 * tags + 2 * tag + row % 2];
+            for (std::size_t tone = 0; tone < tones; tone++, to += 4 * tags)
+                *to = { sum[2 * tone], sum[2 * tone + 1] };
+        }
+    }
+    return mixed;
+}
+
 WIFORCE_CLONES
-void switching_mixer::mix(const clock& at, const pulses& of, double* sums) const
+void switching_mixer::add(const clock& at,
+                          const pulses& of,
+                          bool with_slopes,
+                          double* sums) const
 {
     std::fill_n(sums, 4 * d_columns, 0.0);
     // Both clocks' ramps are as steep: the second runs twice as fast and so does its
@@ -58,9 +81,9 @@ void switching_mixer::mix(const clock& at, const pulses& of, double* sums) const
             if (average <= 0)
                 continue;
             double* const sum = sums + waveform * d_columns;
-            add(std::min(average, 1.0), row, d_columns, sum);
-            if (average < 1)
-                add(cycles > 0 ? slope : -slope, row, d_columns, sum + 2 * d_columns);
+            add_row(std::min(average, 1.0), row, d_columns, sum);
+            if (average < 1 && with_slopes)
+                add_row(cycles > 0 ? slope : -slope, row, d_columns, sum + 2 * d_columns);
         }
     }
 }

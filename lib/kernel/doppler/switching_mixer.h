@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <complex>
+#include <cstddef>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -30,11 +32,18 @@ public:
     // Length of a row.
     int columns() const { return d_columns; }
 
-    // Sums of the rows, each times the averages of both waveforms over its snapshot: two
-    // rows. Behind them two rows with the derivatives by the phase of the clock.
-    void mix(const clock& at, const pulses& of, double* sums) const;
+    // Rows are those of M complex tones. Response of the tones to the averages of both
+    // waveforms of S tags over each snapshot, and behind these to their derivatives by
+    // the phase of the clock, which are 0 unless they are asked for: M x 4S.
+    std::vector<std::complex<double>> mix(const clock* clocks,
+                                          const pulses* of,
+                                          std::size_t tags,
+                                          bool with_slopes = true) const;
 
 private:
+    // Of one tag: sums of the rows, four rows.
+    void add(const clock& at, const pulses& of, bool with_slopes, double* sums) const;
+
     const std::vector<double> d_weights, d_times_s;
     const int d_columns;
 };

@@ -10,9 +10,8 @@ namespace {
 
 using matrix_of = std::vector<std::complex<double>>;
 
-// Largest energy of a column over what the others leave of one, from which on a model is
-// singular; eigenvalues below the second part of the largest are zero then.
-constexpr double singular = 1e12, negligible = 1e-9;
+// Eigenvalues of a singular matrix below this part of the largest one are zero.
+constexpr double negligible = 1e-9;
 
 // By Cholesky's decomposition; false where a pivot is not positive.
 bool invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
@@ -117,7 +116,8 @@ void pseudo_invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
 
 } // namespace
 
-std::vector<std::complex<double>> inverse_of(const matrix_of& matrix, std::size_t n)
+std::vector<std::complex<double>>
+inverse_of(const matrix_of& matrix, std::size_t n, double singular)
 {
     matrix_of inverse(n * n);
     double energy = 0, gain = 0;

@@ -8,8 +8,11 @@
 namespace gr::wiforce::kernel {
 
 // Inverse of a Hermitian positive definite matrix, n x n row by row. Of a matrix that is
-// singular within the accuracy of a fit, the pseudo-inverse.
+// singular within the accuracy of a fit, the pseudo-inverse. `singular`: largest energy
+// of a column over what the others leave of one, from which on it is.
 std::vector<std::complex<double>>
-inverse_of(const std::vector<std::complex<double>>& matrix, std::size_t n);
+inverse_of(const std::vector<std::complex<double>>& matrix,
+           std::size_t n,
+           double singular = 1e12);
 
 } // namespace gr::wiforce::kernel

@@ -4,16 +4,26 @@
 #include "../clones.h"
 #include "complex_product.h"
 #include "complex_rows.h"
+#include "hermitian.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace gr::wiforce::kernel {
 
+namespace {
+
 using complex = std::complex<double>;
+
+// Part of its own information that a phase is left by the others, below which all are
+// taken together.
+constexpr double negligible = 1e-9;
+
+} // namespace
 
 phase_expansion::phase_expansion(const end_fit& fit)
     : sizes(fit.sizes),
-      power(fit.power()),
       d_ends(fit.ends),
       d_gram(sizes.groups * sizes.ends * sizes.ends),
       d_gradient(sizes.groups * tags() * sizes.subcarriers),
@@ -74,42 +84,6 @@ void phase_expansion::expand(const end_fit& fit)
 }
 
 WIFORCE_CLONES
-std::vector<double> phase_expansion::power_at(const double* shifts,
-                                              std::size_t groups) const
-{
-    const std::size_t ends = sizes.ends, subcarriers = sizes.subcarriers;
-    std::vector<double> found(power.begin(), power.begin() + groups * subcarriers);
-    std::vector<complex> turned(ends * subcarriers), curved(subcarriers);
-    for (std::size_t group = 0; group < groups; group++) {
-        const double* const shift = shifts + group * tags();
-        double* const sum = &found[group * subcarriers];
-        for (std::size_t tag = 0; tag < tags(); tag++)
-            for (std::size_t k = 0; k < subcarriers; k++)
-                sum[k] -=
-                    shift[tag] * d_gradient[(group * tags() + tag) * subcarriers + k];
-        for (std::size_t i = 0; i < turned.size(); i++)
-            turned[i] =
-                d_ends[group * ends * subcarriers + i] * shift[i / subcarriers / 2];
-        for (std::size_t end = 0; end < ends; end++) {
-            std::fill(curved.begin(), curved.end(), 0.0);
-            for (std::size_t other = 0; other < ends; other++)
-                add_scaled(d_gram[(group * ends + end) * ends + other],
-                           &turned[other * subcarriers],
-                           subcarriers,
-                           curved.data());
-            const complex* const own = &turned[end * subcarriers];
-            for (std::size_t k = 0; k < subcarriers; k++)
-                sum[k] +=
-                    own[k].real() * curved[k].real() + own[k].imag() * curved[k].imag();
-        }
-        // The expansion of a large step may be below what noise leaves at the optimum.
-        for (std::size_t k = 0; k < subcarriers; k++)
-            sum[k] = std::max(sum[k], 0.0);
-    }
-    return found;
-}
-
-WIFORCE_CLONES
 phase_expansion::information phase_expansion::informed(const double* inverse_noise) const
 {
     const std::size_t ends = sizes.ends, subcarriers = sizes.subcarriers;
@@ -140,6 +114,42 @@ phase_expansion::information phase_expansion::informed(const double* inverse_noi
                 d_excess[group * tags() + tag];
     }
     return found;
+}
+
+std::vector<clock_tracker::measurement>
+phase_errors(const phase_expansion::information& of)
+{
+    const std::size_t count = of.gradient.size();
+    std::vector<clock_tracker::measurement> errors(
+        count, { 0.0, std::numeric_limits<double>::infinity() });
+    std::vector<double> scale(count);
+    for (std::size_t i = 0; i < count; i++) {
+        const double own = of.expected[i * count + i];
+        if (!(own > 0))
+            return errors;
+        scale[i] = 1 / std::sqrt(own);
+    }
+    std::vector<complex> scaled(count * count);
+    for (std::size_t i = 0; i < scaled.size(); i++)
+        scaled[i] = of.expected[i] * scale[i / count] * scale[i % count];
+    const auto inverse_scaled = inverse_of(scaled, count, 1 / negligible);
+    std::vector<double> inverse(count * count);
+    for (std::size_t i = 0; i < inverse.size(); i++)
+        inverse[i] = inverse_scaled[i].real() * scale[i / count] * scale[i % count];
+    for (std::size_t row = 0; row < count; row++) {
+        const double* const own = &inverse[row * count];
+        double error = 0, variance = 0;
+        // The diagonal of inverse x (expected + excess) x inverse.
+        for (std::size_t i = 0; i < count; i++) {
+            double product = own[i] * of.excess[i];
+            for (std::size_t j = 0; j < count; j++)
+                product += own[j] * of.expected[j * count + i];
+            error += own[i] * of.gradient[i];
+            variance += product * own[i];
+        }
+        errors[row] = { error, variance };
+    }
+    return errors;
 }
 
 } // namespace gr::wiforce::kernel

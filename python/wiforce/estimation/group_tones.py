@@ -5,14 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..signal.weights import PartialWeights, ToneTable
-from ..wiforce_kernels import end_fit, switching_mixer
+from ..wiforce_kernels import end_fit, group_weights
 from .groups import Array
 
 # A group whose energy exceeds the median by this factor is excluded from an acquisition. A press
@@ -20,13 +18,15 @@ from .groups import Array
 _LOUD = 10.0
 
 
-class GroupWeights:
+class GroupWeights(group_weights):
     """Weights from the n snapshots received of a group to its M tones.
 
     ``line_gain`` (M, 1) is the gain of each line by derotation (1 / ``ToneTable.symbol_gain``),
     ``times_s`` (n,) are from the group's centre, ``loss`` is N over n. ``whitener`` (M, M) makes
-    the tones' noise white, with the variance of H; ``mixer`` (n, M) leads from snapshots to
-    whitened tones.
+    the tones' noise white, with the variance of H, and ``colorer`` is its inverse; ``mixer`` (n, M)
+    leads from snapshots to whitened tones. ``switched`` is :meth:`mix` of what
+    ``signal.switching.switch_averages_and_slopes`` gives: the averages of all tags, and behind them
+    the slopes.
     """
 
     def __init__(
@@ -36,30 +36,11 @@ class GroupWeights:
         times_s: Array,
         loss: float = 1.0,
     ) -> None:
-        self.whitener = weights.whitener
-        self.times_s = times_s
-        self.loss = loss
-        mixer = self.whitener @ (line_gain * weights.weights)
-        self._switching = switching_mixer(mixer, times_s)
-        self.mixer = mixer.T
+        mixer = weights.whitener @ (line_gain * weights.weights)
+        super().__init__(mixer, times_s, weights.whitener, loss)
+        self.whitener, self.times_s, self.mixer = weights.whitener, times_s, mixer.T
         # Waveforms are real: two real products are half of a complex one.
         self._parts = np.vstack([mixer.real, mixer.imag]).T
-
-    def switched(self, clocks: ArrayLike, pulses: ArrayLike) -> Array:
-        """Whitened tones of the tags' switching waveforms, and their derivatives: (G, M, 4S).
-
-        :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the averages of
-        all tags, and behind them the slopes. ``clocks`` (G, S, 3) are phase in rad and rate in
-        rad/s of S clocks at the centres of G groups, and half the phase that a snapshot averages
-        over; ``pulses`` (S, 3) the delay of clock 2, in radians of clock 1, and both duty cycles.
-        """
-        tones: Array = self._switching.mix(clocks, pulses)
-        return tones
-
-    @cached_property
-    def colorer(self) -> Array:
-        """Inverse of ``whitener``."""
-        return np.linalg.inv(self.whitener)
 
     def mix(self, waveforms: Array) -> Array:
         """Whitened tones (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""

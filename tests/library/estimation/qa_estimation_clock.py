@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.clocks.acquisition import acquire
-from gnuradio.wiforce.estimation.clocks.joint_clock import likelihood_bias, phase_errors
+from gnuradio.wiforce.estimation.clocks.joint_clock import likelihood_bias
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
 from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagClock
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth
-from gnuradio.wiforce.wiforce_kernels import end_fit, follow_clocks, phase_expansion
+from gnuradio.wiforce.wiforce_kernels import end_fit, phase_errors, phase_expansion
 from long_cases import cases
 from plain import (
     TA,
@@ -173,15 +173,11 @@ def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, 
     assert fit.found and fit.overlapping
 
 
-def update(tracker, time, tones, noise, off=0.0):
-    """Update a tracker by a group that is evaluated ``off`` rad from the predicted phase."""
-    phase = np.array([tracker.predict(time) - off])
-    likelihood = tracker.likelihood.at(phase, tones[None], 1 / noise)
-    limits = [np.inf], np.inf, np.inf
-    _, _, received = follow_clocks(
-        [tracker], [time], phase[None], likelihood[None], None, noise.mean(), *limits
-    )
-    return bool(received[0, 0])
+def update(tracker, time, tones, noise):
+    """Update a tracker by a group; whether it contains the tag."""
+    phase = np.array([tracker.predict(time)])
+    likelihood = tracker.likelihood.kernel.at(phase, tones[None], 1 / noise)
+    return tracker.update(time, likelihood[0], noise.mean())
 
 
 def tracked_errors(table, likelihood, tag, gamma_db, groups, seed, gap=()):
@@ -226,21 +222,6 @@ def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
     tones = table.weights @ air.group(11, on=False)
     assert not update(tracker, time, tones, air.noise)
     assert wrapped(tracker.phase - expected) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_tracker_update_does_not_depend_on_the_phase_that_a_group_is_evaluated_at(
-    table, likelihood
-):
-    """Groups of a batch are evaluated at clocks that are predicted over several groups."""
-    air = make_air(625, [TagOnAir(offset_ppm=20.0, untouched_deg=(0.0, 90.0))], 7, 0.0)
-    times, fit = found_clock(likelihood, table, air)
-    tones, phases = table.weights @ air.group(11), []
-    for off in (0.0, 0.003):
-        tracker = ClockTracker(fit, times, RATE, SUBCARRIERS, air.noise.mean())
-        assert update(tracker, 11.5 * 625 * T, tones, air.noise, off)
-        phases.append(tracker.phase)
-    error = np.sqrt(tracker.variances[0])
-    assert abs(phases[1] - phases[0]) < 0.01 * error < 0.001
 
 
 @pytest.mark.parametrize(
@@ -315,21 +296,19 @@ def test_phase_expansion_information_equals_that_of_joint_least_squares():
         assert both[a, b] == pytest.approx(curved / (4 * step**2), rel=0.05)
 
 
-def test_phase_expansion_power_equals_the_residual_at_other_phases():
-    """The noise is learned from it before the ends are solved at the tracked clocks."""
+def test_phase_errors_are_the_step_and_its_variance_by_the_pseudo_inverse():
+    """Of phases that the ends of two tags on one clock share, only the sum is known."""
     rng = np.random.default_rng(2)
-    mixing, slopes, shifts = normal(rng, 3, 14, 4), normal(rng, 3, 14, 4), [[1e-4, -2e-4]] * 3
-    tones = mixing @ normal(rng, 3, 4, 6) + 1e-2 * normal(rng, 3, 14, 6)
-    fit = end_fit(np.concatenate([mixing, slopes], axis=2), tones)
-    expansion = phase_expansion(fit)
-    turned = mixing + slopes * np.repeat(shifts, 2, axis=1)[:, None]
-    residual = tones - turned @ (np.linalg.pinv(turned) @ tones)
-    exact = np.sum(np.abs(residual) ** 2, axis=1)
-    found = expansion.power_at(np.array(shifts))
-    # The shifts change the residual by far more than the expansion is wrong.
-    assert np.max(np.abs(exact - fit.power()) / exact) > 0.02
-    assert found == pytest.approx(exact, rel=1e-3)
-    np.testing.assert_array_equal(expansion.power_at(np.array(shifts[:2])), found[:2])
+    for rank in (4, 3):
+        factor = rng.standard_normal((4, rank)) * [[1], [2], [30], [400]]
+        gradient, information, excess = factor[:, 0], factor @ factor.T, rng.uniform(0.1, 1, 4)
+        scale = np.sqrt(np.diag(information))
+        scales = np.outer(scale, scale)
+        inverse = np.linalg.pinv(information / scales, rcond=1e-9, hermitian=True) / scales
+        errors, variances = phase_errors(gradient, information, excess)
+        np.testing.assert_allclose(errors, inverse @ gradient, rtol=1e-6)
+        spread = inverse @ (information + np.diag(excess)) @ inverse
+        np.testing.assert_allclose(variances, np.diag(spread), rtol=1e-6)
 
 
 def test_phase_errors_without_information_are_zero():

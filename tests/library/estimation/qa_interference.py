@@ -10,7 +10,6 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups, frame_settings
-from gnuradio.wiforce.estimation.ends.noise import NoiseEstimate
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
@@ -19,7 +18,7 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.wiforce_kernels import folded_reader
+from gnuradio.wiforce.wiforce_kernels import folded_reader, noise_estimate
 from long_cases import cases
 from press_capture import SCENE, array_source
 from wifi_traffic import wifi_traffic
@@ -317,11 +316,11 @@ def test_read_with_hopper_loses_subcarriers_and_no_groups(press, hopped):
 
 def test_noise_of_few_subcarriers_is_learned_only_if_it_lasts():
     """A hopper must not spoil the subcarriers that it has left; a lasting carrier is no hopper."""
-    noise, residual = NoiseEstimate(0.036), np.ones(62)
+    noise, residual = noise_estimate(0.036), np.ones(62)
     noise.set(np.ones(62), 1.0, 55)
     residual[20:28] = 100.0
-    found = noise.follow(np.tile(residual, (16, 1)), 14, [1.0] * 16, [True] * 16)
-    assert np.flatnonzero((found.raised > 1).all(axis=0)).tolist() == list(range(20, 28))
+    _, raised, *_ = noise.follow(np.tile(residual, (16, 1)), 14, [1.0] * 16, [True] * 16)
+    assert np.flatnonzero((raised > 1).all(axis=0)).tolist() == list(range(20, 28))
     assert noise.variance.max() == pytest.approx(1)
     noise.follow(np.tile(residual, (150, 1)), 14, [1.0] * 150, [True] * 150)
     np.testing.assert_allclose(noise.variance[20:28], 100, rtol=0.1)

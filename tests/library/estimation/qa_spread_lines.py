@@ -52,12 +52,12 @@ def test_removed_lines_leave_the_mean_over_the_symbol(length, repetitions):
     white = switched[:, :, :2]
     solver = np.linalg.pinv(white)
     fit = GroupFit(np.arange(2), switched, groups.white)
-    clean = SpreadLines(waveform).remove(
+    clean = SpreadLines(waveform).removed(
         groups, fit, [tag], ClockPath(np.array([[PHASE]]), np.zeros((1, 1)))
     )
     expected = white @ ends[:, waveform.bins]
     before = np.mean(np.abs(groups.white - expected) ** 2)
-    after = np.mean(np.abs(clean.white - expected) ** 2)
+    after = np.mean(np.abs(clean - expected) ** 2)
     assert before > 1e-3 * np.mean(np.abs(expected) ** 2)
     assert after < 1e-4 * before
-    np.testing.assert_allclose(solver @ clean.white, ends[None][:, :, waveform.bins], atol=3e-3)
+    np.testing.assert_allclose(solver @ clean, ends[None][:, :, waveform.bins], atol=3e-3)

@@ -5,6 +5,8 @@
 #include <kernel/clocks/clock_tracker.h>
 #include <kernel/separation/coherent_residual.h>
 #include <kernel/separation/end_fit.h>
+#include <kernel/separation/end_separation.h>
+#include <kernel/separation/group_weights.h>
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_expansion.h>
 
@@ -71,18 +73,145 @@ py::tuple whitened(const complex_array& whitener, const complex_array& tones)
     return py::make_tuple(white, level);
 }
 
+group_weights make_group_weights(const complex_array& mixer,
+                                 const array<double>& times_s,
+                                 const complex_array& whitener,
+                                 double loss)
+{
+    const py::ssize_t tones = mixer.ndim() == 2 ? mixer.shape(0) : 0;
+    require_shape(mixer,
+                  { tones, times_s.size() },
+                  "group_weights: mixer must have a column for each of times_s");
+    require_shape(
+        whitener, { tones, tones }, "group_weights: whitener must have shape (M, M)");
+    const auto values = mixer.unchecked<2>();
+    std::vector<double> rows;
+    rows.reserve(2 * mixer.size());
+    for (py::ssize_t snapshot = 0; snapshot < values.shape(1); snapshot++)
+        for (py::ssize_t tone = 0; tone < tones; tone++) {
+            rows.push_back(values(tone, snapshot).real());
+            rows.push_back(values(tone, snapshot).imag());
+        }
+    return { rows, flat(times_s), flat(whitener), loss };
+}
+
+complex_array mix_switching(const group_weights& weights,
+                            const array<double>& clocks,
+                            const array<double>& pulses)
+{
+    if (clocks.ndim() != 3 || clocks.shape(2) != 3 || pulses.ndim() != 2 ||
+        pulses.shape(0) != clocks.shape(1) || pulses.shape(1) != 3)
+        throw std::invalid_argument(
+            "group_weights: clocks must have shape (G, S, 3), pulses (S, 3)");
+    const py::ssize_t groups = clocks.shape(0), tags = clocks.shape(1);
+    const auto at = structures<switching_mixer::clock>(clocks);
+    const auto of = structures<switching_mixer::pulses>(pulses);
+    complex_array mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
+    for (py::ssize_t group = 0; group < groups; group++) {
+        const auto one = weights.mixer.mix(at.data() + group * tags, of.data(), tags);
+        std::copy(one.begin(), one.end(), mixed.mutable_data(group, 0, 0));
+    }
+    return mixed;
+}
+
+using correction = std::optional<py::function>;
+
+py::dict separate(end_separation& of,
+                  const std::vector<end_separation::tag>& tags,
+                  const std::vector<const group_weights*>& weights,
+                  const array<double>& center_s,
+                  const array<double>& level,
+                  const array<bool>& complete,
+                  const complex_array& tones,
+                  const complex_array& white,
+                  noise_estimate& noise,
+                  bool update,
+                  const correction& spread,
+                  const correction& wander)
+{
+    const py::ssize_t count = weights.size();
+    const py::ssize_t subcarriers = noise.variance().size();
+    const py::ssize_t rows = count ? weights[0]->tones() : 0;
+    for (const auto* values : { &center_s, &level })
+        require_shape(*values,
+                      { count },
+                      "end_separation: weights, center_s and level must have shape (G,)");
+    require_shape(complete, { count }, "end_separation: complete must have shape (G,)");
+    for (const auto* values : { &tones, &white })
+        require_shape(*values,
+                      { count, rows, subcarriers },
+                      "end_separation: tones and white must have shape (G, M, K)");
+    std::vector<end_separation::group> groups;
+    for (py::ssize_t group = 0; group < count; group++) {
+        if (py::ssize_t(weights[group]->tones()) != rows)
+            throw std::invalid_argument("end_separation: weights must have M tones");
+        groups.push_back({ weights[group],
+                           center_s.at(group),
+                           level.at(group),
+                           complete.at(group),
+                           tones.data(group, 0, 0),
+                           white.data(group, 0, 0) });
+    }
+    for (const auto& tag : tags) {
+        if (tag.index >= of.tags())
+            throw std::invalid_argument("end_separation: index must be that of a tag");
+        for (const std::size_t line : tag.lines)
+            if (py::ssize_t(line) >= rows)
+                throw std::invalid_argument("end_separation: lines must be tones");
+    }
+    const auto call = [&](const py::function& function,
+                          std::size_t row,
+                          end_fit& fit,
+                          const std::vector<double>& phase,
+                          const std::vector<double>& rate) {
+        const shape by_tag{ py::ssize_t(phase.size()) };
+        return function(row,
+                        py::cast(&fit, py::return_value_policy::reference),
+                        copy(phase, by_tag),
+                        copy(rate, by_tag));
+    };
+    end_separation::corrections by;
+    using values = std::vector<double>;
+    if (spread)
+        by.spread =
+            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
+                const complex_array found = call(*spread, row, fit, phase, rate);
+                require_shape(found,
+                              { rows, subcarriers },
+                              "end_separation: spread must give shape (M, K)");
+                return flat(found);
+            };
+    if (wander)
+        by.wander =
+            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
+                call(*wander, row, fit, phase, rate);
+            };
+    const auto found = of.process(tags, groups, subcarriers, noise, update, by);
+    const py::ssize_t taken = found.groups, all = of.tags();
+    const shape by_tag{ taken, all }, by_end{ taken, 2 * all },
+        by_subcarrier{ taken, subcarriers };
+    const auto flags = [&](const std::vector<char>& of) {
+        py::array_t<bool> set(by_tag);
+        std::copy(of.begin(), of.end(), set.mutable_data());
+        return set;
+    };
+    return py::dict("ends"_a = copy(found.ends, { taken, 2 * all, subcarriers }),
+                    "gain"_a = copy(found.gain, by_end),
+                    "snr_db"_a = copy(found.snr_db, by_end),
+                    "noise"_a = copy(found.noise, by_subcarrier),
+                    "noise_rise"_a = copy(found.noise_rise, by_subcarrier),
+                    "locked"_a = flags(found.locked),
+                    "overlapping"_a = flags(found.overlapping),
+                    "disturbed"_a = flags(found.disturbed),
+                    "clock_phase"_a = copy(found.clock_phase, by_tag),
+                    "clock_offset_ppm"_a = copy(found.clock_offset_ppm, by_tag),
+                    "clock2_delay"_a = copy(found.clock2_delay, by_tag),
+                    "lost"_a = found.outcome == noise_estimate::verdict::lost);
+}
+
 shape by_subcarrier(const end_fit::shape& sizes)
 {
     return { py::ssize_t(sizes.groups), py::ssize_t(sizes.subcarriers) };
-}
-
-py::array_t<double> power_at(const phase_expansion& of, const array<double>& shifts)
-{
-    if (shifts.ndim() != 2 || shifts.shape(0) > py::ssize_t(of.sizes.groups) ||
-        shifts.shape(1) != py::ssize_t(of.sizes.ends / 2))
-        throw std::invalid_argument("phase_expansion: shifts must have shape (G, S)");
-    return copy(of.power_at(shifts.data(), shifts.shape(0)),
-                { shifts.shape(0), py::ssize_t(of.sizes.subcarriers) });
 }
 
 py::tuple informed(const phase_expansion& of, const array<double>& inverse_noise)
@@ -95,6 +224,25 @@ py::tuple informed(const phase_expansion& of, const array<double>& inverse_noise
     return py::make_tuple(copy(found.gradient, { groups, tags }),
                           copy(found.expected, { groups, tags, tags }),
                           copy(found.excess, { groups, tags }));
+}
+
+py::tuple errors_of(const array<double>& gradient,
+                    const array<double>& information,
+                    const array<double>& excess)
+{
+    const py::ssize_t count = gradient.size();
+    require_shape(gradient, { count }, "phase_errors: gradient must have shape (S,)");
+    require_shape(information,
+                  { count, count },
+                  "phase_errors: information must have shape (S, S)");
+    require_shape(excess, { count }, "phase_errors: excess must have shape (S,)");
+    py::array_t<double> errors(count), variances(count);
+    const auto found = phase_errors({ flat(gradient), flat(information), flat(excess) });
+    for (py::ssize_t i = 0; i < count; i++) {
+        errors.mutable_at(i) = found[i].error;
+        variances.mutable_at(i) = found[i].variance;
+    }
+    return py::make_tuple(errors, variances);
 }
 
 py::array_t<double> likelihood_at(const clock_likelihood& of,
@@ -131,43 +279,6 @@ py::tuple predict_clocks(const clocks& trackers, const array<double>& center_s)
             *rate.mutable_data(group, tag) = clock.rate;
         }
     return py::make_tuple(phase, rate);
-}
-
-py::tuple follow_by(const clocks& trackers,
-                    const std::vector<double>& center_s,
-                    const array<double>& assumed,
-                    const array<double>& likelihood,
-                    const std::optional<array<double>>& errors,
-                    double noise_level,
-                    const std::vector<double>& reach_rad,
-                    double absent_s,
-                    double unseen_s)
-{
-    const py::ssize_t groups = center_s.size(), tags = trackers.size();
-    require_shape(
-        assumed, { groups, tags }, "follow_clocks: assumed must have shape (G, S)");
-    require_shape(likelihood,
-                  { groups, tags, 3 },
-                  "follow_clocks: likelihood must have shape (G, S, 3)");
-    if (errors)
-        require_shape(*errors,
-                      { groups, tags, 2 },
-                      "follow_clocks: errors must have shape (G, S, 2)");
-    if (py::ssize_t(reach_rad.size()) != tags)
-        throw std::invalid_argument("follow_clocks: reach_rad must have shape (S,)");
-    const auto measured = errors ? structures<clock_tracker::measurement>(*errors)
-                                 : std::vector<clock_tracker::measurement>{};
-    const auto found = follow_clocks(trackers,
-                                     { center_s,
-                                       assumed.data(),
-                                       likelihood.data(),
-                                       errors ? measured.data() : nullptr,
-                                       noise_level },
-                                     { reach_rad, absent_s, unseen_s });
-    const shape taken{ py::ssize_t(found.groups), tags };
-    py::array_t<bool> received(taken);
-    std::copy(found.received.begin(), found.received.end(), received.mutable_data());
-    return py::make_tuple(copy(found.phase, taken), copy(found.rate, taken), received);
 }
 
 py::tuple coherent_factors(coherent_residual& of,
@@ -284,24 +395,22 @@ void bind_separation(py::module& m)
             },
             "(G, K), sum of the squared residual over the tones.");
     py::class_<phase_expansion>(
-        m,
-        "phase_expansion",
-        "A fit of ends, expanded to second order in the phases of the clocks.")
+        m, "phase_expansion", "A fit of ends, expanded in the phases of the clocks.")
         .def(py::init<const end_fit&>(), "fit"_a)
-        .def("power_at",
-             &power_at,
-             "shifts"_a,
-             "shifts: (G, S), in rad, of the first groups. Gives (G, K).")
-        .def(
-            "set_power",
-            [](phase_expansion& of, const end_fit& fit) { of.power = fit.power(); },
-            "fit"_a,
-            "Take the power of a residual that was changed since.")
         .def("information",
              &informed,
              "inverse_noise"_a,
              "inverse_noise: (K,). Gives gradient (G, S), expected (G, S, S), excess (G, "
              "S).");
+    m.def(
+        "phase_errors",
+        &errors_of,
+        "gradient"_a,
+        "information"_a,
+        "excess"_a,
+        "Gauss-Newton step (S,) to be added to each phase in rad, and its variance (S,);"
+        "\ninfinite where a phase is not determined. gradient, excess: (S,), "
+        "information: (S, S).");
     py::class_<clock_likelihood>(
         m, "clock_likelihood", "derivatives: (6, L). lines: (L,).")
         .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
@@ -315,6 +424,34 @@ void bind_separation(py::module& m)
              "tones"_a,
              "inverse_noise"_a,
              "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3).");
+    py::class_<group_weights>(
+        m,
+        "group_weights",
+        "mixer: (M, n), of whitened tones. times_s: (n,). whitener: "
+        "(M, M),\nlower triangular. loss: snapshots of a group "
+        "over n.")
+        .def(py::init(&make_group_weights),
+             "mixer"_a,
+             "times_s"_a,
+             "whitener"_a,
+             "loss"_a = 1.0)
+        .def_readonly("loss", &group_weights::loss)
+        .def(
+            "switched",
+            &mix_switching,
+            "clocks"_a,
+            "pulses"_a,
+            "Whitened tones of the tags' switching waveforms, and their derivatives: (G, "
+            "M, 4S).\nclocks: (G, S, 3), phase in rad and rate in rad/s at the centres, "
+            "and half the phase that\na snapshot averages over. pulses: (S, 3), delay "
+            "of clock 2 in rad of clock 1, and both\nduty cycles.")
+        .def_property_readonly(
+            "colorer",
+            [](const group_weights& of) {
+                const py::ssize_t tones = of.tones();
+                return copy(of.colorer(), { tones, tones });
+            },
+            "(M, M), inverse of whitener.");
     py::class_<clock_tracker>(
         m, "clock_tracker", "A tag's free-running clock from group to group.")
         .def(py::init([](double time_s,
@@ -364,15 +501,30 @@ void bind_separation(py::module& m)
              &clock_tracker::predict,
              "at_s"_a,
              "The phase expected at a time, in rad.")
-        .def("ahead_of",
-             &clock_tracker::ahead_of,
-             "phase"_a,
-             "at_s"_a,
-             "By how much the phase expected at a time exceeds another one, in rad.")
+        .def(
+            "update",
+            [](clock_tracker& of,
+               double at_s,
+               const std::array<double, 3>& likelihood,
+               double noise_level,
+               const std::optional<std::pair<double, double>>& measured) {
+                clock_tracker::measurement error{};
+                if (measured)
+                    error = { measured->first, measured->second };
+                return of.update(
+                    at_s, likelihood.data(), noise_level, measured ? &error : nullptr);
+            },
+            "at_s"_a,
+            "likelihood"_a,
+            "noise_level"_a,
+            "measured"_a = py::none(),
+            "Correct by J, J' and J'' of a group at the phase predicted, or by the error "
+            "of "
+            "this\nphase and its variance. Gives whether the group holds the tag.")
         .def(
             "expired",
             [](const clock_tracker& of, double at_s, double absent_s, double unseen_s) {
-                return clock_limits{ {}, absent_s, unseen_s }.expired(of, at_s);
+                return clock_limits{ absent_s, unseen_s }.expired(of, at_s);
             },
             "at_s"_a,
             "absent_s"_a,
@@ -383,20 +535,6 @@ void bind_separation(py::module& m)
           "trackers"_a,
           "center_s"_a,
           "Phases and rates (G, S) expected at times (G,).");
-    m.def("follow_clocks",
-          &follow_by,
-          "trackers"_a,
-          "center_s"_a,
-          "assumed"_a,
-          "likelihood"_a,
-          "errors"_a,
-          "noise_level"_a,
-          "reach_rad"_a,
-          "absent_s"_a,
-          "unseen_s"_a,
-          "center_s: (G,). assumed: (G, S). likelihood: (G, S, 3). errors: (G, S, 2) or "
-          "None.\n"
-          "reach_rad: (S,). Gives phases, rates, and whether received, (n, S).");
     py::class_<coherent_residual>(m, "coherent_residual", "ends: of all tags.")
         .def(py::init<std::size_t>(), "ends"_a)
         .def("reset",
@@ -459,6 +597,84 @@ void bind_separation(py::module& m)
              "residuals: (G, K). levels, complete: (G,). Gives ratio (n,), raised, "
              "inverse and\n"
              "variance (n, K), and the verdict: 0 learned, 1 stepped, 2 lost.");
+    py::class_<end_separation::tag>(
+        m, "locked_tag", "A tag whose clock is tracked; rates in rad/s.")
+        .def(py::init([](std::size_t index,
+                         clock_tracker& clock,
+                         const clock_likelihood& likelihood,
+                         std::vector<std::size_t> lines,
+                         double nominal_rate,
+                         double stated_rate,
+                         double delay,
+                         std::array<double, 2> duty,
+                         bool overlapping) {
+                 if (lines.size() != likelihood.lines())
+                     throw std::invalid_argument(
+                         "locked_tag: lines must be those of the likelihood");
+                 return end_separation::tag{ index,           &clock,
+                                             &likelihood,     std::move(lines),
+                                             nominal_rate,    stated_rate,
+                                             { delay, duty }, overlapping };
+             }),
+             "index"_a,
+             "clock"_a,
+             "likelihood"_a,
+             "lines"_a,
+             "nominal_rate"_a,
+             "stated_rate"_a,
+             "delay"_a,
+             "duty"_a,
+             "overlapping"_a,
+             py::keep_alive<1, 3>(),
+             py::keep_alive<1, 4>());
+    py::class_<end_separation>(
+        m, "end_separation", "Ends, clocks and noise of one group after the other.")
+        .def(py::init([](std::size_t tags,
+                         std::size_t group_length,
+                         double averaging_s,
+                         bool jointly,
+                         double line_power,
+                         double least_error,
+                         double absent_s,
+                         double unseen_s) {
+                 return end_separation({ tags,
+                                         group_length,
+                                         averaging_s,
+                                         jointly,
+                                         line_power,
+                                         least_error,
+                                         { absent_s, unseen_s } });
+             }),
+             "tags"_a,
+             "group_length"_a,
+             "averaging_s"_a,
+             "jointly"_a,
+             "line_power"_a,
+             "least_error"_a,
+             "absent_s"_a,
+             "unseen_s"_a)
+        .def("reset",
+             &end_separation::reset,
+             "Forget the residuals so far, when the clocks were acquired again.")
+        .def(
+            "process",
+            &separate,
+            "tags"_a,
+            "weights"_a,
+            "center_s"_a,
+            "level"_a,
+            "complete"_a,
+            "tones"_a,
+            "white"_a,
+            "noise"_a,
+            "update"_a,
+            "spread"_a = py::none(),
+            "wander"_a = py::none(),
+            "weights, center_s, level, complete: (G,). tones, white: (G, M, K). spread "
+            "and "
+            "wander are\ncalled with the group's row, the fit, and phases and rates (S,) "
+            "of the clocks. Gives arrays\nof the first groups, and whether the last one "
+            "shows that the model is lost.");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
     m.def("raised_subcarriers",

@@ -2,7 +2,6 @@
 #include "kernels.h"
 
 #include <kernel/doppler/slepian_sequences.h>
-#include <kernel/doppler/switching_mixer.h>
 #include <kernel/doppler/tone_accumulator.h>
 #include <kernel/fold/simd_kernels.h>
 #include <kernel/fourier/channel_equalizer.h>
@@ -69,58 +68,6 @@ private:
     std::vector<fc32> d_transform; // rows x symbol_length
 };
 
-switching_mixer make_switching_mixer(const complex_array& weights,
-                                     const array<double>& times_s)
-{
-    if (weights.ndim() != 2 || weights.shape(1) != times_s.size())
-        throw std::invalid_argument("switching_mixer: weights must have a column for "
-                                    "each of " +
-                                    std::to_string(times_s.size()) + " snapshots");
-    const auto tones = weights.unchecked<2>();
-    std::vector<double> rows;
-    rows.reserve(2 * weights.size());
-    for (py::ssize_t snapshot = 0; snapshot < tones.shape(1); snapshot++)
-        for (py::ssize_t tone = 0; tone < tones.shape(0); tone++) {
-            rows.push_back(tones(tone, snapshot).real());
-            rows.push_back(tones(tone, snapshot).imag());
-        }
-    return { std::move(rows), flat(times_s) };
-}
-
-// Whitened tones of the tags' waveforms, and of the derivatives behind them.
-py::array_t<std::complex<double>> mix_switching(const switching_mixer& mixer,
-                                                const array<double>& clocks,
-                                                const array<double>& pulses)
-{
-    if (clocks.ndim() != 3 || clocks.shape(2) != 3 || pulses.ndim() != 2 ||
-        pulses.shape(0) != clocks.shape(1) || pulses.shape(1) != 3)
-        throw std::invalid_argument(
-            "switching_mixer: clocks must have shape (G, S, 3), pulses (S, 3)");
-    const py::ssize_t groups = clocks.shape(0), tags = clocks.shape(1);
-    const auto tones = mixer.columns() / 2;
-    py::array_t<std::complex<double>> mixed(
-        std::vector<py::ssize_t>{ groups, tones, 4 * tags });
-    auto response = mixed.mutable_unchecked<3>();
-    const auto clock = clocks.unchecked<3>();
-    const auto pulse = pulses.unchecked<2>();
-    std::vector<double> sums(4 * mixer.columns());
-    for (py::ssize_t group = 0; group < groups; group++)
-        for (py::ssize_t tag = 0; tag < tags; tag++) {
-            mixer.mix(
-                { clock(group, tag, 0), clock(group, tag, 1), clock(group, tag, 2) },
-                { pulse(tag, 0), { pulse(tag, 1), pulse(tag, 2) } },
-                sums.data());
-            for (int row = 0; row < 4; row++)
-                for (int tone = 0; tone < tones; tone++) {
-                    const double* const sum = &sums[row * mixer.columns() + 2 * tone];
-                    response(group,
-                             tone,
-                             row / 2 * 2 * tags + 2 * tag + row % 2) = { sum[0], sum[1] };
-                }
-        }
-    return mixed;
-}
-
 } // namespace
 
 void bind_tones(py::module& m)
@@ -139,14 +86,6 @@ void bind_tones(py::module& m)
         "half_bandwidth"_a,
         "order"_a,
         "The first discrete prolate spheroidal sequences, (order, length), orthonormal.");
-    py::class_<switching_mixer>(m, "switching_mixer", "weights: (M, n). times_s: (n,).")
-        .def(py::init(&make_switching_mixer), "weights"_a, "times_s"_a)
-        .def("mix",
-             &mix_switching,
-             "clocks"_a,
-             "pulses"_a,
-             "clocks: (G, S, 3). pulses: (S, 3): delay and duty cycles. Gives (G, M, "
-             "4S).");
     py::class_<tone_transform>(
         m,
         "tone_transform",

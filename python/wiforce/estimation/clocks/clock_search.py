@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...wiforce_kernels import OUTLIER_RATIO, phase_expansion
+from ...wiforce_kernels import OUTLIER_RATIO, noise_estimate, phase_errors, phase_expansion
 from ..ends.least_squares import ToneModel
-from ..ends.noise import NoiseEstimate, robust_noise
+from ..ends.noise import robust_noise
 from ..group_tones import GroupTones, without_loud
 from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, acquire
-from .joint_clock import likelihood_bias, phase_errors
+from .joint_clock import likelihood_bias
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
@@ -23,6 +23,13 @@ from .tracked_tag import TrackedTag
 # states what other values cost.
 _LEAST_GROUPS = 8
 _LEAST_S = 0.4
+# A tag that was not received for this long is acquired again, because its clock may have restarted.
+_LOST_S = 0.5
+# Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
+# d t^2 / 2 = 0.1 cycles at 1 kHz.
+_BRIDGED_S = 20.0
+# Both times are at least so many groups: in long groups, a single one may be lost.
+_LOST_GROUPS = 2.5
 # Bias of a tag's likelihood above which clocks are tracked by the complete model: on line 4 it
 # causes errors of 0.4 deg, close to the bound of 0.55 deg at gamma 0 dB.
 _LARGEST_BIAS = np.radians(0.1)
@@ -33,13 +40,16 @@ _REFINEMENTS = 3
 class ClockSearch:
     """Finds the tags' clocks, their levels and the noise in a block of ``groups``.
 
+    A clock is given up when its tag was absent, or not received, for longer than ``limits_s``.
     ``jointly`` where the likelihood of some tag is biased, so that all clocks are estimated from
     the complete model. Every search sets the noise.
     """
 
-    def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:
+    def __init__(self, model: ToneModel, noise: noise_estimate, averaging_s: float) -> None:
         self._model, self._noise = model, noise
         self.groups = max(_LEAST_GROUPS, int(np.ceil(_LEAST_S / model.group_period_s)))
+        least_s = _LOST_GROUPS * model.group_period_s
+        self.limits_s = max(_LOST_S, least_s), max(_BRIDGED_S, least_s)
         self.jointly = any(
             likelihood_bias(model.table, tag.likelihood, tag.clock, averaging_s) > _LARGEST_BIAS
             for tag in model.tags
@@ -97,7 +107,7 @@ class ClockSearch:
         found = []
         for each in late_s:
             moved = replace(group, center_s=group.center_s + each)
-            fit = model.solve(moved, model.predict(moved))[2]
+            fit = model.solve(moved, model.predict(moved))
             found.append(-fit.freedom * np.sum(fit.noise() * self._noise.inverse))
         return _best_of(late_s, np.array(found))
 
@@ -110,7 +120,21 @@ class ClockSearch:
         most = int(half_s / period_s)
         return period_s * np.arange(-most, most + 1)
 
-    def retry(self, tag: TrackedTag, group: GroupTones) -> None:
+    def renew(self, groups: GroupTones) -> GroupTones:
+        """Give up clocks before some usable groups, and search again for those that are lost.
+
+        Gives the first of the groups: as many as have the tags that are locked then.
+        """
+        first, tags = groups[:1], self._model.tags
+        for tag in tags:
+            if tag.tracker and tag.tracker.expired(float(first.center_s[0]), *self.limits_s):
+                tag.drop()
+        lost = [tag for tag in tags if tag.tracker is None]
+        for tag in lost:
+            self._retry(tag, first)
+        return first if lost else groups
+
+    def _retry(self, tag: TrackedTag, group: GroupTones) -> None:
         """Try to acquire a lost tag over the latest groups, the last of which is given."""
         tag.waiting.append(group)
         del tag.waiting[: -self.groups]
@@ -152,7 +176,7 @@ class ClockSearch:
 
     def _take_residuals(self, groups: GroupTones) -> None:
         """Estimate the noise from the residuals of a block of groups, without outliers."""
-        fit = self._model.solve(groups, self._model.predict(groups))[2]
+        fit = self._model.solve(groups, self._model.predict(groups))
         residuals = fit.noise()
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]

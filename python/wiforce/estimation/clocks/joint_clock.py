@@ -58,24 +58,3 @@ def _top(coefficients: Array, phase: float) -> float:
             break
         phase -= float(np.clip(slope / curvature, -0.05, 0.05))
     return phase
-
-
-def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Array, Array]:
-    """Gauss-Newton step (..., S) to be added to each clock phase in rad, and its variance.
-
-    The arguments are those of ``wiforce_kernels.phase_expansion.information``, or sums over groups.
-    Variances are infinite where the group does not determine a phase.
-    """
-    scale = np.sqrt(np.maximum(information.diagonal(axis1=-2, axis2=-1), 0.0))
-    known = (scale > 0).all(axis=-1, keepdims=True)
-    scale = np.where(known, scale, 1.0)
-    scales = scale[..., :, None] * scale[..., None, :]
-    if gradient.shape[-1] == 1:
-        inverse = 1 / scales
-    else:
-        inverse = np.linalg.pinv(information / scales, rcond=1e-9, hermitian=True) / scales
-    errors = (inverse @ gradient[..., None])[..., 0]
-    # The diagonal of inverse @ (information + diag(excess)) @ inverse.
-    spread = (inverse @ information) * inverse + inverse**2 * excess[..., None, :]
-    variances = spread.sum(axis=-1)
-    return np.where(known, errors, 0.0), np.where(known, variances, np.inf)

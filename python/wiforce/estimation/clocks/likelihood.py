@@ -38,8 +38,8 @@ class PhaseLikelihood:
     ``averaging_phase`` is fs Ta in cycles, ``clock2_delay`` that of clock 2's pulses in radians of
     clock 1. ``rows`` (L,) are the tones of this tag alone that are used for its clock, ``lines``
     (L,) their harmonics, ``scale`` (L,) the factors by which they have unit noise, ``projection``
-    (L, L) is Pi(0) for the scaled tones. Refused when the tag's own lines do not determine its
-    clock's phase, or its ends.
+    (L, L) is Pi(0) for the scaled tones; ``kernel`` evaluates J at one phase. Refused when the
+    tag's own lines do not determine its clock's phase, or its ends.
     """
 
     def __init__(
@@ -87,16 +87,7 @@ class PhaseLikelihood:
         self.projection = basis @ basis.conj().T
         turns = (-1j * self.lines) ** np.arange(3)[:, None]
         derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
-        self._kernel = clock_likelihood(derivatives, self.lines)
-
-    def at(self, phase: Array, tones: Array, inverse_noise: Array) -> Array:
-        """J, J' and J'', (G, 3), at one phase per group, without computing the coefficients.
-
-        ``phase`` (G,) in rad, ``tones`` (G, L, K) of the tag's lines, ``inverse_noise`` (K,) 1 /
-        sigma_k^2.
-        """
-        found: Array = self._kernel.at(phase, tones, inverse_noise)
-        return found
+        self.kernel = clock_likelihood(derivatives, self.lines)
 
     @property
     def degree(self) -> int:

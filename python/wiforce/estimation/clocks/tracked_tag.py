@@ -11,7 +11,7 @@ import numpy as np
 
 from ...signal.switching import switch_averages_and_slopes
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import clock_tracker, predict_clocks
+from ...wiforce_kernels import clock_tracker, locked_tag, predict_clocks
 from ..group_tones import GroupTones
 from ..groups import Array
 from .acquisition import ClockFit
@@ -150,6 +150,21 @@ class TrackedTag:
         """Discard the clock: the tag has to be acquired again."""
         self.tracker = None
         self.waiting = []
+
+    def locked(self) -> locked_tag:
+        """The tag as the kernels take it, while its clock is tracked."""
+        assert self.tracker is not None
+        return locked_tag(
+            self.rows[0] // 2,
+            self.tracker,
+            self.tracker.likelihood.kernel,
+            self.likelihood.rows.tolist(),
+            self.rate,
+            2 * np.pi * self.clock.stated_hz,
+            self.clock2_delay,
+            self.duty,
+            self.overlapping,
+        )
 
     @property
     def clock2_delay(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import whiten
+from ...wiforce_kernels import end_fit, end_separation, noise_estimate, whiten
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag, expected_clocks
 from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array, Groups
@@ -61,10 +61,6 @@ def without_wander(
     return result
 
 
-# Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
-_WORST_GAIN = 100.0
-
-
 class ToneModel:
     """The tones of a run's groups as a linear function of the ends' channels.
 
@@ -81,7 +77,7 @@ class ToneModel:
         spread: SpreadLines | None = None,
     ) -> None:
         self.table = table
-        self._spread = spread
+        self.spread = spread
         self.tags = tags
         # First groups behind slips of the frame timing, and by how much later they are, in s.
         self.slips: list[tuple[int, float]] = []
@@ -169,38 +165,51 @@ class ToneModel:
         parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def without_spread_lines(self, groups: GroupTones, clocks: ClockPath) -> GroupTones:
-        """Groups without what the locked tags spread over the subcarriers at some clocks.
-
-        The same where symbols are short.
-        """
-        if self._spread is None or not self.locked:
-            return groups
-        return self._spread.remove(groups, self.fit(groups, clocks), self.locked, clocks)
-
-    def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
-        """V (G, 2S, K) of all ends, its variance over that of H (G, 2S), and the fit that gave
-        them.
-
-        For tags that are not locked V is 0 and its variance infinite.
-        """
+    def solve(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
+        """Fit without spread lines, and residual without what the wander of clocks explains."""
         fit = self.fit(groups, clocks)
-        if self._spread is not None and self.locked:
-            groups = self._spread.remove(groups, fit, self.locked, clocks)
-            fit.solve(groups.white)
-        count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
-        if len(fit.rows) == count:
-            ends, gain = fit.ends, fit.gain.copy()
-        else:
-            ends = np.zeros((len(groups), count, subcarriers), complex)
-            gain = np.full((len(groups), count), np.inf)
-            ends[:, fit.rows], gain[:, fit.rows] = fit.ends, fit.gain
-        # In units of the whole group: a perfect end would have 1/N.
-        gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
+        if self.spread is not None and self.locked:
+            fit.solve(self.spread.removed(groups, fit, self.locked, clocks))
         self.remove_wander(fit, groups, clocks)
-        return ends, gain, fit
+        return fit
 
-    def remove_wander(self, fit: GroupFit, groups: GroupTones, clocks: ClockPath) -> None:
+    def separate(
+        self, kernel: end_separation, groups: GroupTones, noise: noise_estimate, update: bool
+    ) -> dict[str, Array]:
+        """Ends, clocks and noise of the first of some usable groups, by the kernel; ``update``
+        clocks and noise.
+        """
+        locked = self.locked
+
+        def one(row: int, phase: Array, rate: Array) -> tuple[GroupTones, ClockPath]:
+            return groups[row : row + 1], ClockPath(phase[None], rate[None])
+
+        def without_spread(row: int, fit: end_fit, phase: Array, rate: Array) -> Array:
+            assert self.spread is not None
+            group, clocks = one(row, phase, rate)
+            white: Array = self.spread.removed(group, fit, locked, clocks)[0]
+            return white
+
+        def remove_wander(row: int, fit: end_fit, phase: Array, rate: Array) -> None:
+            self.remove_wander(fit, *one(row, phase, rate))
+
+        return dict(
+            kernel.process(
+                [tag.locked() for tag in locked],
+                groups.weights,
+                groups.center_s,
+                groups.level,
+                groups.missing == 0,
+                groups.tones,
+                groups.white,
+                noise,
+                update,
+                None if self.spread is None else without_spread,
+                remove_wander if any(tag.clock.wanders for tag in locked) else None,
+            )
+        )
+
+    def remove_wander(self, fit: end_fit, groups: GroupTones, clocks: ClockPath) -> None:
         """Remove from residuals what the wander of clocks without a crystal explains."""
         wandering = [(i, tag) for i, tag in enumerate(self.locked) if tag.clock.wanders]
         if not wandering:

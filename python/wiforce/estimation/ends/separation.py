@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Separation of the tags' ends: from a group's tones to one complex number per end and subcarrier.
 
-A run of groups passes four steps: the tags' clocks are tracked (``clock_tracking``), the tones are
-solved for the ends at those clocks (``least_squares``), the residual gives the noise (``noise``),
-and what it holds of an end's own channel raises the end's gain (``coherent_residual``). Unknown
-clocks are acquired first (``clock_search``).
+A kernel (``end_separation.h``) takes one group after the other: it corrects the tags' clocks,
+solves the tones for the ends at those clocks, learns the noise from the residual, and raises the
+gain of ends whose own channel the residual holds. Unknown clocks are acquired first
+(``clock_search``).
 """
 
 from __future__ import annotations
@@ -17,19 +17,17 @@ import numpy as np
 from ...signal.switching import harmonics
 from ...signal.waveform import Waveform
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import STEP_GROUPS, coherent_residual
+from ...wiforce_kernels import STEP_GROUPS, end_separation, noise_estimate
 from ..clocks.clock_search import ClockSearch
-from ..clocks.clock_tracking import ClockTracking, TrackedClocks
 from ..clocks.tracked_tag import TagClock, TrackedTag
-from ..group_tones import GroupTones, power_of
+from ..group_tones import GroupTones
 from ..groups import Array, Groups
 from .least_squares import ToneModel
-from .noise import CleanNoise, NoiseEstimate, Verdict, gain_of_least_error
 from .spread_lines import SpreadLines
 
-# Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
-# of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
-_SIGNIFICANT_RESIDUAL = 1.15
+# Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR
+# 60 dB, symbol of 0.05 of the tag's period; tests/models/waveform_captures.py).
+_LEAST_ERROR = 6e-5
 
 
 class EndSeparator:
@@ -61,14 +59,20 @@ class EndSeparator:
         has_spread = is_long and waveform.has_spread_lines
         spread = SpreadLines(waveform) if has_spread else None
         self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length, spread)
-        profile, period_s = waveform.noise_profile, self._model.group_period_s
-        self._noise = NoiseEstimate(period_s, profile if is_long else None)
-        self._clean_noise = CleanNoise(period_s) if has_spread else None
-        self._coherence = coherent_residual(2 * len(tags))
+        # What tags spread over the subcarriers would correlate with a profile.
+        profile = waveform.noise_profile if is_long and not has_spread else None
+        self._noise = noise_estimate(self._model.group_period_s, profile)
         self._search = ClockSearch(self._model, self._noise, averaging_s)
-        self._tracking = ClockTracking(self._model, self._noise, self._search)
-        # The SNR is defined by line 1 of end 1.
-        self._line_power = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
+        self._kernel = end_separation(
+            len(tags),
+            table.group_length,
+            averaging_s,
+            self._search.jointly,
+            # The SNR is defined by line 1 of end 1.
+            harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2,
+            _LEAST_ERROR if has_spread else 0.0,
+            *self._search.limits_s,
+        )
         self._held: list[Groups] = []
         # The latest groups that the noise was learned from: a run, and the row in it.
         self._latest: deque[tuple[GroupTones, int]] = deque(maxlen=STEP_GROUPS)
@@ -152,48 +156,21 @@ class EndSeparator:
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
-        """Separate the first of some usable groups: as many as one tracking step covers."""
+        """Separate the first of some usable groups: as many as have the same tags and noise."""
         if not self._noise.known:
             if not update:
                 return self._without_ends(groups)
             self._noise.set(groups.power()[0], float(groups.level[0]))
-        clocks = self._tracking.track(groups) if update else self._tracking.predict(groups)
-        groups = groups[: len(clocks)]
-        ends, gain, fit = self._model.solve(groups, clocks.path)
-        noise = clocks.noise
-        if self._clean_noise is not None:
-            noise = self._clean_noise.follow(groups, fit)
-        factors, disturbed = self._coherence.update(fit, fit.rows, noise.inverse)
-        significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
-        own = fit.gain * np.maximum(factors, significant[:, None])
-        if self._clean_noise is not None:
-            own += gain_of_least_error(fit, noise.inverse)
-        disturbed = self._of_all(disturbed, fit.rows)
-        arrays = {
-            **self._clock_arrays(clocks),
-            "ends": ends,
-            "gain": np.where(np.isfinite(gain), self._of_all(own, fit.rows), np.inf),
-            "noise": noise.variance * noise.raised,
-            "noise_rise": noise.raised,
-            "snr_db": self._snr_db(ends, gain, noise.variance),
-            "disturbed": disturbed[:, ::2] | disturbed[:, 1::2],
-        }
         if update:
-            complete = (groups.missing == 0).nonzero()[0]
+            groups = self._search.renew(groups)
+        arrays = self._model.separate(self._kernel, groups, self._noise, update)
+        if update:
+            complete = (groups.missing[: len(arrays["gain"])] == 0).nonzero()[0]
             self._latest += [(groups, row) for row in complete[-STEP_GROUPS:].tolist()]
-        if clocks.noise.verdict is Verdict.MODEL_LOST:
+        if arrays.pop("lost"):
             self._search_again()
-            arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
+            arrays["noise"][-1] = self._noise.variance * arrays["noise_rise"][-1]
         return arrays
-
-    def _of_all(self, values: Array, rows: Array) -> Array:
-        """Values (G, E) of the ends that were fitted as those of all; 0 for others."""
-        count = 2 * len(self._model.tags)
-        if len(rows) == count:
-            return values
-        every = np.zeros((len(values), count), values.dtype)
-        every[:, rows] = values
-        return every
 
     def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
         """Separate groups whose tones cannot be used."""
@@ -218,36 +195,6 @@ class EndSeparator:
         """Acquire clocks and noise again, from groups that all differ from the model."""
         latest = [groups[row : row + 1] for groups, row in self._latest]
         self._search.run(GroupTones.concatenate(latest))
-        self._tracking.restart()
-        self._coherence.reset()
-        if self._clean_noise is not None:
-            self._clean_noise.reset()
+        self._kernel.reset()
         for tag in self._model.tags:
             tag.waiting = [] if tag.tracker else list(latest)
-
-    def _clock_arrays(self, clocks: TrackedClocks) -> dict[str, Array]:
-        """Lock, phase, offset and delay of every tag's clock; 0 where it was not received."""
-        values = np.zeros((5, len(clocks), len(self._model.tags)))
-        for i, tag in enumerate(self._model.locked):
-            stated = 2 * np.pi * tag.clock.stated_hz
-            own, path = values[:, :, tag.rows[0] // 2], clocks.path.of(i)
-            own[0] = 1.0
-            own[1] = path.phase % (2 * np.pi)
-            own[2] = 1e6 * (tag.rate - stated + path.rate) / stated
-            own[3], own[4] = tag.clock2_delay, tag.overlapping
-            own *= clocks.received[:, i]
-        return {
-            "locked": values[0] > 0,
-            "clock_phase": values[1],
-            "clock_offset_ppm": values[2],
-            "clock2_delay": values[3],
-            "overlapping": values[4] > 0,
-        }
-
-    def _snr_db(self, ends: Array, gain: Array, noise: Array) -> Array:
-        subcarriers = noise.shape[1]
-        level = noise.sum(axis=1)[:, None] / subcarriers
-        # Of an end that was not received, whose gain is infinite, the noise exceeds the power.
-        power = power_of(ends).sum(axis=2) / subcarriers - gain * level
-        ratio = np.maximum(self._line_power * power / level, 1e-12)
-        return np.where(np.isfinite(gain), 10 * np.log10(ratio), np.nan)

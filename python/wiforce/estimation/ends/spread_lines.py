@@ -9,14 +9,14 @@ part is computed and subtracted.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...signal.switching import switch_edges
 from ...signal.waveform import Waveform
+from ...wiforce_kernels import end_fit
 from ..clocks.tracked_tag import ClockPath, TrackedTag
-from ..group_tones import GroupFit, GroupTones, GroupWeights
+from ..group_tones import GroupTones, GroupWeights
 from ..groups import Array
 
 # Times that the ends are corrected. Each leaves of their error the share of the power that is
@@ -51,11 +51,11 @@ class SpreadLines:
         ]
         self._upper_share = distances[0] / (distances[0] + distances[1])
 
-    def remove(
-        self, groups: GroupTones, fit: GroupFit, tags: Sequence[TrackedTag], clocks: ClockPath
-    ) -> GroupTones:
-        """Subtract the spread lines from groups, by a fit of these tags at these clocks."""
-        white, tones = np.empty_like(groups.white), np.empty_like(groups.tones)
+    def removed(
+        self, groups: GroupTones, fit: end_fit, tags: Sequence[TrackedTag], clocks: ClockPath
+    ) -> Array:
+        """Whitened tones (G, M, K) without spread lines, by a fit of these tags at these clocks."""
+        white = np.empty_like(groups.white)
         for row, weights in enumerate(groups.weights):
             mixing = self._mixing(weights, tags, clocks, row)
             # All rounds but the last only need the part that the ends are solved from.
@@ -64,8 +64,7 @@ class SpreadLines:
             for _ in range(_ROUNDS - 1):
                 ends = solved - self.of_ends(mixing_of_solved, ends)
             white[row] = groups.white[row] - self.of_ends(mixing, ends)
-            tones[row] = weights.colorer @ white[row]
-        return replace(groups, tones=tones, white=white)
+        return white
 
     def of_ends(self, mixing: Array, ends: Array) -> Array:
         """What ends V (E, K) spread over the subcarriers, (M, K).

@@ -18,7 +18,7 @@ from ...errors import InputError
 # packets when a program runs, up to some milliseconds late. Larger ones are steps of the clock.
 _DISORDER_S = 0.01
 # What remains unknown of the time when a clock has stepped back, in s: longer than the clock of a
-# tag is predicted over a gap (20 s, estimation/clocks/clock_tracking.py), which is then acquired
+# tag is predicted over a gap (20 s, estimation/clocks/clock_search.py), which is then acquired
 # again.
 CLOCK_STEP_S = 30.0
 # Packets between two steps of a clock, on average, below which times are in no order at all.

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "../clocks/clock_likelihood.h"
+#include "../clocks/clock_tracker.h"
+#include "../doppler/switching_mixer.h"
+#include "coherent_residual.h"
+#include "end_fit.h"
+#include "group_weights.h"
+#include "noise_estimate.h"
+
+#include <complex>
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+// Separates the tones of groups into the channels of the tags' ends, one group after the
+// other: the clocks are corrected, the tones are solved for the ends at these, and noise
+// and standard deviations follow from the residual (docs/theory.md, Ends).
+class end_separation
+{
+public:
+    using complex = std::complex<double>;
+
+    struct settings {
+        std::size_t tags;         // S, of which some may not be locked
+        std::size_t group_length; // snapshots of a complete group
+        double averaging_s;       // that a snapshot is a mean over
+        bool jointly;             // clocks by the complete model, not by each tag's lines
+        // Power of line 1 of end 1, by which the SNR is defined.
+        double line_power;
+        // Error of a phase, in rad, that noise does not explain; 0 unless the tags switch
+        // within a symbol.
+        double least_error;
+        clock_limits limits;
+    };
+
+    // A tag whose clock is tracked.
+    struct tag {
+        std::size_t index; // among all
+        clock_tracker* clock;
+        const clock_likelihood* likelihood;
+        std::vector<std::size_t> lines;   // tones that the likelihood is of
+        double nominal_rate, stated_rate; // rad/s
+        switching_mixer::pulses pulses;
+        bool overlapping; // its two switches are on together
+    };
+
+    struct group {
+        const group_weights* weights;
+        double center_s;
+        double level;         // mean power of the whitened tones
+        bool complete;        // the noise may be learned from it
+        const complex* tones; // M x K, and the same whitened
+        const complex* white;
+    };
+
+    // What the tags do beyond a fit, as numbers of the group and its clocks (phases in
+    // rad, rates in rad/s above nominal) tell it; empty functions where they do not.
+    struct corrections {
+        // Whitened tones, M x K, without what tags spread over the subcarriers.
+        std::function<std::vector<complex>(std::size_t,
+                                           end_fit&,
+                                           const std::vector<double>&,
+                                           const std::vector<double>&)>
+            spread;
+        // Removes from the residual what the wander of clocks within the group explains.
+        std::function<void(std::size_t,
+                           end_fit&,
+                           const std::vector<double>&,
+                           const std::vector<double>&)>
+            wander;
+    };
+
+    // Of the first groups given, up to one that the noise does not fit, or before which
+    // the clock of a tag is given up. By end: 2S; by tag: S; by subcarrier: K. Ends of
+    // tags that are not locked are 0, and their gain is infinite.
+    struct separated {
+        std::size_t groups = 0;
+        noise_estimate::verdict outcome = noise_estimate::verdict::learned;
+        std::vector<complex> ends;                                       // 2S x K
+        std::vector<double> gain, snr_db;                                // 2S
+        std::vector<double> noise, noise_rise;                           // K
+        std::vector<char> locked, overlapping, disturbed;                // S
+        std::vector<double> clock_phase, clock_offset_ppm, clock2_delay; // S
+    };
+
+    explicit end_separation(settings of) : d_settings(of), d_coherence(2 * of.tags) {}
+
+    std::size_t tags() const { return d_settings.tags; }
+
+    // Forgets the residuals so far, when the clocks were acquired again.
+    void reset() { d_coherence.reset(); }
+
+    // `update`: clocks and noise, unless they were acquired from these very groups.
+    separated process(const std::vector<tag>& tags,
+                      const std::vector<group>& groups,
+                      std::size_t subcarriers,
+                      noise_estimate& noise,
+                      bool update,
+                      const corrections& by);
+
+private:
+    struct one; // group that is being separated
+
+    void correct_clocks(one& of) const;
+    void separate(one& of, bool update);
+
+    const settings d_settings;
+    coherent_residual d_coherence;
+};
+
+} // namespace gr::wiforce::kernel
