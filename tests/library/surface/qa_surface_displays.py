@@ -16,7 +16,7 @@ pytest.importorskip("selenium")
 from browser import browser
 
 # What the page draws of a press, in mm of the plane.
-DRAWN = """return (() => {
+DRAWN = """(() => {
     const card = document.querySelector("[data-sensor=skin]");
     const [plane, dot, spread] = ["rect", ".press", ".spread"].map((s) => card.querySelector(s));
     const number = (node, name) => Number(node.getAttribute(name));
@@ -53,8 +53,8 @@ def test_page_draws_the_press_where_it_is_with_its_covariance():
                 # The arrow follows every reading, numbers five times per second.
                 parts = f"!!{card}.querySelector('.press') && !!{card}.querySelector('.location')"
                 shown = f"{card} && {parts} && {card}.querySelector('.location').textContent"
-                window.wait(f"return page.newest === {reading.time_s} && !!({shown})")
-                return window.run(DRAWN)
+                # In one call, since the page goes on drawing.
+                return window.wait(f"return page.newest === {reading.time_s} && {shown} && {DRAWN}")
 
             clear = drawn(press(1.0))
             assert clear["strips"] == 4
