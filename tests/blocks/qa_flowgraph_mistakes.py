@@ -11,11 +11,22 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
+from gnuradio.wiforce.io.readings import Reading
 from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
 
 RATE_HZ = 12.5e6
 MORE_TAGS = copy.deepcopy(SCENE)
 MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
+# A slow radio with a long press, which is also in the reference where the capture is cut.
+SLOW = copy.deepcopy(SCENE) | {
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 360},
+    "phase_group": {"snapshots": 250},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
+}
+SLOW["simulation"]["duration_s"] = 3.0
+SLOW["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +125,44 @@ def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
 def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):
     (sentence,) = said_of(press_codes_of(MORE_TAGS, tmp_path))
     assert "such as another tag with the same clock" in sentence
+
+
+def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(tmp_path):
+    """Hundreds of readings were ambiguous, or moved, and the log was empty."""
+    codes = press_codes_of(SLOW, tmp_path)
+    (sentence,) = said_of(codes[3125 * 360 :], SLOW)
+    assert "arm: it may have been touched while its reference was measured" in sentence
+    (sentence,) = said_of(codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
+    assert "every reading is flagged; check " in sentence and "sample_rate_hz" in sentence
+    assert said_of(codes, SLOW) == []
+
+
+def watched(folded=None):
+    """A watch of the scene, and what it says."""
+    said = []
+    watch = StreamWatch(wiforce.plan(SCENE), "reader", said.append)
+    watch.folded = folded
+    return watch, said
+
+
+def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
+    """A flowgraph that was stopped early blamed the type of its samples."""
+    watch, said = watched(lambda: Folded(5000, 3))
+    watch.end({})
+    assert len(said) == 1 and "within the untouched reference of" in said[0]
+    watch, said = watched(lambda: Folded(5000, 0))
+    watch.end({})
+    assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
+
+
+def test_watch_says_since_when_a_tag_is_not_received():
+    """Readings of a tag that was switched off were weak, and the log was empty."""
+    watch, said = watched()
+    watch.read([Reading(0.1 * i, "arm", 0) for i in range(21)], {"arm": ""})
+    watch.read([Reading(0.1 * i, "arm", flags=("weak",)) for i in range(21, 60)], {"arm": ""})
+    assert said == [
+        "reader: arm is not received since 2.00 s; its readings are empty until it returns"
+    ]
 
 
 def press_codes_of(scene, folder):

@@ -9,7 +9,12 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.press.sensor_state import RETUNED
+from gnuradio.wiforce.press.sensor_state import (
+    PATIENCE_S,
+    RETUNED,
+    describe_doubt,
+    describe_silence,
+)
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .session import LiveSession
@@ -38,8 +43,6 @@ class RunClock:
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
 _NO_SAMPLES_S = 1.0
-# Without its lines for this long a tag counts as silent.
-_SILENT_S = 1.0
 _BEAT_S = 0.5
 _LOOK_S = 0.05
 _WITHOUT_DEVICE = {
@@ -80,6 +83,8 @@ class _Tag:
         self.noted_s = 0.0
         self.lost_s = 0.0  # of groups that were not received since the tag was
         self.silent = False
+        self.doubted_s = None  # since when it is not known which phases are those untouched
+        self.doubt_said = False
 
 
 class RunHealth:
@@ -118,17 +123,29 @@ class RunHealth:
                 self._events.append(self._returns(reading, tag))
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
             tag.lost_s = 0.0
+            self._note_doubt(reading, tag)
             return
         # Groups that were not received, as those of a lost device, say nothing about the tag. After
         # an hour of them there are no rows.
-        if reading.flags == _DROPPED or passed_s > _SILENT_S:
+        if reading.flags == _DROPPED or passed_s > PATIENCE_S:
             tag.lost_s += passed_s
         since_s = tag.first_s if tag.received_s is None else tag.received_s
-        if not tag.silent and reading.time_s - since_s - tag.lost_s > _SILENT_S:
+        if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
             tag.silent = True
-            text = f"{reading.sensor} is not received since {since_s:.2f} s"
             cause = self._never_received() if tag.received_s is None else ""
-            self._events.append(f"{text}; its readings are empty until it returns{cause}")
+            self._events.append(describe_silence(reading.sensor, since_s) + cause)
+
+    def _note_doubt(self, reading, tag):
+        """Say once why readings are ambiguous that stay so."""
+        problem = self._stream.reference_problem(reading.sensor)
+        if not problem or "ambiguous" not in reading.flags:
+            tag.doubted_s, tag.doubt_said = None, tag.doubt_said and bool(problem)
+            return
+        if tag.doubted_s is None:
+            tag.doubted_s = reading.time_s
+        if not tag.doubt_said and reading.time_s - tag.doubted_s >= PATIENCE_S:
+            tag.doubt_said = True
+            self._events.append(describe_doubt(reading.sensor, problem))
 
     def _never_received(self):
         """What the survey of the room suggests of a tag that was never received."""
@@ -151,6 +168,7 @@ class RunHealth:
             return f"{text}; readings continue from the former reference"
         if problem == RETUNED:
             return f"{text}; {problem}: readings are flagged moved until a tare"
+        tag.doubt_said = True
         ends = "until its untouched phases are seen or a tare is forced"
         return f"{text}; {problem}: readings are flagged ambiguous {ends}"
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings of every kind: opened and read, with warnings of what is wrong with them."""
 
+from gnuradio.wiforce.estimation.capture.recorded_frames import ALL_FLAGGED
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
@@ -87,13 +88,11 @@ def warn_of_end(capture, reader):
     if counts.groups and not counts.clear:
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
-        rule = (
-            "every reading is flagged; check the datatype, and clock_hz, frame_length and "
-            "sample_rate_hz of the scene"
-        )
+        rule = ALL_FLAGGED
         if isinstance(reader, SnapshotReader):
-            rule = "every reading is flagged; check clock_hz and packets of the scene"
-        warn(capture, f"{rule}, and the signal level")
+            rule = "every reading is flagged; check clock_hz and packets of the scene, and the "
+            rule += "signal level"
+        warn(capture, rule)
 
 
 def warn(path, text):

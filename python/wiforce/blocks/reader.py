@@ -4,6 +4,7 @@
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -22,7 +23,7 @@ from ..wiforce_python import phase_group_doppler, preamble_fold
 from . import names
 from .argument_types import Kept, enlarge_output_buffer, typed
 from .group_block import ReadingPort, SnapshotSink
-from .stream_watch import StreamWatch
+from .stream_watch import Folded, StreamWatch
 
 _REQUEST, _CANCEL = "request", "cancel"
 
@@ -178,6 +179,10 @@ _BUFFERED_S = 2.0
 _ITEM_BYTES = {name: kind.sample_bytes for name, kind in ITEM_TYPES.items()}
 
 
+def _folded(fold: preamble_fold) -> Folded:
+    return Folded(fold.snapshots(), fold.nitems_written(0))
+
+
 class reader(Kept, gr.hier_block2):
     """Reads force and location from received samples.
 
@@ -270,7 +275,7 @@ class reader(Kept, gr.hier_block2):
         self.groups = group_reader(settings, tracked, on_reading, frame_offset)
         if self.fold is not None:
             self.groups.stream.mean_frame = self.groups.watch.mean_frame = self.fold.mean_frame
-            self.groups.watch.frames = self.fold.snapshots
+            self.groups.watch.folded = partial(_folded, self.fold)
             self.fold.expect_carrier(settings.center_frequency_hz)
         # The inner connections hold C++ parts only: GNU Radio never destroys those of messages to
         # the block itself, and a flowgraph keeps this object, which has the others.

@@ -4,7 +4,7 @@
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pmt
@@ -13,6 +13,7 @@ from gnuradio import gr
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.capture.frame import samples_needed
 from ..estimation.capture.recorded_frames import (
+    ALL_FLAGGED,
     frame_problem,
     level_problem,
     search_problem,
@@ -22,6 +23,7 @@ from ..estimation.groups import Array
 from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.plan import Plan
+from ..press.sensor_state import PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
 from ..wiforce_python import rx_time_value
@@ -63,17 +65,21 @@ class Timeline:
         return self._timeline.time_at(offset)
 
 
-# Time that something must last before it is said, in s: longer than any press changes, and than a
-# device takes to start.
-PATIENCE_S = 1.0
 # Groups are looked at so often, in s of signal.
 _LOOKS_S = 0.25
 # Flags of readings that have a cause in the set-up if nothing else is read.
-_CAUSES = ("saturated", "ambiguous", "inconsistent", "weak")
+_CAUSES = {"saturated", "ambiguous", "inconsistent", "weak"}
 _NO_GROUPS = (
     "every frame holds samples that are NaN or infinite, as 16-bit integers have that are read as "
     "floats; check the block that makes the samples, and its type against the input type"
 )
+
+
+class Folded(NamedTuple):
+    """Frames that a block has made of all samples, and groups since the flowgraph began."""
+
+    frames: int
+    groups: int
 
 
 class SearchWatch:
@@ -118,7 +124,7 @@ class StreamWatch:
     every sentence (by default GNU Radio's log), ``frame_offset`` are samples before the first
     frame, ``sampled`` says that groups are those of samples, and not of ratios of two antennas.
     ``said`` holds the sentences so far; ``mean_frame`` returns the mean of the first frames (see
-    ``StreamReader``), ``frames`` the number of frames that samples were cut into.
+    ``StreamReader``), ``folded`` what samples were cut into, before any of it is read.
     """
 
     def __init__(
@@ -133,7 +139,7 @@ class StreamWatch:
         self._report = gr.log.warn if report is None else report
         self._frame_offset, self._sampled = frame_offset, sampled
         self.mean_frame: Callable[[], Array] | None = None
-        self.frames: Callable[[], int] | None = None
+        self.folded: Callable[[], Folded] | None = None
         self.said: list[str] = []
         self._quiet = False  # after a sentence, until readings are clear
         self._problem = self._level = ""
@@ -141,6 +147,7 @@ class StreamWatch:
         self._groups = 0
         self._readings: dict[str, list[Reading]] = {}
         self._clear: set[str] = set()
+        self._received_s: dict[str, float] = {}
         self._stopped = threading.Event()
 
     def say(self, sentence: str) -> None:
@@ -180,9 +187,16 @@ class StreamWatch:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
                 self._quiet = False
+            if reading.touch is not None:
+                self._received_s[reading.sensor] = reading.time_s
             if "reference" in reading.flags and "saturated" not in reading.flags:
                 continue
-            self._readings.setdefault(reading.sensor, []).append(reading)
+            if "transition" in reading.flags:
+                continue  # is part of what is before it and of what follows
+            waiting = self._readings.setdefault(reading.sensor, [])
+            if waiting and not _CAUSES.intersection(waiting[0].flags, reading.flags):
+                waiting.clear()  # a cause that lasts for a second begins here, if there is one
+            waiting.append(reading)
         for sensor, waiting in self._readings.items():
             while waiting and waiting[-1].time_s - waiting[0].time_s >= PATIENCE_S:
                 # Before a problem of the samples lasts as long, that of the readings is no cause.
@@ -192,19 +206,21 @@ class StreamWatch:
 
     def _cause(self, sensor: str, readings: Sequence[Reading], problems: Mapping[str, str]) -> str:
         """What all of some readings have in common; empty where they are as they should be."""
-        flags = set(_CAUSES).intersection(*(reading.flags for reading in readings))
+        flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
             return f"{sensor}: the receiver is saturated; lower its gain by 6 dB or more"
+        if "ambiguous" in flags and problems.get(sensor):
+            return describe_doubt(sensor, problems[sensor])
         if sensor in self._clear:
-            return ""  # a press may be weak or ambiguous for long
+            silent = "weak" in flags and all(reading.touch is None for reading in readings)
+            # Otherwise: a press may be weak for long.
+            return describe_silence(sensor, self._received_s[sensor]) if silent else ""
         own = next(s for s in self._plan.require_scene().sensors if s.name == sensor)
         if {"inconsistent", "weak"} <= flags:
             return (
                 f"{sensor}: more than this tag is received at its clock of {own.clock_hz:g} Hz, "
                 "such as another tag with the same clock; switch it off, or change a clock"
             )
-        if "ambiguous" in flags and problems.get(sensor):
-            return f"{sensor}: {problems[sensor]}; begin untouched, or release it and tare"
         if "weak" not in flags:
             return ""
         levels = [reading.snr_db for reading in readings if reading.snr_db is not None]
@@ -222,19 +238,19 @@ class StreamWatch:
     def start(self) -> None:
         """Watch that groups come of the frames that arrive."""
         self._stopped.clear()
-        if self.frames is not None:
+        if self.folded is not None:
             threading.Thread(target=self._wait, name="stream_watch", daemon=True).start()
 
     def _wait(self) -> None:
-        assert self.frames is not None
-        second = math.ceil(
-            PATIENCE_S * self._plan.waveform.sample_rate_hz / self._plan.waveform.frame_length
-        )
-        groups = frames = 0
+        assert self.folded is not None
+        waveform = self._plan.waveform
+        second = math.ceil(PATIENCE_S * waveform.sample_rate_hz / waveform.frame_length)
+        former = Folded(self.folded().frames, 0)
         while not self._stopped.wait(PATIENCE_S):
-            if self._groups > groups:
-                groups, frames = self._groups, self.frames()
-            elif self.frames() - frames >= second:
+            found = self.folded()
+            if found.groups > former.groups:
+                former = found
+            elif found.frames - former.frames >= max(second, 2 * self._plan.group_length):
                 self.say(_NO_GROUPS)
 
     def stop(self) -> None:
@@ -246,17 +262,17 @@ class StreamWatch:
         self.stop()
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)
-        if not self._groups:
-            frames = 0 if self.frames is None else self.frames()
-            whole = frames >= 2 * plan.group_length
+        folded = Folded(0, self._groups) if self.folded is None else self.folded()
+        groups = max(self._groups, folded.groups)
+        if not groups:
             self.say(
                 _NO_GROUPS
-                if whole
+                if folded.frames >= 2 * plan.group_length
                 else f"the stream has ended without a whole phase group of {1e3 * group_s:.3g} ms "
                 "at the carrier and sample rate of the scene; nothing was read"
             )
             return
-        received_s, reference_s = self._groups * group_s, plan.reference_groups * group_s
+        received_s, reference_s = groups * group_s, plan.reference_groups * group_s
         if received_s <= reference_s:
             self.say(
                 f"the stream has ended after {received_s:.3g} s, within the untouched reference of "
@@ -269,4 +285,6 @@ class StreamWatch:
         if not self._clear:
             for sensor, problem in problems.items():
                 if problem:
-                    self.say(f"{sensor}: {problem}; begin untouched, or release it and tare")
+                    self.say(describe_doubt(sensor, problem))
+            if self._readings:
+                self.say(ALL_FLAGGED)

@@ -23,6 +23,8 @@ DOUBT = 0.01
 # Why it is not known which phases are those of the untouched sensor.
 RETUNED = "the device was opened or tuned again"
 UNCLEAR = "it may have been touched while its reference was measured or forced"
+# Time for which a sensor is not received, or in doubt, before a sentence says so.
+PATIENCE_S = 1.0
 # Time after which no other receiver reads a group again: surveys and references are shorter.
 _REMEMBERED_S = 20.0
 # R of an end that was not received is 0, and has no logarithm.
@@ -199,6 +201,18 @@ class SensorState:
             if self.evidence is not None:
                 self.evidence.reset()
         return claim
+
+
+def describe_doubt(sensor: str, problem: str) -> str:
+    """What to do where it is not known which phases are those of the untouched sensor."""
+    return f"{sensor}: {problem}; begin untouched, or release it and tare"
+
+
+def describe_silence(sensor: str, since_s: float) -> str:
+    """That a sensor is not received since a time in the run."""
+    return (
+        f"{sensor} is not received since {since_s:.2f} s; its readings are empty until it returns"
+    )
 
 
 def _readable(rows: Array) -> Array:

@@ -61,12 +61,12 @@ class Run:
             now=lambda: self.now_s,
         )
 
-    def read(self, seconds, touch=0):
+    def read(self, seconds, touch=0, flags=()):
         """Receive for so long, in steps of 0.1 s."""
         for _ in range(round(10 * seconds)):
             self.now_s += 0.1
             self.session.samples_received += 1
-            self.health.note(Reading(round(self.now_s, 3), "arm", touch))
+            self.health.note(Reading(round(self.now_s, 3), "arm", touch, flags=flags))
             self.health.look()
         return self.health.state
 
@@ -109,6 +109,16 @@ def test_health_says_why_a_tag_was_never_received(run, others, words):
     run.read(1.2, touch=None)
     (said,) = run.said
     assert said.startswith("arm is not received since 0.10 s") and words in said
+
+
+def test_health_says_once_why_readings_stay_ambiguous(run):
+    """After a press during the reference hundreds were, without a word why."""
+    run.read(2.0, flags=("ambiguous",))
+    run.problem = "it may have been touched"
+    run.read(0.9, touch=1, flags=("ambiguous", "inconsistent"))
+    assert not run.said
+    run.read(2.0, flags=("ambiguous",))
+    assert run.said == ["arm: it may have been touched; begin untouched, or release it and tare"]
 
 
 def test_health_names_a_suspicion_once(run):

@@ -217,6 +217,10 @@ _MOST_DBFS, _LEAST_DBFS = 3.1, -105.0
 # Share of floats of a plausible size below which they are integers that are read as floats: their
 # exponents are spread evenly, and a fifth is plausible; damaged files of floats have 95 %.
 _FLOAT_SHARE = 0.5
+ALL_FLAGGED = (
+    "every reading is flagged; check the datatype, and clock_hz, frame_length and sample_rate_hz "
+    "of the scene, and the signal level"
+)
 # Part of the snapshots' power that is the same in all of them, times their number: 1 for noise with
 # a standard deviation of 1/8 over a symbol's 64 samples.
 _COHERENT, _FEWEST = 3.0, 16
