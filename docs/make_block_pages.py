@@ -112,7 +112,9 @@ def page(description):
     for parameter in description.get("parameters", []):
         if parameter["id"] != "gui_hint":
             words = known.get(parameter["id"], "").replace("``", "`").replace("|", "\\|")
-            cells = (parameter["label"], f"`{parameter['id']}`", defaults_of(parameter), words)
+            # What the generated code alone uses is no argument of the block.
+            named = f"`{parameter['id']}`" if parameter["id"] in known else ""
+            cells = (parameter["label"], named, defaults_of(parameter), words)
             lines.append(f"| {' | '.join(cells)} |")
     rules = [_expression(rule) for rule in description.get("asserts", [])]
     if rules:

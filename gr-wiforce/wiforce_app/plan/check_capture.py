@@ -19,13 +19,17 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 
+_MOST_CLIPPED = 0.99  # share of samples from which on it does not tell the level any more
+
+
 def advice_on_levels(levels):
     """What to change because of levels, the fields of ``Levels``."""
     peak, clipped = levels["peak_dbfs"], levels["clipped"]
     if clipped:
+        more = " or more" if clipped > _MOST_CLIPPED else ""
         yield (
             f"the receiver is saturated ({100 * clipped:.3g} % clipped): lower --rx-gain, then "
-            f"--tx-gain, by {_excess_db(clipped):.0f} dB in total"
+            f"--tx-gain, by {_excess_db(clipped):.0f} dB{more} in total"
         )
         return  # what was clipped has an offset of its own
     if peak > -1:
@@ -43,7 +47,7 @@ def _excess_db(clipped):
     As if I and Q were Gaussian, with peaks of four standard deviations at -6 dBFS. Where no sample
     is whole the level is unknown; the step of 99 % leads to where it is known.
     """
-    whole = math.sqrt(1 - min(clipped, 0.99))  # share of I, and of Q
+    whole = math.sqrt(1 - min(clipped, _MOST_CLIPPED))  # share of I, and of Q
     deviation = 1 / NormalDist().inv_cdf((1 + whole) / 2)
     return 20 * math.log10(4 * deviation) + 6
 

@@ -48,7 +48,7 @@ def open_reader(recording, settings, frame_offset, tracked):
             warn(recording.path, note)
         return reader
     reader = RecordingReader(recording, settings, frame_offset, tracked)
-    warn_of_leftover(recording, reader)
+    warn_of_unequal_antennas(reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))
     return reader
 
@@ -61,7 +61,7 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     with the ratios R.
     """
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
-    warn_of_leftover(recording, reader)
+    warn_of_unequal_antennas(reader)
     for batch in reader:
         for reading in batch:
             on_reading(reading)
@@ -110,15 +110,11 @@ def warn_of_events(reader):
             warn(path, event)
 
 
-def warn_of_leftover(recording, reader):
-    """Warn of samples behind the last whole frame, and of antennas recorded for different times."""
+def warn_of_unequal_antennas(reader):
+    """Warn of antennas that were recorded for different times."""
     antennas = sorted(reader.source.captures, key=lambda capture: capture.span)
     lacking = antennas[-1].span - antennas[0].span
     if lacking:
         seconds = lacking / reader.plan.waveform.sample_rate_hz
         rule = f"ends {lacking} samples ({seconds:.3g} s) before {antennas[-1].path}"
         warn(antennas[0].path, f"{rule}; groups that lack one antenna cannot be read")
-    # What began within a frame, as a device's stream does, need not end with one.
-    if reader.leftover and not reader.frame_offset:
-        rule = "after the last whole frame); only whole phase groups are read"
-        warn(recording.path, f"ends inside a frame ({reader.leftover} samples {rule}")

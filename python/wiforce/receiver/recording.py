@@ -99,11 +99,6 @@ class RecordingReader:
         return (self._recording.span - self.frame_offset) // samples
 
     @property
-    def leftover(self) -> int:
-        """Samples after the last whole frame."""
-        return (self._recording.span - self.frame_offset) % self.plan.waveform.frame_length
-
-    @property
     def counts(self) -> GroupCounts:
         """Group counts by outcome, so far."""
         return self.receiver.counts

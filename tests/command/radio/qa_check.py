@@ -46,9 +46,9 @@ def test_check_timing_shift_is_part_of_advice(slow_scene):
     assert "frame timing shifted 2 times" in advice
 
 
-@pytest.mark.parametrize("clipped, step", [(1e-4, 6), (0.45, 17), (1.0, 36)])
+@pytest.mark.parametrize("clipped, step", [(1e-4, "6 dB"), (0.45, "17 dB"), (1.0, "36 dB or more")])
 def test_check_clipped_samples_ask_for_a_step_that_ends_it(clipped, step):
     """Steps of 6 dB took seven runs; the offset of clipped samples is not the device's."""
     levels = {"peak_dbfs": 0.0, "clipped": clipped, "dc_dbfs": -3.0}
     (advice,) = advice_on(Findings("a device", {}, levels), load_scene("demo"))
-    assert f"lower --rx-gain, then --tx-gain, by {step} dB in total" in advice
+    assert f"lower --rx-gain, then --tx-gain, by {step} in total" in advice
