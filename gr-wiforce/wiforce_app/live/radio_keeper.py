@@ -5,9 +5,10 @@ import time
 from collections.abc import Callable
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceBusy
 
 from ..radio.link import RadioLink
-from ..radio.request import DeviceAbsent, DeviceBusy, DeviceLost, RadioRequest
+from ..radio.request import DeviceAbsent, DeviceLost, RadioRequest
 from ..shell.log import log
 from .requests import WarningPace
 from .session import LiveSession

@@ -18,7 +18,6 @@ from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
-
 _MOST_CLIPPED = 0.99  # share of samples from which on it does not tell the level any more
 
 

@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceBusy
 
 from .request import (
     LOST_STATUS,
     DeviceAbsent,
-    DeviceBusy,
     DeviceLost,
     DeviceUnusable,
     RadioRequest,

@@ -16,8 +16,8 @@ import sys
 import time
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceLock
 
-from .device_lock import DeviceLock
 from .request import (
     LOST_STATUS,
     DeviceAbsent,

@@ -9,13 +9,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
+from gnuradio.wiforce.blocks.usrp import require_rate
 from gnuradio.wiforce.errors import InputError
 
 from ..shell.log import printable
 from .request import RadioRequest
 
 _LOCK_S = 1.0
-_RATE_TOLERANCE = 1e-6
 _CARRIER_TOLERANCE_HZ = 10.0
 # By the option --driver: module and class.
 _CLASSES = {"uhd": ("uhd", "UhdRadio"), "soapy": ("soapy", "SoapyRadio")}
@@ -194,9 +194,7 @@ class Radio(ABC):
         with self.applying(where, rate_hz):
             actual = end.set_rate(rate_hz)
         _require_stated(where, actual, rate_hz)
-        if abs(actual - rate_hz) > _RATE_TOLERANCE * rate_hz:
-            rule = f"must be a rate that the device supports (nearest: {actual:.9g} Hz)"
-            raise InputError(where, rule, rate_hz)
+        require_rate(where, actual, rate_hz)
 
     def _set_carrier(self, end, carrier_hz):
         where = f"{self._name}: radio.center_frequency_hz"

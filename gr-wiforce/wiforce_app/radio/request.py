@@ -46,10 +46,6 @@ class DeviceUnusable(DeviceAbsent):
     """The driver of the device does not start to stream, and may never return."""
 
 
-class DeviceBusy(InputError):
-    """The device is in use by another process of this machine."""
-
-
 class DeviceLost(Exception):
     """The device sends no samples, or has stopped sending them."""
 

@@ -13,6 +13,7 @@ from gnuradio import gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.capture.samples import item_type_named
+from ..io.network.device_lock import DeviceLock
 from ..scene import Scene, load_scene
 from .argument_types import Kept, typed
 from .frame_alignment import frame_alignment
@@ -29,12 +30,22 @@ _RESUME_S = 0.25
 # Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
 _TOGETHER = 1 << 16
 # What finds a USRP that does not answer.
-USRP_FINDER = "`uhd_find_devices` lists those that do, a B210 needs `uhd_images_downloader` once"
+USRP_FINDER = (
+    "`uhd_find_devices` lists those that do, a B210 (type=b200) needs `uhd_images_downloader`"
+)
 _ITEM_TYPE = "sc16"
 # Whole seconds and their fraction.
 DeviceTime = tuple[int, float]
 # Share of a device's range at which gains begin: the software N210 then receives peaks of -10 dBFS.
 _FIRST_GAIN = 1 / 3
+_RATE_TOLERANCE = 1e-6
+
+
+def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
+    """Refuse a sample rate, of ``where`` it is stated, instead of which a device takes another."""
+    if abs(actual_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
+        rule = f"must be a rate that the device supports (nearest: {actual_hz:.9g} Hz)"
+        raise InputError(where, rule, rate_hz)
 
 
 def first_gain_db(low_db: float, high_db: float) -> float:
@@ -73,8 +84,8 @@ class usrp(Kept, gr.hier_block2):
     Raises
     ------
     InputError
-        (A ValueError) naming parameter, rule and value: no such device, a gain outside its range,
-        an unknown antenna.
+        (A ValueError) naming parameter, rule and value: no such device, or one that another
+        program uses, a gain outside its range, an unknown antenna or a rate that it has not.
 
     Examples
     --------
@@ -93,37 +104,16 @@ class usrp(Kept, gr.hier_block2):
         rx_antenna: str = "RX2",
         amplitude: float = 0.5,
     ) -> None:
-        from gnuradio import uhd
-
         scene = load_scene(scene)
         sounder = sounding_source(scene, amplitude=amplitude, item_type=_ITEM_TYPE)
-        stream = uhd.stream_args(cpu_format=_ITEM_TYPE, otw_format=_ITEM_TYPE, channels=[0])
+        self._lock = DeviceLock(device, where="device")
         try:
-            self.transmitter = uhd.usrp_sink(device, stream)
-            # The receiver waits for the command that starts both.
-            self.receiver = uhd.usrp_source(device, stream, False)
-        except (RuntimeError, LookupError, ValueError) as error:
-            text = str(error)
-            absent = "No devices found" in text
-            reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
-            rule = (
-                f"must be a USRP that answers ({reason}): {USRP_FINDER}, and `gr-wiforce emulate` "
-                "stands in"
-            )
-            # The trace of UHD's own error would hide this sentence.
-            raise InputError("device", rule, device) from None
-        for direction, end, antenna in (
-            ("tx", self.transmitter, tx_antenna),
-            ("rx", self.receiver, rx_antenna),
-        ):
-            if antenna not in end.get_antennas():
-                rule = f"must be one of {', '.join(end.get_antennas())}"
-                raise InputError(f"{direction}_antenna", rule, antenna)
-            end.set_antenna(antenna)
-            end.set_samp_rate(scene.radio.sample_rate_hz)
-            end.set_center_freq(scene.radio.center_frequency_hz)
-        self.set_tx_gain(tx_gain)
-        self.set_rx_gain(rx_gain)
+            self._open(scene, device, tx_antenna, rx_antenna)
+            self.set_tx_gain(tx_gain)
+            self.set_rx_gain(rx_gain)
+        except BaseException:
+            self._lock.release()
+            raise
         self.receiver.set_recv_timeout(0.1, False)
         self.receiver.set_max_noutput_items(_TOGETHER)
         self.alignment = frame_alignment(scene, item_type=_ITEM_TYPE)
@@ -143,6 +133,39 @@ class usrp(Kept, gr.hier_block2):
         )
         self.connect(sounder, self._start.gateway, self.transmitter)
         self.connect(self.receiver, self.alignment.gateway, self._impl)
+
+    def _open(self, scene: Scene, device: str, tx_antenna: str, rx_antenna: str) -> None:
+        """Open the device, and set all but its gains."""
+        from gnuradio import uhd
+
+        stream = uhd.stream_args(cpu_format=_ITEM_TYPE, otw_format=_ITEM_TYPE, channels=[0])
+        try:
+            self.transmitter = uhd.usrp_sink(device, stream)
+            # The receiver waits for the command that starts both.
+            self.receiver = uhd.usrp_source(device, stream, False)
+        except (RuntimeError, LookupError, ValueError) as error:
+            text = str(error)
+            absent = "No devices found" in text
+            reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
+            rule = (
+                f"must be a USRP that answers ({reason}): {USRP_FINDER}, and `gr-wiforce emulate` "
+                "stands in"
+            )
+            # The trace of UHD's own error would hide this sentence.
+            raise InputError("device", rule, device) from None
+        self._lock.take_serial(self.transmitter.get_usrp_info().get("mboard_serial"))
+        for direction, end, antenna in (
+            ("tx", self.transmitter, tx_antenna),
+            ("rx", self.receiver, rx_antenna),
+        ):
+            if antenna not in end.get_antennas():
+                rule = f"must be one of {', '.join(end.get_antennas())}"
+                raise InputError(f"{direction}_antenna", rule, antenna)
+            end.set_antenna(antenna)
+            end.set_samp_rate(scene.radio.sample_rate_hz)
+            where = f"{scene.path or 'scene'}: radio.sample_rate_hz"
+            require_rate(where, end.get_samp_rate(), scene.radio.sample_rate_hz)
+            end.set_center_freq(scene.radio.center_frequency_hz)
 
     @typed
     def set_tx_gain(self, gain_db: float | None) -> None:

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block USRP with the software N210: gains, antennas, and the common start."""
 
+import importlib
+import os
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,12 +14,14 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.usrp import _set_gain as set_usrp_gain
-from gnuradio.wiforce.blocks.usrp import timed_frames
+from gnuradio.wiforce.blocks.usrp import require_rate, timed_frames
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import FRAMES, SLOW, scene_file, wait_until
 from software_usrp import SoftwareUsrp
 from wiforce_app.radio.uhd import _UhdEnd
 
+usrp_block = importlib.import_module("gnuradio.wiforce.blocks.usrp")
 # Of the device, 250 samples; the search begins frames up to 8 samples early.
 DELAY_US, EARLY = 100, 8
 
@@ -97,6 +104,34 @@ def test_usrp_bad_parameter_is_refused_in_one_line(device, scene):
     with pytest.raises(InputError, match="^device: must be a USRP that answers") as refused:
         wiforce.usrp(scene, "type=usrp2,addr=127.255.255.254")
     assert "\n" not in str(refused.value)
+
+
+def test_usrp_of_another_program_is_refused(scene, monkeypatch):
+    """A second program took the device away, and the first one blamed its cable."""
+    monkeypatch.setattr(usrp_block, "DeviceLock", partial(DeviceLock, handover_s=0.2))
+    program = (
+        "import sys\n"
+        "from gnuradio.wiforce.io.network.device_lock import DeviceLock\n"
+        "lock = DeviceLock(sys.argv[1])\n"
+        "print('held', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    args = f"serial=x{os.getpid()}"
+    command = [sys.executable, "-c", program, args]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match=f"^device: .*in use by process {other.pid}"):
+            wiforce.usrp(scene, args)
+        other.kill()
+
+
+def test_usrp_rate_that_a_device_has_not_is_refused_with_the_nearest():
+    """The flowgraph ran on at another rate, after UHD's warnings."""
+    require_rate("scene: radio.sample_rate_hz", 2.5e6, 2.5e6)
+    with pytest.raises(InputError, match=r"supports \(nearest: 1298701.3 Hz\), got 1300000"):
+        require_rate("scene: radio.sample_rate_hz", 1298701.3, 1.3e6)
 
 
 def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, scene):

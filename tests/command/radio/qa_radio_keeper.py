@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceBusy, DeviceLock
 from wiforce_app.live.radio_keeper import RadioKeeper
-from wiforce_app.radio.device_lock import DeviceLock
-from wiforce_app.radio.request import DeviceAbsent, DeviceBusy, DeviceLost
+from wiforce_app.radio.request import DeviceAbsent, DeviceLost
 
 ABSENT = DeviceAbsent("--args", "must name a device that answers")
 BUSY = DeviceBusy("--args", "must name a device that is free")
@@ -146,7 +146,7 @@ def test_keeper_silent_driver_is_given_up():
 def test_lock_second_process_is_refused_until_the_first_ends():
     program = (
         "import sys\n"
-        "from wiforce_app.radio.device_lock import DeviceLock\n"
+        "from gnuradio.wiforce.io.network.device_lock import DeviceLock\n"
         "lock = DeviceLock(sys.argv[1])\n"
         "lock.take_serial(sys.argv[2])\n"
         "print('held', flush=True)\n"

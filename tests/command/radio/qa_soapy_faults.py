@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import SLOW, command, run_session, scene_file
 from wiforce_app.live import live
 from wiforce_app.main import main
-from wiforce_app.radio.device_lock import DeviceLock
 from wiforce_app.radio.request import DeviceLost
 from wiforce_app.radio.soapy import _text
 

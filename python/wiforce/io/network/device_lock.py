@@ -7,12 +7,28 @@ import hashlib
 import socket
 import struct
 import time
+from weakref import WeakValueDictionary
 
-from .request import DeviceBusy
+from ...errors import InputError
 
 _HANDOVER_S = 4.0  # UHD takes 1.5 s to close a device
 _LOOK_S = 0.1
 _PEER = struct.Struct("3i")  # process, user, group
+
+
+class _Name(socket.socket):
+    """A name that is held until nothing in this process refers to it any more."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
+# Names that this process holds: its blocks may use a device together.
+_held: WeakValueDictionary[str, _Name] = WeakValueDictionary()
+
+
+class DeviceBusy(InputError):
+    """The device is in use by another process of this machine."""
 
 
 class DeviceLock:
@@ -25,12 +41,13 @@ class DeviceLock:
     detected.
 
     ``args``: UHD device arguments; ``handover_s``: how long to wait for a process that is about to
-    close the device. Raises DeviceBusy when another process holds it.
+    close the device; ``where``: what states the arguments. Raises DeviceBusy when another process
+    holds it.
     """
 
-    def __init__(self, args: str, handover_s: float = _HANDOVER_S):
-        self._args = args
-        self._sockets: list[socket.socket] = []
+    def __init__(self, args: str, handover_s: float = _HANDOVER_S, where: str = "--args") -> None:
+        self._args, self._where = args, where
+        self._names: list[_Name] = []
         deadline = time.monotonic() + handover_s
         try:
             for name in _names(args):
@@ -39,7 +56,7 @@ class DeviceLock:
             self.release()
             raise
 
-    def take_serial(self, serial: str) -> None:
+    def take_serial(self, serial: str | None) -> None:
         """Hold the device by its serial number too.
 
         Raises DeviceBusy when another process holds it, having opened it by other arguments.
@@ -49,32 +66,33 @@ class DeviceLock:
 
     def release(self) -> None:
         """Let other processes use the device."""
-        while self._sockets:
-            self._sockets.pop().close()
+        self._names.clear()
 
-    def _take(self, name, deadline):
+    def _take(self, name: str, deadline: float) -> None:
         # Arguments of the process and what devices state may hold bytes that are no UTF-8.
         known = hashlib.sha256(name.encode(errors="surrogateescape")).hexdigest()
         address = f"\0gr-wiforce/{known[:32]}"
-        if any(held.getsockname() == address.encode() for held in self._sockets):
+        if (holder := _held.get(address)) is not None:
+            self._names.append(holder)
             return
-        holder = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._sockets.append(holder)
+        holder = _Name(socket.AF_UNIX, socket.SOCK_STREAM)
         while True:
             try:
                 holder.bind(address)
                 holder.listen(1)
+                _held[address] = holder
+                self._names.append(holder)
                 return
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise
             if time.monotonic() > deadline:
                 rule = f"must name a device that is free (in use by {_user(address)})"
-                raise DeviceBusy("--args", rule, self._args)
+                raise DeviceBusy(self._where, rule, self._args)
             time.sleep(_LOOK_S)
 
 
-def _names(args):
+def _names(args: str) -> list[str]:
     """What identifies each device in UHD's arguments; all of them where nothing does."""
     found = []
     for pair in args.split(","):
@@ -90,7 +108,7 @@ def _names(args):
     return found or [args]
 
 
-def _user(address):
+def _user(address: str) -> str:
     """The process that holds a device, in words."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as client:
         client.settimeout(_LOOK_S)
