@@ -16,6 +16,7 @@ from gnuradio.wiforce.wiforce_kernels import (
     noise_estimate,
     phase_errors,
     phase_expansion,
+    tone_peaks,
     whiten,
 )
 
@@ -127,10 +128,8 @@ def by_kernel(run, jointly, update, sizes, spread=None, wander=None):
             tags,
             run.weights[rows],
             run.center_s[rows],
-            run.level[rows],
             run.complete[rows],
             run.tones[rows],
-            run.white[rows],
             noise,
             update,
             spread,
@@ -262,19 +261,16 @@ def test_kernel_stops_before_a_clock_that_is_given_up(run):
     )
     snapshots = normal(np.random.default_rng(1), GROUPS, SNAPSHOTS, SUBCARRIERS)
     silent = np.sqrt(NOISE) * (run.table.weights @ snapshots)
-    white, level = whiten(run.table.whitener, silent)
     weights, complete = run.weights[:1] * GROUPS, np.ones(GROUPS, bool)
-    found = kernel.process(
-        [tag], weights, run.center_s, level, complete, silent, white, run.noise(), True
-    )
+    found = kernel.process([tag], weights, run.center_s, complete, silent, run.noise(), True)
     assert 0 < len(found["gain"]) < GROUPS and not found["locked"].any()
 
 
 def test_kernel_refuses_arrays_of_other_shapes(run):
     """A kernel must not read beyond its arrays."""
     kernel = end_separation(TAGS, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
-    arrays = [run.center_s, run.level, run.complete, run.tones, run.white]
-    for wrong in range(5):
+    arrays = [run.center_s, run.complete, run.tones]
+    for wrong in range(3):
         given = [each[:-1] if i == wrong else each for i, each in enumerate(arrays)]
         with pytest.raises(ValueError, match="must have shape"):
             kernel.process([], run.weights, *given, run.noise(), True)
@@ -287,3 +283,30 @@ def test_kernel_refuses_arrays_of_other_shapes(run):
             kernel.process([tag], run.weights, *arrays, run.noise(), True)
     with pytest.raises(ValueError, match="those of the likelihood"):
         locked_tag(0, tracker, likelihood.kernel, [1], 1.0, 1.0, 0.0, (0.25, 0.25), False)
+
+
+def test_tones_in_single_precision_are_those_in_double(run):
+    """Streams and recordings give single precision, channel snapshots double."""
+    kernel = end_separation(1, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
+    likelihood, tracker = run.likelihoods[0], run.trackers()[0]
+    pulses = PULSES[0][0], PULSES[0][1:]
+    tag = locked_tag(
+        0, tracker, likelihood.kernel, likelihood.rows, RATES[0], RATES[0], *pulses, False
+    )
+    single, arrays = run.tones.astype(np.complex64), (run.weights, run.center_s, run.complete)
+    found, expected = (
+        kernel.process([tag], *arrays, tones, run.noise(), False)["ends"]
+        for tones in (single, single.astype(complex))
+    )
+    assert np.abs(expected).max() > 0.1
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_tone_peaks_are_nan_where_a_tone_is_not_finite(run):
+    """Groups without tones, or with some that are not finite, are not separated."""
+    tones = run.tones.copy()
+    tones[0], tones[1, 2, 3], tones[2, 0, 0] = 0, np.nan, 1j * np.inf
+    parts = np.maximum(np.abs(tones[3:].real), np.abs(tones[3:].imag))
+    found = tone_peaks(tones)
+    np.testing.assert_allclose(found[3:], parts.max(axis=(1, 2)), rtol=1e-6)
+    assert found[0] == 0 and np.isnan(found[1:3]).all()

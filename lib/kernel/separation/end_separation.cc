@@ -86,7 +86,21 @@ struct end_separation::one {
     separated& found;
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
-    std::vector<complex> cleaned{}; // whitened tones, M x K, without spread lines
+    std::vector<complex> tones{}, white{}; // M x K, as received and whitened
+    double level = 0;                      // mean power of the whitened tones
+    std::vector<complex> cleaned{};        // whitened tones without spread lines
+
+    void receive()
+    {
+        const std::size_t rows = of.weights->tones(), count = rows * subcarriers;
+        if (of.single)
+            tones.assign(of.single, of.single + count);
+        else
+            tones.assign(of.tones, of.tones + count);
+        white.resize(count);
+        level = whiten(
+            of.weights->whitener().data(), tones.data(), rows, subcarriers, white.data());
+    }
 
     // At the present clocks; to tones without what tags spread over the subcarriers.
     end_fit fit(const settings& with, bool with_slopes)
@@ -102,7 +116,7 @@ struct end_separation::one {
             of.weights->mixer.mix(clocks.data(), pulses.data(), tags.size(), with_slopes);
         end_fit found({ 1, of.weights->tones(), 2 * tags.size(), subcarriers },
                       mixed.data(),
-                      of.white);
+                      white.data());
         if (by.spread && !tags.empty()) {
             cleaned = by.spread(number, found, phase, rate);
             found.solve(cleaned.data());
@@ -129,6 +143,7 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
             }))
             break;
         one next{ number, subcarriers, group, tags, noise, by, found };
+        next.receive();
         for (const auto& each : tags) {
             next.phase.push_back(each.clock->predict(group.center_s));
             next.rate.push_back(each.clock->rate);
@@ -151,7 +166,7 @@ void end_separation::correct_clocks(one& group) const
     std::vector<clock_tracker::measurement> errors;
     std::vector<complex> mixing, colored, own;
     std::unique_ptr<end_fit> fit;
-    const complex* tones = group.of.tones;
+    const complex* tones = group.tones.data();
     if (tags.size() > 1 || d_settings.jointly || group.by.spread) {
         fit = std::make_unique<end_fit>(group.fit(d_settings, d_settings.jointly));
         if (d_settings.jointly)
@@ -196,10 +211,8 @@ void end_separation::separate(one& group, bool update)
     auto residual = fit.power();
     for (double& each : residual)
         each /= fit.freedom();
-    const auto noise = group.noise.follow(residual.data(),
-                                          fit.freedom(),
-                                          { group.of.level },
-                                          { update && group.of.complete });
+    const auto noise = group.noise.follow(
+        residual.data(), fit.freedom(), { group.level }, { update && group.of.complete });
     found.outcome = noise.outcome;
     std::vector<std::size_t> rows;
     for (const auto& tag : group.tags)

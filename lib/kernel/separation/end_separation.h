@@ -51,10 +51,10 @@ public:
     struct group {
         const group_weights* weights;
         double center_s;
-        double level;         // mean power of the whitened tones
-        bool complete;        // the noise may be learned from it
-        const complex* tones; // M x K, and the same whitened
-        const complex* white;
+        bool complete; // the noise may be learned from it
+        // M x K, in single or in double precision; the other one is null.
+        const std::complex<float>* single;
+        const complex* tones;
     };
 
     // What the tags do beyond a fit, as numbers of the group and its clocks (phases in

@@ -29,6 +29,8 @@ public:
 
     std::size_t tones() const { return mixer.columns() / 2; }
 
+    const std::vector<std::complex<double>>& whitener() const { return d_whitener; }
+
     // Inverse of the whitener.
     const std::vector<std::complex<double>>& colorer() const;
 

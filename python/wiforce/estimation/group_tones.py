@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
 from ..signal.weights import PartialWeights, ToneTable
-from ..wiforce_kernels import end_fit, group_weights
+from ..wiforce_kernels import end_fit, group_weights, whiten
 from .groups import Array
 
 # A group whose energy exceeds the median by this factor is excluded from an acquisition. A press
@@ -51,15 +52,13 @@ class GroupWeights(group_weights):
         return (mixed[..., 0, :] + 1j * mixed[..., 1, :]).swapaxes(-1, -2)
 
 
-@dataclass(slots=True)
+@dataclass
 class GroupTones:
     """Some groups as they were received, G of them."""
 
     group: Array  # (G,), indices on the grid of the run
     center_s: Array  # (G,), times of their centres
     tones: Array  # (G, M, K), P
-    white: Array  # the same with white noise of the variance of H
-    level: Array  # (G,), mean power of ``white``
     missing: Array  # (G,), snapshots that are absent
     weights: list[GroupWeights]  # from snapshots to tones
 
@@ -79,8 +78,6 @@ class GroupTones:
             self.group[rows],
             self.center_s[rows],
             self.tones[rows],
-            self.white[rows],
-            self.level[rows],
             self.missing[rows],
             [self.weights[row] for row in numbers],
         )
@@ -92,11 +89,25 @@ class GroupTones:
             np.concatenate([part.group for part in parts]),
             np.concatenate([part.center_s for part in parts]),
             np.concatenate([part.tones for part in parts]),
-            np.concatenate([part.white for part in parts]),
-            np.concatenate([part.level for part in parts]),
             np.concatenate([part.missing for part in parts]),
             [weights for part in parts for weights in part.weights],
         )
+
+    @cached_property
+    def _whitened(self) -> tuple[Array, Array]:
+        parts = [whiten(by.whitener, self.tones[rows]) for by, rows in self.by_weights()]
+        white, level = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return white, level
+
+    @property
+    def white(self) -> Array:
+        """Tones with white noise of the variance of H; shape (G, M, K)."""
+        return self._whitened[0]
+
+    @property
+    def level(self) -> Array:
+        """Mean power of ``white``; shape (G,)."""
+        return self._whitened[1]
 
     @property
     def loss(self) -> Array:

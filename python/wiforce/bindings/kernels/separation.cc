@@ -114,16 +114,36 @@ complex_array mix_switching(const group_weights& weights,
     return mixed;
 }
 
+// Largest part of the tones of each group, (G,); NaN unless all are finite.
+array<double> peaks_of(const py::array& tones)
+{
+    const auto values = py::cast<array<std::complex<float>>>(tones);
+    if (values.ndim() != 3)
+        throw std::invalid_argument("tone_peaks: tones must have shape (G, M, K)");
+    const py::ssize_t count = values.shape(0),
+                      size = 2 * values.shape(1) * values.shape(2);
+    array<double> found(count);
+    for (py::ssize_t group = 0; group < count; group++) {
+        const auto* const parts =
+            reinterpret_cast<const float*>(values.data() + group * size / 2);
+        float largest = 0, sum = 0; // 0 x infinity is NaN, as 0 x NaN is
+        for (py::ssize_t i = 0; i < size; i++) {
+            largest = std::max(largest, std::abs(parts[i]));
+            sum += 0 * parts[i];
+        }
+        found.mutable_at(group) = largest + sum;
+    }
+    return found;
+}
+
 using correction = std::optional<py::function>;
 
 py::dict separate(end_separation& of,
                   const std::vector<end_separation::tag>& tags,
                   const std::vector<const group_weights*>& weights,
                   const array<double>& center_s,
-                  const array<double>& level,
                   const array<bool>& complete,
-                  const complex_array& tones,
-                  const complex_array& white,
+                  const py::array& tones,
                   noise_estimate& noise,
                   bool update,
                   const correction& spread,
@@ -132,25 +152,27 @@ py::dict separate(end_separation& of,
     const py::ssize_t count = weights.size();
     const py::ssize_t subcarriers = noise.variance().size();
     const py::ssize_t rows = count ? weights[0]->tones() : 0;
-    for (const auto* values : { &center_s, &level })
-        require_shape(*values,
-                      { count },
-                      "end_separation: weights, center_s and level must have shape (G,)");
+    require_shape(
+        center_s, { count }, "end_separation: weights and center_s must have shape (G,)");
     require_shape(complete, { count }, "end_separation: complete must have shape (G,)");
-    for (const auto* values : { &tones, &white })
-        require_shape(*values,
-                      { count, rows, subcarriers },
-                      "end_separation: tones and white must have shape (G, M, K)");
+    // Single precision is read as it is, since batches of many tones exceed the caches.
+    using single_array = array<std::complex<float>>;
+    const bool single = py::isinstance<single_array>(tones);
+    const single_array of_single = single ? tones : py::array(single_array(0));
+    const complex_array of_double = single ? py::array(complex_array(0)) : tones;
+    const shape wanted{ count, rows, subcarriers };
+    const char* const rule = "end_separation: tones must have shape (G, M, K)";
+    single ? require_shape(of_single, wanted, rule)
+           : require_shape(of_double, wanted, rule);
     std::vector<end_separation::group> groups;
     for (py::ssize_t group = 0; group < count; group++) {
         if (py::ssize_t(weights[group]->tones()) != rows)
             throw std::invalid_argument("end_separation: weights must have M tones");
         groups.push_back({ weights[group],
                            center_s.at(group),
-                           level.at(group),
                            complete.at(group),
-                           tones.data(group, 0, 0),
-                           white.data(group, 0, 0) });
+                           single ? of_single.data(group, 0, 0) : nullptr,
+                           single ? nullptr : of_double.data(group, 0, 0) });
     }
     for (const auto& tag : tags) {
         if (tag.index >= of.tags())
@@ -344,6 +366,12 @@ void bind_separation(py::module& m)
           "tones"_a,
           "whitener: (M, M). tones: (G, M, K). Gives (G, M, K), and their mean power "
           "(G,).");
+    m.def("tone_peaks",
+          &peaks_of,
+          "tones"_a,
+          "tones: (G, M, K). Gives their largest real or imaginary part (G,), NaN where "
+          "not "
+          "all are\nfinite.");
     using sizes = end_fit::shape;
     py::class_<end_fit>(m, "end_fit", "mixed: (G, M, 4S). tones: (G, M, K).")
         .def(py::init(&make_end_fit), "mixed"_a, "tones"_a)
@@ -656,25 +684,22 @@ void bind_separation(py::module& m)
         .def("reset",
              &end_separation::reset,
              "Forget the residuals so far, when the clocks were acquired again.")
-        .def(
-            "process",
-            &separate,
-            "tags"_a,
-            "weights"_a,
-            "center_s"_a,
-            "level"_a,
-            "complete"_a,
-            "tones"_a,
-            "white"_a,
-            "noise"_a,
-            "update"_a,
-            "spread"_a = py::none(),
-            "wander"_a = py::none(),
-            "weights, center_s, level, complete: (G,). tones, white: (G, M, K). spread "
-            "and "
-            "wander are\ncalled with the group's row, the fit, and phases and rates (S,) "
-            "of the clocks. Gives arrays\nof the first groups, and whether the last one "
-            "shows that the model is lost.");
+        .def("process",
+             &separate,
+             "tags"_a,
+             "weights"_a,
+             "center_s"_a,
+             "complete"_a,
+             "tones"_a,
+             "noise"_a,
+             "update"_a,
+             "spread"_a = py::none(),
+             "wander"_a = py::none(),
+             "weights, center_s, complete: (G,). tones: (G, M, K). spread and wander are "
+             "called with\nthe group's row, the fit, and phases and rates (S,) of the "
+             "clocks. "
+             "Gives arrays of the\nfirst groups, and whether the last one shows that the "
+             "model is lost.");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
     m.def("raised_subcarriers",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import end_fit, end_separation, noise_estimate, whiten
+from ...wiforce_kernels import end_fit, end_separation, noise_estimate, tone_peaks
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag, expected_clocks
 from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array, Groups
@@ -105,29 +105,26 @@ class ToneModel:
         return expected_clocks(self.trackers, groups.center_s)
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
-        """Whiten the tones of a batch; also which groups (G,) have tones, all of them finite."""
-        tones = groups.tones.astype(complex)
-        weights = [self._complete] * len(tones)
-        white, level = whiten(self._complete.whitener, tones)
+        """The tones of a batch; also which groups (G,) have tones, all of them finite."""
+        weights = [self._complete] * len(groups)
+        peaks = tone_peaks(groups.tones)
         rows: list[int] = []
         if groups.timed is not None:
-            rows = list(range(len(tones)))
+            rows = list(range(len(groups)))
         elif groups.has_incomplete:
             rows = groups.incomplete.nonzero()[0].tolist()
         for row in rows:
             partial = self._partial(groups, row)
-            level[row] = np.nan
-            if partial is not None:
-                one = slice(row, row + 1)
+            if partial is None:
+                peaks[row] = 0
+            else:
                 weights[row] = partial
-                white[one], level[one] = whiten(partial.whitener, tones[one])
-        usable = np.isfinite(level) & (level > 0)
         center_s = (groups.index + 0.5) * self.group_period_s
         for first, late_s in self.slips:
             center_s[groups.index >= first] += late_s
         return (
-            GroupTones(groups.index, center_s, tones, white, level, groups.missing, weights),
-            usable,
+            GroupTones(groups.index, center_s, groups.tones, groups.missing, weights),
+            peaks > 0,
         )
 
     def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
@@ -198,10 +195,8 @@ class ToneModel:
                 [tag.locked() for tag in locked],
                 groups.weights,
                 groups.center_s,
-                groups.level,
                 groups.missing == 0,
                 groups.tones,
-                groups.white,
                 noise,
                 update,
                 None if self.spread is None else without_spread,
@@ -233,7 +228,7 @@ class ToneModel:
     def own_tones(self, tag: TrackedTag, groups: GroupTones, fit: GroupFit | None) -> Array:
         """The lines of a tag, minus what a fit says of the other tags; shape (G, L, K)."""
         lines = tag.likelihood.rows
-        tones = groups.tones[:, lines]
+        tones: Array = groups.tones[:, lines].astype(complex)
         if fit is None or len(self.tags) == 1:
             return tones
         foreign = np.flatnonzero(~np.isin(fit.rows, tag.rows))

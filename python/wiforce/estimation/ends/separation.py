@@ -160,7 +160,8 @@ class EndSeparator:
         if not self._noise.known:
             if not update:
                 return self._without_ends(groups)
-            self._noise.set(groups.power()[0], float(groups.level[0]))
+            first = groups[:1]
+            self._noise.set(first.power()[0], float(first.level[0]))
         if update:
             groups = self._search.renew(groups)
         arrays = self._model.separate(self._kernel, groups, self._noise, update)
