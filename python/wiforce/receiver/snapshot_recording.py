@@ -93,7 +93,11 @@ class SnapshotReader:
             change = solved.change_since(parts)
             states, hidden = channels.states, channels.hidden
             kept_db, shared = channels.kept_db, channels.shared
-            return _Round(fitted, packets, mean, solved, change, states, hidden, kept_db, shared)
+            least = solved.uncertain
+            if former and len(former.least) == len(least):
+                least = tuple(map(min, least, former.least))
+            found = fitted, packets, mean, solved, change, least
+            return _Round(*found, states, hidden, kept_db, shared)
 
         # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
         # the tags best is followed, once they are known.
@@ -206,6 +210,7 @@ class _Round:
     untouched: Array
     solved: SolvedTags
     change: tuple[float, ...]  # of the tags' part since the round before
+    least: tuple[float, ...]  # uncertainty of any round so far: one that knows less is not settled
     states: AntennaStates
     hidden: float
     kept_db: float
@@ -214,7 +219,7 @@ class _Round:
     @property
     def settled(self) -> bool:
         """Whether another round would change nothing."""
-        pairs = zip(self.change, self.solved.uncertain, strict=True)
+        pairs = zip(self.change, self.least, strict=True)
         return all(c <= _SETTLED * u for c, u in pairs)
 
 
