@@ -206,7 +206,9 @@ def find_exchanged_rows(data: CarrierData, form: str, knots: np.ndarray | None) 
 
     A phase follows force smoothly, with noise of its own and of the force, which the slope turns
     into phase. Of each location and port the pair is tried whose exchange fits the curve best.
+    Sweeps may begin before the contact, which no curve of force follows.
     """
+    without_n = 0.0 if data.onset is None else data.onset[0]
     contacts = [
         (place, port, contact)
         for port, row in enumerate(data.curves, 1)
@@ -215,7 +217,8 @@ def find_exchanged_rows(data: CarrierData, form: str, knots: np.ndarray | None) 
     ]
     fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
     fits = [fitter.fit(contact.force_n, contact.added_deg) for _, _, contact in contacts]
-    pairs, counts = zip(*map(_best_exchange, contacts, repeat(fitter), fits), strict=True)
+    best = map(_best_exchange, contacts, repeat(fitter), fits, repeat(without_n))
+    pairs, counts = zip(*best, strict=True)
     slopes = [
         slope_over_force(partial(fitter.value, fit), contact.force_n)
         for (_, _, contact), fit in zip(contacts, fits, strict=True)
@@ -258,10 +261,12 @@ def _noise(fits: Sequence[ForceCurve], slopes: Sequence[np.ndarray]) -> np.ndarr
 
 
 def _best_exchange(
-    own: tuple[float, int, ContactCurve], fitter: CurveFitter, fit: ForceCurve
+    own: tuple[float, int, ContactCurve], fitter: CurveFitter, fit: ForceCurve, without_n: float
 ) -> tuple[tuple[int, int] | None, int]:
     """The two rows of a press, by their index, whose exchange reduces the squares about a curve
     most, None where none does; and how many could be exchanged.
+
+    ``without_n``: largest force that did not short the line.
     """
     contact = own[2]
     basis = fitter.basis(contact.force_n)
@@ -269,6 +274,7 @@ def _best_exchange(
     rest = np.eye(len(basis)) - basis @ fit.unit_covariance @ basis.T
     first, second = np.triu_indices(len(basis), 1)
     same = contact.press[first] == contact.press[second]
+    same &= np.minimum(contact.force_n[first], contact.force_n[second]) > without_n
     first, second = first[same], second[same]
     step = contact.added_deg[second] - contact.added_deg[first]
     size = rest[first, first] + rest[second, second] - 2 * rest[first, second]

@@ -108,13 +108,21 @@ class LocationInterpolation:
 
     @cached_property
     def _tables(self) -> list[list[CubicSpline]]:
-        """Splines over location, per port: mean weights, their covariance, residual variance."""
+        """Splines over location, per port: mean weights, their covariance, residual variance.
+
+        What does not change between the calibrated locations is not seen by them, and left out.
+        """
         grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
         tables = []
         for port in (0, 1):
             predictions = [self._kriging(grid, t, port) for t in self.transitions]
             weights = np.concatenate([p[0] for p in predictions])
             share = np.repeat([t.probability for t in self.transitions], 4) / 4
+            share = share * np.concatenate([p[2] for p in predictions])
+            if not np.any(share):
+                rule = "must hold shapes that change between the calibrated locations"
+                raise InputError("sensor: interpolation", rule)
+            share = share / np.sum(share)
             mean = np.einsum("h,hgj->gj", share, weights)
             spread = np.einsum("h,hgj,hgi->gji", share, weights, weights)
             spread -= mean[:, :, None] * mean[:, None, :]
@@ -123,8 +131,13 @@ class LocationInterpolation:
             tables.append([CubicSpline(grid, table) for table in (mean, spread, within)])
         return tables
 
-    def _kriging(self, grid: Array, transition: Transition, port: int) -> tuple[Array, Array]:
-        """Weights (4, G, J) and unit variance (4, G) of a transition's hypotheses."""
+    def _kriging(
+        self, grid: Array, transition: Transition, port: int
+    ) -> tuple[Array, Array, np.ndarray]:
+        """Weights (4, G, J) and unit variance (4, G) of a transition's hypotheses.
+
+        Also which of them change between the calibrated locations (4,).
+        """
         at, length = self.location_mm, transition.residual_length_mm
         count, pairs = at.size, transition.hypotheses()
 
@@ -133,6 +146,8 @@ class LocationInterpolation:
             return np.stack([np.ones_like(change), change], axis=-1)
 
         trend_at = trend(at)
+        seen = np.ptp(trend_at[..., 1], axis=1) ** 2 > _NUGGET
+        trend_at[~seen, :, 1] = at - at.mean()  # of no weight, but solved for with the others
         system = np.zeros((len(pairs), count + 2, count + 2))
         system[:, :count, :count] = _kernel(at, length)
         system[:, :count, count:] = trend_at
@@ -140,13 +155,9 @@ class LocationInterpolation:
         near = _matern(np.abs(grid[:, None] - at[None, :]), length)
         near = np.broadcast_to(near, (len(pairs), *near.shape))
         right = np.concatenate([near, trend(grid)], axis=-1)
-        try:
-            solution = np.linalg.solve(system, np.swapaxes(right, 1, 2))
-        except np.linalg.LinAlgError:
-            rule = "must hold shapes that change between the calibrated locations"
-            raise InputError("sensor: interpolation", rule) from None
+        solution = np.linalg.solve(system, np.swapaxes(right, 1, 2))
         variance = 1.0 - np.einsum("hkg,hgk->hg", solution, right)
-        return np.swapaxes(solution[:, :count], 1, 2), np.maximum(variance, 0.0)
+        return np.swapaxes(solution[:, :count], 1, 2), np.maximum(variance, 0.0), seen
 
     def weights(self, location_mm: ArrayLike, port: int) -> Array:
         """Shape (..., J)."""

@@ -14,7 +14,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.mistakes import estimate_line, phase_suspicions, suspicions
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.calibration.tables import read_vna_csv, write_vna_csv
 from gnuradio.wiforce.calibration.validation import calibration_warnings, verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import read_csv
@@ -484,3 +484,33 @@ def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
     distances = np.array([45 - half_mm * (1 + tilt), 35 - half_mm * (1 - tilt)])
     expected = 180 - 720 * 900e6 / 299_792_458e3 * distances
     assert line.phases_deg(4.0, 45.0) == pytest.approx(expected, abs=1e-6)
+
+
+def edges_by_a_power_law(places, force_n=np.linspace(1, 8, 13), frequency_mhz=915.0):
+    """A line whose short spreads as a power of force, nearer to the end that is near."""
+    rng, slope = np.random.default_rng(1), 720 * frequency_mhz * 1e6 / 299792458e3
+    rows = [("", port, 0.0, -80 * slope) for port in (1, 2)]
+    for stated_mm, place in places:
+        for force in force_n:
+            half, near = 3.2 * (force - 0.48) ** 0.45 / 1.5, 0.7 * np.tanh(2.2 * (1 - place / 40))
+            edges = place - half * (1 + near), 80 - place - half * (1 - near)
+            rows += [
+                (stated_mm, port, force, 180 - slope * edge + 0.3 * rng.standard_normal())
+                for port, edge in enumerate(edges, 1)
+            ]
+    return rows
+
+
+@pytest.mark.parametrize(("stated_mm", "true_mm"), [(17.0, 20.0), (63.0, 60.0)])
+def test_wrong_outermost_location_is_named(stated_mm, true_mm, tmp_path):
+    """Where the others lie beside the change of the contact, an inner error ended calibrate."""
+    places = [(stated_mm if place == true_mm else place, place) for place in PLACES]
+    with open(tmp_path / "vna.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["freq_mhz", "location_mm", "port", "force_n", "phase_deg"])
+        for place, port, force, phase in edges_by_a_power_law(places):
+            writer.writerow([915.0, place, port, force, round((phase + 180) % 360 - 180, 2)])
+    found = calibrate(read_vna_csv(tmp_path / "vna.csv"), "arm").provenance["suspicions"]
+    assert len(found) == 1
+    assert found[0].startswith(f"location {stated_mm:g} mm does not fit the others, which see")
+    assert float(re.search(r"at ([\d.]+) mm", found[0])[1]) == pytest.approx(true_mm, abs=1.0)
