@@ -486,12 +486,12 @@ def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
     assert line.phases_deg(4.0, 45.0) == pytest.approx(expected, abs=1e-6)
 
 
-def edges_by_a_power_law(places, force_n=np.linspace(1, 8, 13), frequency_mhz=915.0):
+def edges_by_a_power_law(places):
     """A line whose short spreads as a power of force, nearer to the end that is near."""
-    rng, slope = np.random.default_rng(1), 720 * frequency_mhz * 1e6 / 299792458e3
+    rng, slope = np.random.default_rng(1), 720 * 915e6 / 299792458e3
     rows = [("", port, 0.0, -80 * slope) for port in (1, 2)]
     for stated_mm, place in places:
-        for force in force_n:
+        for force in np.linspace(1, 8, 13):
             half, near = 3.2 * (force - 0.48) ** 0.45 / 1.5, 0.7 * np.tanh(2.2 * (1 - place / 40))
             edges = place - half * (1 + near), 80 - place - half * (1 - near)
             rows += [
