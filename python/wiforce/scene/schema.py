@@ -6,6 +6,7 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 """
 
 import dataclasses
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,6 +91,11 @@ class OffReflection(ValueType):
         sizes = {"type": "array", "minItems": 2, "maxItems": 2}
         pair = sizes | {"items": part}
         return {"anyOf": [pair, sizes | {"items": pair}]}
+
+
+def _is_file_name(model: str) -> bool:
+    """Whether a model is a file, not a shipped one."""
+    return model.lower().endswith((".yaml", ".yml", ".npy"))
 
 
 def _is_pair(value: Any) -> bool:
@@ -394,8 +400,7 @@ class Scene:
             models.append(self.surface.spreading_file)
         if self.sounding.waveform.lower().endswith(".npy"):
             models.append(self.sounding.waveform)
-        suffixes = (".yaml", ".yml", ".npy")
-        paths = [folder / model for model in models if model.lower().endswith(suffixes)]
+        paths = [folder / model for model in models if _is_file_name(model)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
     @property
@@ -455,9 +460,33 @@ class Scene:
         folder = self.path.parent if self.path else None
         return load_sensor(name, folder, self.radio.center_frequency_hz)
 
-    def as_dict(self) -> dict[str, Any]:
-        """The scene with all defaults filled in, as plain values that YAML and JSON can hold."""
-        return plain(Scene, self)
+    def as_dict(self, beside: Path | None = None) -> dict[str, Any]:
+        """The scene with all defaults filled in, as plain values that YAML and JSON can hold.
+
+        ``beside``: the file that will hold it; names of sensor files lead there from its folder.
+        """
+        return plain(Scene, self if beside is None else self._read_from(beside.parent))
+
+    def _read_from(self, folder: Path) -> "Scene":
+        own = self.path.parent if self.path else Path()
+
+        def named(name: str) -> str:
+            if not _is_file_name(name) or os.path.isabs(name):
+                return name
+            return os.path.relpath(own / name, folder)
+
+        replace = dataclasses.replace
+        surface, simulation = self.surface, self.simulation
+        if surface is not None and surface.spreading_file is not None:
+            surface = replace(surface, spreading_file=named(surface.spreading_file))
+        tags = tuple(replace(each, truth_model=named(each.truth_model)) for each in simulation.tags)
+        common = simulation.truth_model and named(simulation.truth_model)
+        return replace(
+            self,
+            sensors=tuple(replace(each, model=named(each.model)) for each in self.sensors),
+            surface=surface,
+            simulation=replace(simulation, tags=tags, truth_model=common),
+        )
 
 
 def scene_json_schema() -> dict[str, Any]:

@@ -84,7 +84,7 @@ def simulate_packets(
                     channel=packets.channel,
                     subcarrier_hz=packets.subcarrier_hz,
                     center_frequency_hz=scene.radio.center_frequency_hz,
-                    scene=json.dumps(scene.as_dict()),
+                    scene=json.dumps(scene.as_dict(paths[0])),
                 )
     except OSError as error:
         raise unwritable(stem, error) from error

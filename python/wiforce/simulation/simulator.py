@@ -88,7 +88,8 @@ def simulate(
         with all_or_nothing(paths) as temporary:
             for antenna, channel in enumerate(channels):
                 data, truth, meta = temporary[antenna * len(_SUFFIXES) :][: len(_SUFFIXES)]
-                _write_capture(scene, channel, datatype, data, truth, meta, progress)
+                _write_capture(scene, channel, datatype, data, truth, progress)
+                _write_metadata(scene, datatype, data, meta, paths[0])
     except OSError as error:
         raise unwritable(name, error) from error
     return paths
@@ -100,7 +101,6 @@ def _write_capture(
     datatype: str,
     data: Path,
     truth: Path,
-    meta: Path,
     progress: Callable[[int], object] | None,
 ) -> None:
     with open(data, "wb") as stream:
@@ -109,7 +109,6 @@ def _write_capture(
             if progress is not None:
                 progress(samples.size // (2 if datatype == "ci16_le" else 1))
     write_truth(scene, channel, truth)
-    _write_metadata(scene, datatype, data, meta)
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
@@ -127,7 +126,7 @@ def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.nda
             yield samples_of(adc.codes(received))
 
 
-def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None:
+def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path, beside: Path) -> None:
     from .._config import VERSION
 
     fields = {
@@ -138,7 +137,7 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None
         "core:description": "Simulated WiForce capture",
         "core:recorder": f"gr-wiforce {VERSION}",
         "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
-        "wiforce:scene": scene.as_dict(),
+        "wiforce:scene": scene.as_dict(beside),
         "wiforce:seed": scene.simulation.seed,
     }
     capture = {"core:sample_start": 0, "core:frequency": scene.radio.center_frequency_hz}

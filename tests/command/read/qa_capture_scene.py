@@ -15,6 +15,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases
 from machine import rows_in, wait_until
 
@@ -68,6 +69,26 @@ def test_scene_of_own_scene_is_the_default_and_differs_in_nothing(press):
     assert own.sounding.frame_length == 320 and differences == []
     again, differences = scene_of(open_capture(press), SCENE)
     assert again.sensors == own.sensors and differences == []
+
+
+@pytest.mark.parametrize("capture", ["captures/first", "first"])
+def test_read_finds_sensors_of_a_scene_in_another_folder(tmp_path, monkeypatch, capture):
+    """Names of sensor files are relative to the scene, but the capture holds a copy of it."""
+    for folder in ("scenes/sensors", "captures"):
+        (tmp_path / folder).mkdir(parents=True)
+    write_sensor(load_sensor("line-900mhz"), tmp_path / "scenes/sensors/own.yaml")
+    sensors = [SCENE["sensors"][0] | {"model": "sensors/own.yaml"}]
+    scene = changed("simulation", truth_model="sensors/own.yaml", duration_s=0.6)
+    (tmp_path / "scenes/own.yaml").write_text(yaml.safe_dump(scene | {"sensors": sensors}))
+    monkeypatch.chdir(tmp_path)
+    wiforce.simulate("scenes/own.yaml", capture)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    held = scene_of(open_capture(f"../{capture}"))[0]
+    assert {path.resolve() for path in held.files if path.suffix == ".yaml"} == {
+        tmp_path / "scenes/sensors/own.yaml"
+    }
+    assert wiforce.read(f"../{capture}")["ok"].sum() >= 8
 
 
 def test_read_scene_that_differs_warns_of_each_key(press, tmp_path):
