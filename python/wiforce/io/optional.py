@@ -58,7 +58,7 @@ def _missing(where: object, names: Iterable[str]) -> InputError:
     if len(debian) == len(needed):
         ways.insert(0, f"apt install {' '.join(debian)}")
     rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
-    return InputError(where, rule + ", or ".join(ways))
+    return InputError(where, rule + ", or ".join([*ways, "./bootstrap in a checkout"]))
 
 
 def optional_module(name: str, where: object) -> Any:

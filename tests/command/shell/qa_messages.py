@@ -217,7 +217,7 @@ def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, modu
     before = sorted(tmp_path.iterdir())
     done = run_command(*words, cwd=tmp_path)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-    assert done.stderr.endswith(f"{rule}\n"), done.stderr
+    assert done.stderr.endswith(f"{rule}, or ./bootstrap in a checkout\n"), done.stderr
     assert [path for path in tmp_path.iterdir() if path.is_file() and path not in before] == []
 
 
