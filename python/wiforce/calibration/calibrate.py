@@ -18,8 +18,8 @@ from .data import (
     with_location_steps,
 )
 from .explanations import (
-    find_exchanged_rows,
     find_wrong_location,
+    find_wrong_rows,
     leave_locations_out,
     wrong_location_text,
 )
@@ -122,7 +122,7 @@ def calibrate(
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = curves.force_knots(form, forces)
     carriers = [fit_carrier(d, form, knots) for d in data]
-    validation["locations"], wrong, exchanged = [], [], []
+    validation["locations"], wrong, rows_wrong = [], [], []
     for each, carrier in zip(data, carriers, strict=True):
         contact = contact_values(
             each, carrier.coefficients_deg, carrier.covariance_deg2, form, knots
@@ -131,11 +131,11 @@ def calibrate(
         validation["locations"] += rows
         if row := find_wrong_location(each, carrier, contact, rows, ruler_std_mm):
             wrong.append(row)
-        exchanged += find_exchanged_rows(each, form, knots)
+        rows_wrong += find_wrong_rows(each, form, knots)
     suspected = suspicions(table, length_mm, permittivity)
     if wrong:
         validation["wrong"] = wrong
-    suspected = suspected or [*map(wrong_location_text, wrong), *exchanged]
+    suspected = suspected or [*map(wrong_location_text, wrong), *rows_wrong]
     if ruler_std_mm:
         assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")
     onset = _onset(data, forces, onset_force_n, assumed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Other explanations of a table: a location is another, or locations or rows were exchanged.
+"""Other explanations of a table: a location or row is wrong, or two of them were exchanged.
 
 Locations are explained by how well each inner one is predicted from the others, which is the
 leave-one-out predictive probability of Gaussian processes (C. E. Rasmussen and C. K. I. Williams,
@@ -8,7 +8,7 @@ leave-one-out predictive probability of Gaussian processes (C. E. Rasmussen and 
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import combinations, repeat
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -199,16 +199,17 @@ def _place_among(
     return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
 
 
-def find_exchanged_rows(data: CarrierData, form: str, knots: np.ndarray | None) -> list[str]:
-    """Rows of a location whose exchange explains the phases better.
+def find_wrong_rows(data: CarrierData, form: str, knots: np.ndarray | None) -> list[str]:
+    """Rows of a location whose exchange explains the phases better, or without which they fit.
 
     Returns list of str: a sentence each.
 
     A phase follows force smoothly, with noise of its own and of the force, which the slope turns
-    into phase. Of each location and port the pair is tried whose exchange fits the curve best.
-    Sweeps may begin before the contact, which no curve of force follows.
+    into phase. Of each location and port the pair is tried whose exchange fits the curve best, then
+    the row that lies farthest beside the others. Sweeps may begin before the contact, which no
+    curve of force follows.
     """
-    without_n = 0.0 if data.onset is None else data.onset[0]
+    without_n, touched_n = data.onset or (0.0, 0.0)
     contacts = [
         (place, port, contact)
         for port, row in enumerate(data.curves, 1)
@@ -217,37 +218,79 @@ def find_exchanged_rows(data: CarrierData, form: str, knots: np.ndarray | None) 
     ]
     fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
     fits = [fitter.fit(contact.force_n, contact.added_deg) for _, _, contact in contacts]
-    best = map(_best_exchange, contacts, repeat(fitter), fits, repeat(without_n))
-    pairs, counts = zip(*best, strict=True)
     slopes = [
         slope_over_force(partial(fitter.value, fit), contact.force_n)
         for (_, _, contact), fit in zip(contacts, fits, strict=True)
     ]
+    exchanges = [
+        _best_exchange(contact, fitter, fit, without_n)
+        for (_, _, contact), fit in zip(contacts, fits, strict=True)
+    ]
+    pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for slope in slopes)
     found = []
-    for (place, port, contact), pair, fit, slope in zip(contacts, pairs, fits, slopes, strict=True):
-        if pair is None:
+    for k, ((place, port, contact), (pair, _)) in enumerate(zip(contacts, exchanges, strict=True)):
+        # Where rows of both ports are wrong, only other locations tell the noise.
+        others = [n for n, each in enumerate(contacts) if each[0] != place]
+        noise = _noise([fits[n] for n in others], [slopes[n] for n in others])
+        freedom = sum(fits[n].freedom for n in others)
+        ratio = partial(_row_log_ratio, fits[k], slopes[k], noise, freedom)
+        where = f"at location {place:g} mm, port {port},"
+        if pair is not None:
+            exchanged = contact.added_deg.copy()
+            exchanged[list(pair)] = exchanged[list(pair)[::-1]]
+            after = fitter.fit(contact.force_n, exchanged)
+            if _better(ratio(after.residual, after.freedom), pairs):
+                low, high = contact.force_n[list(pair)]
+                found.append(
+                    f"the phases of {low:g} and {high:g} N {where} would fit the others exchanged: "
+                    "were rows exchanged?"
+                )
+                continue
+        row = _farthest_row(contact, fitter, fits[k], touched_n)
+        if row is None:
             continue
-        exchanged = contact.added_deg.copy()
-        exchanged[list(pair)] = exchanged[list(pair)[::-1]]
-        after = fitter.fit(contact.force_n, exchanged)
-        # Where rows of both ports were exchanged, only other locations tell the noise.
-        others = [k for k, each in enumerate(contacts) if each[0] != place]
-        noise = _noise([fits[k] for k in others], [slopes[k] for k in others])
-        # A curve that does not follow its data leaves more than noise.
-        left = max(float(np.sum(after.residual**2)) / after.freedom, _ROUNDED_DEG**2)
-        variance = np.maximum(noise[0] + noise[1] * slope**2, left)
-        freedom = sum(fits[k].freedom for k in others)
-        # Noise that few rows tell is Student's.
-        square = float(np.sum((fit.residual**2 - after.residual**2) / variance))
-        if square > 0 and _better(
-            (freedom + 1) / 2 * float(np.log1p(square / freedom)), sum(counts)
-        ):
-            low, high = contact.force_n[list(pair)]
+        force, phase = np.delete(contact.force_n, row), np.delete(contact.added_deg, row)
+        after = fitter.fit(force, phase)
+        if _better(ratio(np.insert(after.residual, row, 0.0), after.freedom), rows):
+            beside = contact.added_deg[row] - float(
+                fitter.value(after, contact.force_n[row : row + 1])[0]
+            )
             found.append(
-                f"the phases of {low:g} and {high:g} N at location {place:g} mm, port {port}, "
-                "would fit the others exchanged: were rows exchanged?"
+                f"the phase of {contact.force_n[row]:g} N {where} is {beside:+.1f} deg beside the "
+                "curve of the others: was it measured, or typed, wrong?"
             )
     return found
+
+
+def _row_log_ratio(
+    given: ForceCurve,
+    slope: np.ndarray,
+    noise: np.ndarray,
+    noise_freedom: float,
+    residual: np.ndarray,
+    freedom: float,
+) -> float:
+    """How much likelier residuals (n,) of so many degrees of freedom are than those given.
+
+    ``slope`` (n,): of the curve; ``noise``: of :func:`_noise`, and its degrees of freedom.
+    """
+    # A curve that does not follow its data leaves more than noise.
+    left = max(float(np.sum(residual**2)) / freedom, _ROUNDED_DEG**2)
+    variance = np.maximum(noise[0] + noise[1] * slope**2, left)
+    square = max(float(np.sum((given.residual**2 - residual**2) / variance)), 0.0)
+    # Noise that few rows tell is Student's.
+    return (noise_freedom + 1) / 2 * float(np.log1p(square / noise_freedom))
+
+
+def _farthest_row(
+    contact: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
+) -> int | None:
+    """The row of a press that lies farthest beside a curve of the others; None where none may."""
+    basis = fitter.basis(contact.force_n)
+    rest = 1.0 - np.einsum("ij,jk,ik->i", basis, fit.unit_covariance, basis)
+    gain = np.where(contact.force_n > without_n, fit.residual**2 / np.maximum(rest, 1e-9), 0.0)
+    row = int(np.argmax(gain))
+    return row if gain[row] > 0 else None
 
 
 def _noise(fits: Sequence[ForceCurve], slopes: Sequence[np.ndarray]) -> np.ndarray:
@@ -261,14 +304,13 @@ def _noise(fits: Sequence[ForceCurve], slopes: Sequence[np.ndarray]) -> np.ndarr
 
 
 def _best_exchange(
-    own: tuple[float, int, ContactCurve], fitter: CurveFitter, fit: ForceCurve, without_n: float
+    contact: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
 ) -> tuple[tuple[int, int] | None, int]:
     """The two rows of a press, by their index, whose exchange reduces the squares about a curve
     most, None where none does; and how many could be exchanged.
 
     ``without_n``: largest force that did not short the line.
     """
-    contact = own[2]
     basis = fitter.basis(contact.force_n)
     # What a fit leaves of its data, exactly where the coefficients are free.
     rest = np.eye(len(basis)) - basis @ fit.unit_covariance @ basis.T

@@ -486,6 +486,19 @@ def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
     assert line.phases_deg(4.0, 45.0) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize(("place", "port", "by_deg"), [(30.0, 1, 8.0), (60.0, 2, -3.0)])
+def test_row_beside_its_curve_is_a_suspicion(table, place, port, by_deg):
+    """The noise of all phases seemed larger, and presses near it were read wrong unflagged."""
+    wrong = np.isclose(table.location_mm, place) & (table.port == port)
+    wrong &= np.isclose(table.force_n, 4.0)
+    (found,) = calibrate(
+        replace(table, phase_deg=table.phase_deg + by_deg * wrong), "arm"
+    ).provenance["suspicions"]
+    assert found.startswith(f"the phase of 4 N at location {place:g} mm, port {port}, is ")
+    assert float(re.search(r"([+-][\d.]+) deg", found)[1]) == pytest.approx(by_deg, abs=0.8)
+    assert found.endswith("deg beside the curve of the others: was it measured, or typed, wrong?")
+
+
 def edges_by_a_power_law(places):
     """A line whose short spreads as a power of force, nearer to the end that is near."""
     rng, slope = np.random.default_rng(1), 720 * 915e6 / 299792458e3
