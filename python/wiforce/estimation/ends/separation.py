@@ -59,8 +59,7 @@ class EndSeparator:
         has_spread = is_long and waveform.has_spread_lines
         spread = SpreadLines(waveform) if has_spread else None
         self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length, spread)
-        # What tags spread over the subcarriers would correlate with a profile.
-        profile = waveform.noise_profile if is_long and not has_spread else None
+        profile = waveform.noise_profile if is_long else None
         self._noise = noise_estimate(self._model.group_period_s, profile)
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._kernel = end_separation(
