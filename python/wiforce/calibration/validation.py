@@ -216,17 +216,18 @@ def _median_and_largest(std: np.ndarray) -> tuple[float, float]:
 
 def errors_over_span(
     model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Median standard deviations of force (N) and location (mm) over a model's calibrated span.
 
-    They are those of :func:`verdict`, with phases of this standard deviation, (2,) or a number.
+    They are those of :func:`verdict`, with phases of this standard deviation, (2,) or a number; the
+    third is the share of the span in which readings are flagged and not counted.
     """
-    quiet, used, _ = _over_span(model, frequency_hz, _QUIET_DEG)
+    quiet, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
     found = _over_span(model, frequency_hz, std_deg)[0]
     # A wide posterior may be summarised otherwise with more noise, which never makes it narrower.
     force = np.fmax(quiet.force_std_n, found.force_std_n)[used]
     location = np.fmax(quiet.location_std_mm, found.location_std_mm)[used]
-    return float(np.median(force)), float(np.median(location))
+    return float(np.median(force)), float(np.median(location)), flagged
 
 
 def _grid(model: SensorModel) -> tuple[np.ndarray, np.ndarray]:

@@ -160,7 +160,7 @@ _GROUPS, _DRAWS = 300, 16
 
 # Median errors of phases, force and location.
 _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
-_Stated = tuple[tuple[float, ...], float, float]
+_Stated = tuple[tuple[float, ...], float, float, float]
 # What limits the force, as Expected.limited_by.
 RADIO, CALIBRATION, OFF_STATES = "radio", "calibration", "off states"
 _LIMITS = {
@@ -187,6 +187,7 @@ class Expected:
     # Medians of force (N) and location (mm) over the calibrated span, as the calibration states
     # them; None where the errors above are these, since the scene has no presses.
     over_span: tuple[float, float] | None = None
+    flagged: float | None = None  # share of the calibrated span in which readings are flagged
 
     def __str__(self) -> str:
         error, std = self.phase_error_deg, self.phase_std_deg
@@ -197,6 +198,8 @@ class Expected:
         force_n, location_mm = self.over_span or presses
         text = f"{self.sensor}: force {force_n:.3g} N and location {location_mm:.3g} mm over the "
         text += "calibrated span"
+        if self.flagged:
+            text += f" without the {self.flagged:.0%} where readings are flagged"
         if self.over_span:
             text += f" ({presses[0]:.3g} N, {presses[1]:.3g} mm in the scene's presses)"
         return (
@@ -221,21 +224,22 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
     for i, (sensor, std) in enumerate(zip(plan.sensors, stds, strict=True)):
         model, pressed = sensor.model, points[i]
         medians: _Medians = (None, None, None)
-        limit = span = None
+        limit = span = flagged = None
         if not why_not_readable(scene, i, levels):
             where = (_span(model) if pressed is None else pressed)[:, :2]
             wrong = off_error_deg(sensor, carrier_hz, where)
             wrong = np.sqrt(np.mean(wrong**2, axis=0))
             stated = _stated(model, carrier_hz, np.hypot(std, wrong))
+            flagged = stated[3]
             if pressed is None:
-                medians = stated
+                medians = stated[:3]
             else:
-                span = stated[1:]
+                span = stated[1:3]
                 noise = np.hypot(std, _curvature_deg(scene))
                 turn_std = turn_std_deg(sensor, carrier_hz, where, noise)
                 medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong), turn_std)
             limit = _limit(model, carrier_hz, where, std, wrong)
-        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span))
+        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span, flagged))
     return tuple(found)
 
 
@@ -429,8 +433,8 @@ def _median(error: np.ndarray) -> float | None:
 def _stated(model: SensorModel, carrier_hz: float, std: np.ndarray) -> _Stated:
     """The same from the errors that the calibration states."""
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
-    force, location = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
-    return tuple((MEDIAN * std).tolist()), MEDIAN * force, MEDIAN * location
+    force, location, flagged = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
+    return tuple((MEDIAN * std).tolist()), MEDIAN * force, MEDIAN * location, flagged
 
 
 def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.ndarray:

@@ -303,6 +303,10 @@ def test_plan_states_the_span_beside_the_presses_of_a_scene():
     assert " mm over the calibrated span, limited by" in str(alone)
     assert str(pressed).startswith(f"arm: force {pressed.over_span[0]:.3g} N and location ")
     assert f"({pressed.force_error_n:.3g} N, " in str(pressed)
+    # Of two locations that the paper measured, half of the span between them says nothing.
+    (partly,) = expect(plan({"sensors": [sensors[0] | {"model": "wiforce-900mhz"}]}))
+    assert f"span without the {partly.flagged:.0%} where readings are flagged, " in str(partly)
+    assert 0.4 < partly.flagged < 0.6 and not alone.flagged and not pressed.flagged
 
 
 def test_command_draws_errors_over_force_and_location(tmp_path):
