@@ -7,7 +7,8 @@
 #if defined(WIFORCE_X86) && defined(__gnu_linux__) && !defined(__clang__) &&             \
     !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
 #if __GNUC__ >= 12 // with fused multiplication and addition
-#define WIFORCE_CLONES __attribute__((target_clones("avx512f", "arch=x86-64-v3", "default")))
+#define WIFORCE_CLONES                                                                   \
+    __attribute__((target_clones("avx512f", "arch=x86-64-v3", "default")))
 #else
 #define WIFORCE_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
 #endif
