@@ -26,7 +26,7 @@ STAGES = (
     ("samples", "from the radio", "12.5 M/s", "io, blocks"),
     ("fold", "snapshots of 64", "17 361/s", "lib/kernel/fold"),
     ("tones", "lines of the tags", "27.8/s", "lib/kernel/doppler"),
-    ("separation", "channels of the ends", "27.8/s", "estimation/ends"),
+    ("separation", "channels of the ends", "27.8/s", "lib/kernel/separation"),
     ("reference", "change of each end", "27.8/s", "estimation/phases"),
     ("average", "ratio R of each end", "27.8/s", "estimation/phases"),
     ("press", "what happened", "27.8/s", "press, lib/kernel/press"),
@@ -62,7 +62,7 @@ def signal_path():
     for number, (name, what, rate, where) in enumerate(STAGES):
         line, place = divmod(number, 4)
         x, y = 20 + place * step, 20 + line * 130
-        fill = "#e8e8e8" if number < 3 else "#e3eef6" if number < 6 else "#fbe9dd"
+        fill = "#e8e8e8" if number < 3 else "#e3eef6" if number in (4, 5) else "#fbe9dd"
         parts.append(box(x, y, 190, 92, fill=fill))
         parts.append(label(x + 95, y + 24, name, size=17, font_weight="bold"))
         parts.append(label(x + 95, y + 44, what, size=13))
