@@ -18,6 +18,7 @@ from .data import (
     with_location_steps,
 )
 from .explanations import (
+    find_untouched_scatter,
     find_wrong_location,
     find_wrong_rows,
     leave_locations_out,
@@ -131,6 +132,7 @@ def calibrate(
         validation["locations"] += rows
         if row := find_wrong_location(each, carrier, contact, rows, ruler_std_mm):
             wrong.append(row)
+        rows_wrong += find_untouched_scatter(each, carrier)
         rows_wrong += find_wrong_rows(each, form, knots)
     suspected = suspicions(table, length_mm, permittivity)
     if wrong:

@@ -153,6 +153,7 @@ class CarrierData:
 
     ``location_mm`` (J,): locations from port 1, rising; ``curves``: by port and location;
     ``untouched_deg``: psi_10 and psi_20 in degrees; None when the table has no untouched rows;
+    ``untouched_rows_deg``: by port, those that they are means of;
     ``onset``: largest untouched and smallest touched force of sweeps that begin before the contact,
     in N; None when there are none.
     """
@@ -164,6 +165,7 @@ class CarrierData:
     onset: tuple[float, float] | None
     length_mm: float
     permittivity: float
+    untouched_rows_deg: tuple[np.ndarray, ...] = ()
 
     @property
     def slope(self) -> float:
@@ -226,7 +228,17 @@ def carrier_data(
         ]
         for port in (1, 2)
     ]
-    return CarrierData(frequency, places, rows, untouched, onset, length_mm, permittivity)
+    single = table.take(table.untouched)
+    return CarrierData(
+        frequency,
+        places,
+        rows,
+        untouched,
+        onset,
+        length_mm,
+        permittivity,
+        tuple(single.phase_deg[single.port == port] for port in (1, 2) if untouched),
+    )
 
 
 def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:

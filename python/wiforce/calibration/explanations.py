@@ -8,7 +8,7 @@ leave-one-out predictive probability of Gaussian processes (C. E. Rasmussen and 
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -83,8 +83,9 @@ def find_wrong_location(
     A wrong location also spoils the predictions of its neighbours. It is the one without which the
     others are predicted best.
 
-    Returns dict or None: ``frequency_mhz``, ``location_mm``, and ``exchanged_mm``, the other one,
-    or ``fits_mm``, where the others see such phases, None where they see them nowhere.
+    Returns dict or None: ``frequency_mhz``, ``location_mm``, and ``exchanged_mm``, the other one
+    (with ``port`` where it is one port only), or ``fits_mm``, where the others see such phases,
+    None where they see them nowhere.
 
     ``rows``: of :func:`leave_locations_out`; the other arguments as there.
     """
@@ -108,10 +109,10 @@ def find_wrong_location(
 def wrong_location_text(row: Mapping[str, Any]) -> str:
     """What :func:`find_wrong_location` found, in words."""
     if "exchanged_mm" in row:
-        return (
-            f"locations {row['location_mm']:g} and {row['exchanged_mm']:g} mm would fit the others "
-            "exchanged: were their presses exchanged?"
-        )
+        what = f"locations {row['location_mm']:g} and {row['exchanged_mm']:g} mm"
+        if "port" in row:
+            what += f" of port {row['port']}"
+        return f"{what} would fit the others exchanged: were their presses exchanged?"
     text = f"location {row['location_mm']:g} mm does not fit the others"
     if row["fits_mm"] is None:
         return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
@@ -124,37 +125,45 @@ def _exchanged_locations(
     rows: Sequence[Mapping[str, Any]],
     ruler_std_mm: float,
 ) -> dict[str, float] | None:
-    """Two locations whose exchange explains the phases better, as ``location_mm`` and
-    ``exchanged_mm``.
+    """Two locations whose exchange, at one port or both, explains the phases better:
+    ``location_mm``, ``exchanged_mm`` and, where it is one, ``port``.
     """
     if not rows:
         return None
     # Along a line an exchange moves phases further apart, unless it takes another one back.
-    pairs = list(combinations(range(len(contact.location_mm)), 2))
-    values = [_exchange(data, contact, *pair) for pair in pairs]
+    pairs = combinations(range(len(contact.location_mm)), 2)
+    tried = list(product(pairs, ((0, 1), (0,), (1,))))
+    values = [_exchange(data, contact, *pair, ports) for pair, ports in tried]
     spread = [float(np.var(each.added_deg, axis=1).mean()) for each in values]
     best = int(np.argmin(spread))
-    as_given = _exchange(data, contact, 0, 0)
+    as_given = _exchange(data, contact, 0, 0, (0, 1))
     if spread[best] >= np.var(as_given.added_deg, axis=1).mean():
         return None
     after = leave_locations_out(data, values[best], ruler_std_mm)
-    if not _better(_log_probability(after) - _log_probability(rows), len(pairs)):
+    better = _better(_log_probability(after) - _log_probability(rows), len(tried))
+    if not better or contradictions(after):
         return None
-    first, second = (float(contact.location_mm[j]) for j in pairs[best])
-    return {"location_mm": first, "exchanged_mm": second}
+    pair, ports = tried[best]
+    first, second = (float(contact.location_mm[j]) for j in pair)
+    found = {"location_mm": first, "exchanged_mm": second}
+    return found if len(ports) > 1 else found | {"port": ports[0] + 1}
 
 
-def _exchange(data: CarrierData, contact: ContactValues, first: int, second: int) -> ContactValues:
+def _exchange(
+    data: CarrierData, contact: ContactValues, first: int, second: int, ports: tuple[int, ...]
+) -> ContactValues:
     """The same with the phases of two locations exchanged, turns of 360 deg by the line."""
     order = np.arange(len(contact.location_mm))
     order[[first, second]] = second, first
-    added = contact.added_deg[:, order]
-    for port, values in enumerate(added):
+    added, variance = contact.added_deg.copy(), contact.variance_deg2.copy()
+    for port in ports:
+        added[port], variance[port] = added[port, order], variance[port, order]
+        values = added[port]
         short = _short_deg(data, contact.location_mm, port)
         values += (short[order] - short)[:, None]
         middles = np.median(values, axis=1)
         values += (np.unwrap(middles, period=360.0) - middles)[:, None]
-    return ContactValues(contact.location_mm, added, contact.variance_deg2[:, order])
+    return ContactValues(contact.location_mm, added, variance)
 
 
 def _short_deg(data: CarrierData, location_mm: np.ndarray | float, port: int) -> np.ndarray:
@@ -280,6 +289,28 @@ def _row_log_ratio(
     square = max(float(np.sum((given.residual**2 - residual**2) / variance)), 0.0)
     # Noise that few rows tell is Student's.
     return (noise_freedom + 1) / 2 * float(np.log1p(square / noise_freedom))
+
+
+def find_untouched_scatter(data: CarrierData, carrier: Carrier) -> list[str]:
+    """Ports whose untouched phases scatter more than those of presses do.
+
+    Returns list of str: a sentence each. Every reading is a change against their mean.
+    """
+    found = []
+    for port, phases in enumerate(data.untouched_rows_deg):
+        if len(phases) < 2 or data.untouched_deg is None:
+            continue
+        beside = wrap_deg(phases - data.untouched_deg[port])
+        noise = max(carrier.noise_deg[port], _ROUNDED_DEG)
+        excess = float(np.sum(beside**2)) / (len(phases) - 1) / noise**2
+        ratio = (len(phases) - 1) / 2 * (excess - 1 - np.log(max(excess, 1.0)))
+        if excess > 1 and _better(ratio, len(data.untouched_rows_deg)):
+            found.append(
+                f"untouched phases of port {port + 1} differ by {np.ptp(beside):.1f} deg, where "
+                f"those of presses scatter by {noise:.2g} deg: is each right, and were cables "
+                "fixed?"
+            )
+    return found
 
 
 def _farthest_row(

@@ -486,6 +486,16 @@ def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
     assert line.phases_deg(4.0, 45.0) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("port", [1, 2])
+def test_exchanged_sweeps_of_one_port_are_a_suspicion(table, port):
+    """A VNA measures one port after the other, so one port is exchanged most easily."""
+    chosen = ~table.untouched & (table.port == port)
+    swapped = replace(table, location_mm=exchanged(table.location_mm, chosen, 30.0, 40.0))
+    (found,) = calibrate(swapped, "arm").provenance["suspicions"]
+    said = f"locations 30 and 40 mm of port {port} would fit the others exchanged"
+    assert found == f"{said}: were their presses exchanged?"
+
+
 @pytest.mark.parametrize(("place", "port", "by_deg"), [(30.0, 1, 8.0), (60.0, 2, -3.0)])
 def test_row_beside_its_curve_is_a_suspicion(table, place, port, by_deg):
     """The noise of all phases seemed larger, and presses near it were read wrong unflagged."""
@@ -497,6 +507,24 @@ def test_row_beside_its_curve_is_a_suspicion(table, place, port, by_deg):
     assert found.startswith(f"the phase of 4 N at location {place:g} mm, port {port}, is ")
     assert float(re.search(r"([+-][\d.]+) deg", found)[1]) == pytest.approx(by_deg, abs=0.8)
     assert found.endswith("deg beside the curve of the others: was it measured, or typed, wrong?")
+
+
+@pytest.mark.parametrize("by_deg", [[9.0, 0, 0, 0], [4.0, -4.0], [30.0, 0]])
+def test_untouched_rows_that_scatter_are_a_suspicion(table, by_deg):
+    """Each reading is a change against their mean: 8 degrees made 6.6 N of 3.75 N, unflagged."""
+    rng, port1 = np.random.default_rng(4), table.untouched & (table.port == 1)
+    parts = [table.take(~port1)]
+    for each in by_deg:
+        row = table.take(port1)
+        noise = each + 0.2 * rng.standard_normal(len(row.phase_deg))
+        parts.append(replace(row, phase_deg=row.phase_deg + noise))
+    fields = [name for name in table.__dataclass_fields__ if name != "source"]
+    joined = replace(
+        table, **{name: np.concatenate([getattr(each, name) for each in parts]) for name in fields}
+    )
+    (found,) = calibrate(joined, "arm").provenance["suspicions"]
+    stated = float(re.match(r"untouched phases of port 1 differ by ([\d.]+) deg, where", found)[1])
+    assert stated == pytest.approx(np.ptp(by_deg), abs=2.0)  # with the noise of all rows
 
 
 def edges_by_a_power_law(places):
