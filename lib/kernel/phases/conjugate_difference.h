@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../separation/profile_check.h"
+#include "profile_check.h"
 
 #include <complex>
 #include <cstddef>
