@@ -77,7 +77,7 @@ class ToneModel:
         spread: SpreadLines | None = None,
     ) -> None:
         self.table = table
-        self.spread = spread
+        self._spread = spread
         self.tags = tags
         # First groups behind slips of the frame timing, and by how much later they are, in s.
         self.slips: list[tuple[int, float]] = []
@@ -165,8 +165,8 @@ class ToneModel:
     def solve(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Fit without spread lines, and residual without what the wander of clocks explains."""
         fit = self.fit(groups, clocks)
-        if self.spread is not None and self.locked:
-            fit.solve(self.spread.removed(groups, fit, self.locked, clocks))
+        if self._spread is not None and self.locked:
+            fit.solve(self._spread.removed(groups, fit, self.locked, clocks))
         self.remove_wander(fit, groups, clocks)
         return fit
 
@@ -182,9 +182,9 @@ class ToneModel:
             return groups[row : row + 1], ClockPath(phase[None], rate[None])
 
         def without_spread(row: int, fit: end_fit, phase: Array, rate: Array) -> Array:
-            assert self.spread is not None
+            assert self._spread is not None
             group, clocks = one(row, phase, rate)
-            white: Array = self.spread.removed(group, fit, locked, clocks)[0]
+            white: Array = self._spread.removed(group, fit, locked, clocks)[0]
             return white
 
         def remove_wander(row: int, fit: end_fit, phase: Array, rate: Array) -> None:
@@ -199,7 +199,7 @@ class ToneModel:
                 groups.tones,
                 noise,
                 update,
-                None if self.spread is None else without_spread,
+                None if self._spread is None else without_spread,
                 remove_wander if any(tag.clock.wanders for tag in locked) else None,
             )
         )
