@@ -69,6 +69,10 @@ class SessionMonitor:
         if (begins := _BEGINS.get(self._health.state[0])) is not None and begins != self._begun:
             self._begun = begins
             log.info(begins)
+        failure = self._session.recording_failure
+        if failure is not None and not self._recording_reported:
+            self._recording_reported = True
+            log.warning(f"the recording has ended: {failure}; readings continue")
         if now - self._warn_s >= _WARN_S:
             self._warn_s = now
             self._warn()
@@ -77,10 +81,11 @@ class SessionMonitor:
             click.echo(f"\r\033[K{self.line()}", err=True, nl=False)
 
     def finish(self) -> None:
-        """End the status line."""
+        """End the status line, and warn of what has happened since the last warnings."""
         if self._terminal:
             log.line_in_use = False
             click.echo(err=True)
+        self._warn()
 
     def line(self) -> str:
         """Status in one line: time, rate, gaps, groups, level, clocks, sensors."""
@@ -158,10 +163,6 @@ class SessionMonitor:
             log.warning(
                 f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
             )
-        failure = session.recording_failure
-        if failure is not None and not self._recording_reported:
-            self._recording_reported = True
-            log.warning(f"the recording has ended: {failure}; readings continue")
 
 
 def _db(amplitude):

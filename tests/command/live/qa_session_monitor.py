@@ -58,6 +58,16 @@ def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
     assert (status["frames_moved"], status["times_ignored"]) == (3, 1)
 
 
+def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know(capsys):
+    session = session_in_words()
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: 0.0)
+    monitor.note(SimpleNamespace(sensor="arm", flags=("saturated",)))
+    monitor.look()
+    assert not capsys.readouterr().err
+    monitor.finish()
+    assert capsys.readouterr().err.count("the receiver is saturated") == 1
+
+
 @pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
 def test_session_monitor_many_gaps_advises_larger_socket_buffers(
     buffer, advised, tmp_path, monkeypatch, capsys
