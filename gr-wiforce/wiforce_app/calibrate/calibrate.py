@@ -237,15 +237,15 @@ def _verdict(sensor, model, suspected):
         yield f"not to be trusted: {text}"
     span = " and ".join(f"{place:g}" for place in model.location_span_mm)
     ruler = (
-        f"with the ruler's {model.ruler_std_mm:g} mm; at {span} mm nothing else says where the "
-        "presses were"
+        f"{model.ruler_std_mm:g} mm, included; at {span} mm nothing else says where the presses were"
         if model.ruler_std_mm
-        else "locations count as exact: what the ruler is off shifts readings beside it by as "
-        f"much, unnoticed at {span} mm; state it with --ruler-std-mm"
+        else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, unnoticed "
+        f"at {span} mm"
     )
     for each in sensor.verdict(model):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
-        yield f"verdict{at}: {each} (median standard deviations, without a radio's noise; {ruler})"
+        yield f"verdict{at}, as standard deviations:"
+        yield from (f"  {line}" for line in [*str(each).splitlines(), f"ruler: {ruler}"])
     yield ""
 
 

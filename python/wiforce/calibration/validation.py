@@ -145,17 +145,20 @@ class Verdict:
     unusable: str = ""
 
     def __str__(self) -> str:
+        """The median errors and their largest values, then a line for each thing to know."""
         low, high = self.location_span_mm
         (force_n, most_n), (location_mm, most_mm) = self.force_std_n, self.location_std_mm
-        text = (
+        errors = (
             f"{force_n:.2g} N (at most {most_n:.2g}) and {location_mm:.2g} mm (at most "
             f"{most_mm:.2g}) between {low:g} and {high:g} mm, {self.force_span_n[0]:.3g} to "
             f"{self.force_span_n[1]:.3g} N"
         )
-        text = f"{self.unusable}: {text}" if self.unusable else text
+        lines = [errors, f"largest cause: {self.limit}"]
+        if self.unusable:
+            lines.insert(0, self.unusable)
         if 0 < self.flagged < 1:
-            text += f", without the {self.flagged:.0%} of this span where readings are flagged"
-        return f"{text}; limited by {self.limit}"
+            lines.append(f"left out: {self.flagged:.0%} of this span, where readings are flagged")
+        return "\n".join([*lines, "not included: the noise of a radio"])
 
 
 def verdict(model: CurveModel) -> list[Verdict]:

@@ -153,11 +153,11 @@ def test_verdict_says_first_that_no_force_is_read(table):
     """`2.4 N` was read as an error, where nothing but location is read."""
     trace = table_of(load_sensor("plain-trace-900mhz"))
     (found,) = verdict(calibrate(trace, "trace"))
-    assert str(found).startswith("force is known no better than by a guess within the span (2 N): ")
+    assert str(found).startswith("force is known no better than by a guess within the span (2 N)\n")
     (found,) = verdict(
         calibrate(replace(table, phase_deg=constant(table, table.port == 2)), "dead")
     )
-    assert found.flagged == 1 and str(found).startswith("every reading is flagged ambiguous: ")
+    assert found.flagged == 1 and str(found).startswith("every reading is flagged ambiguous\n")
     (found,) = verdict(calibrate(table, "arm"))
     assert found.unusable == ""
 
@@ -177,7 +177,7 @@ def test_calibrate_suspicion_must_be_accepted_and_is_repeated(table, tmp_path, m
     assert done.returncode == 0, done.stderr
     first, second = done.stdout.splitlines()[:2]
     assert first.startswith("not to be trusted: ") and SWAPPED in first
-    assert second.startswith("verdict: ")
+    assert second.startswith("verdict, ")
     assert load_sensor("s.yaml").provenance["suspicions"][0].endswith(SWAPPED)
     again = tmp_path / "again.yaml"
     write_sensor(load_sensor("s.yaml").transferred(905e6), again)
@@ -208,16 +208,17 @@ def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
         (["--ruler-std-mm", "1"], "the accuracy of the ruler"),
     ):
         done = run_command("calibrate", tmp_path / "vna.csv", "-o", path, *options)
-        first = done.stdout.splitlines()[0]
+        head, first, cause, *others = done.stdout.split("\n\n")[0].splitlines()
+        assert head == "verdict, as standard deviations:"
         assert re.match(
-            r"verdict: 0\.\d+ N \(at most 0\.\d+\) and [\d.]+ mm \(at most [\d.]+\) between "
+            r"  0\.\d+ N \(at most 0\.\d+\) and [\d.]+ mm \(at most [\d.]+\) between "
             r"\d+ and \d+ mm, ",
             first,
         )
-        assert f"limited by {limit} (" in first
+        assert cause == f"  largest cause: {limit}"
         # An error of the ruler at an outermost location shifts readings without any sign of it.
-        assert ("locations count as exact: " in first) == (not options)
-        assert ("with the ruler's 1 mm; at 20 and 60 mm nothing else" in first) == bool(options)
+        assert ("  ruler: taken as exact" in others[-1]) == (not options)
+        assert ("  ruler: 1 mm, included; at 20 and 60 mm" in others[-1]) == bool(options)
     (found,) = verdict(load_sensor(path))
     assert found.location_std_mm == pytest.approx((1.0, 1.0), abs=0.05)
     # The largest force is known worst, so that the median alone would promise too much.
@@ -336,7 +337,7 @@ def test_a_wrong_location_is_named_and_its_effect_stated(tmp_path, change, name,
         done = run_command(*arguments, "--accept")
     assert done.returncode == 0, done.stderr
     first = done.stdout.splitlines()[0]
-    assert first.startswith("not to be trusted: " if name else "verdict: ") and said in first
+    assert first.startswith("not to be trusted: " if name else "verdict, ") and said in first
     model = load_sensor(path)
     assert len(model.provenance.get("suspicions", [])) == bool(name)
     (found,) = verdict(model)
