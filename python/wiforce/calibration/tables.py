@@ -182,9 +182,10 @@ def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
 def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationTable:
     """Read Touchstone ``.s2p`` files listed in an index CSV of ``file, force_n, location_mm``.
 
-    The phases are those of S11 (port 1) and S22 (port 2), interpolated to the carrier. File names
-    are relative to the index file's folder. Rows with force 0 and no location are the untouched
-    sensor.
+    The phases are those of the reflection at port 1 and port 2 with the other port open, as the tag
+    leaves it: S11 + S12 S21 / (1 - S22) at port 1, interpolated to the carrier. Sweeps of one port
+    that were joined to a file with zeros as transmission were measured so. File names are relative
+    to the index file's folder. Rows with force 0 and no location are the untouched sensor.
 
     Parameters
     ----------
@@ -232,7 +233,7 @@ def _beside(index: str | Path, name: str, where: str) -> Path:
 
 
 def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[float]:
-    """Phases (deg) of S11 and S22 at the carrier."""
+    """Phases (deg) at the carrier of the reflection at each port, with the other port open."""
     skrf = optional_module("skrf", where)
     try:
         text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
@@ -257,9 +258,14 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
     if not low <= frequency_hz <= high:
         rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
         raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
+    transmission = network.s[:, 0, 1] * network.s[:, 1, 0]
+    through = transmission != 0
     phases = []
     for index in (0, 1):
-        reflection = network.s[:, index, index]
+        reflection = network.s[:, index, index].copy()
+        other = network.s[:, 1 - index, 1 - index]
+        with np.errstate(all="ignore"):  # what is not finite is rejected below
+            reflection[through] += transmission[through] / (1 - other[through])
         angle = np.unwrap(np.angle(reflection))
         phases.append(float(np.rad2deg(np.interp(frequency_hz, network.f, angle))))
     if not np.all(np.isfinite(phases)):

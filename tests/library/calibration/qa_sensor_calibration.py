@@ -248,7 +248,8 @@ def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
         assert warning in paper
 
 
-def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows):
+@pytest.mark.parametrize("joined", [True, False])
+def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows, joined):
     import skrf
 
     law, frequency = LAWS[0], skrf.Frequency(700, 1100, 81, unit="MHz")
@@ -261,7 +262,10 @@ def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows):
             for f in frequency.f
         ]
         s = np.zeros((81, 2, 2), complex)
-        s[:, [0, 1], [0, 1]] = 0.97 * np.exp(1j * np.radians(angle))
+        if force or joined:
+            s[:, [0, 1], [0, 1]] = 0.97 * np.exp(1j * np.radians(angle))
+        else:  # a matched line, whose ends are 50 ohm in a sweep of both ports
+            s[:, [0, 1], [1, 0]] = 0.97 * np.exp(1j * np.radians(angle) / 2)
         network = skrf.Network(frequency=frequency, s=s)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
