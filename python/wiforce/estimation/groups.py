@@ -22,6 +22,18 @@ def is_clipped(saturated: Array, group_length: int) -> Array:
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 
+# Arrays (G,) that are zeros where they are not given.
+_ZEROS: dict[str, type] = {
+    "missing": np.int64,
+    "saturated": bool,
+    "retuned": bool,
+    "interference": float,
+    "common_std_deg": float,
+    "slipped": bool,
+    "in_tare": bool,
+}
+
+
 def _set_by_stage() -> Any:
     """A field that holds None until a stage sets it."""
     return field(default=None, repr=False)
@@ -174,20 +186,10 @@ class Groups:
     def __post_init__(self) -> None:
         self.index = np.asarray(self.index, np.int64)
         count = len(self.index)
-        if self.missing is None:
-            self.missing = np.zeros(count, np.int64)
-        if self.interference is None:
-            self.interference = np.zeros(count)
-        if self.common_std_deg is None:
-            self.common_std_deg = np.zeros(count)
-        if self.saturated is None:
-            self.saturated = np.zeros(count, bool)
-        if self.retuned is None:
-            self.retuned = np.zeros(count, bool)
-        if self.slipped is None:
-            self.slipped = np.zeros(count, bool)
-        if self.in_tare is None:
-            self.in_tare = np.zeros(count, bool)
+        given = {name: values for name, values in vars(self).items() if values is not None}
+        # What is not set is not an attribute of the batch, but the None of the class: every stage
+        # that takes rows of a batch would otherwise look at all names.
+        self.__dict__ = {name: np.zeros(count, kind) for name, kind in _ZEROS.items()} | given
 
     def __len__(self) -> int:
         return len(self.index)
@@ -219,14 +221,14 @@ class Groups:
             if not -count <= rows < count:
                 raise IndexError(f"group {rows} of a batch of {count}")
             rows = np.array([rows])
-        arrays = self.__dict__.items()
-        return _of({name: None if values is None else values[rows] for name, values in arrays})
+        return _of({name: values[rows] for name, values in vars(self).items()})
 
     def having(self, **arrays: Any) -> Groups:
         """The same groups with some arrays added or replaced, or removed where None is given."""
-        if unknown := arrays.keys() - self.__dict__:
-            raise TypeError(f"Groups has no array {', '.join(sorted(unknown))}")
-        return _of({**self.__dict__, **arrays})
+        every = {**vars(self), **arrays}
+        if not _NAMES.issuperset(every):
+            raise TypeError(f"Groups has no array {', '.join(sorted(every.keys() - _NAMES))}")
+        return _of({name: values for name, values in every.items() if values is not None})
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
@@ -239,18 +241,17 @@ class Groups:
             return kept[0]
         if not kept:
             return Groups(np.zeros(0, np.int64))
-        arrays = {}
-        for name in _NAMES:
-            values = [getattr(batch, name) for batch in kept]
-            if name == "snapshot_weights" and any(v is not None for v in values):
-                length = next(v.shape[1] for v in values if v is not None)
-                values = [
-                    np.ones((len(batch), length), bool) if v is None else v
-                    for batch, v in zip(kept, values, strict=True)
-                ]
-            if values[0] is not None:
-                arrays[name] = np.concatenate(values)
-        return Groups(**arrays)
+        weighted = [batch for batch in kept if batch.snapshot_weights is not None]
+        if weighted:
+            length = weighted[0].snapshot_weights.shape[1]  # type: ignore[union-attr]
+            kept = [
+                batch.having(snapshot_weights=np.ones((len(batch), length), bool))
+                if batch.snapshot_weights is None
+                else batch
+                for batch in kept
+            ]
+        names = vars(kept[0])
+        return _of({name: np.concatenate([vars(batch)[name] for batch in kept]) for name in names})
 
 
 def _of(arrays: dict[str, Any]) -> Groups:
@@ -260,4 +261,4 @@ def _of(arrays: dict[str, Any]) -> Groups:
     return groups
 
 
-_NAMES = tuple(item.name for item in fields(Groups))
+_NAMES = frozenset(item.name for item in fields(Groups))

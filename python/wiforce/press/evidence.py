@@ -17,6 +17,7 @@ import numpy as np
 
 from ..estimation.groups import Array
 from ..estimation.phases.off_state import off_circle
+from ..io.readings import Flag
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -41,6 +42,8 @@ _OFF, _CONTRADICTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
 # Change of an end's amplitude by presses that is mentioned: an off state of this size changes a
 # phase by up to 3 deg.
 _AMPLITUDE = 0.03
+# Flags of an inversion that finds no calibrated press.
+_NO_PRESS = (Flag.INCONSISTENT | Flag.EXTRAPOLATED).value
 
 
 # Ratios, phases and standard deviations of a group.
@@ -145,37 +148,28 @@ class PressEvidence:
         """Whether the ends are swapped or have another off state: no reading is consistent."""
         return self._record.swapped or self._record.other_off
 
-    def take(
-        self,
-        ratios: Array,
-        phases: Array,
-        std: Array,
-        touch: Array,
-        clear: Array,
-        unexplained: Array,
-        odd: Array,
-    ) -> Array:
-        """Take the readings of a batch: R against the untouched sensor, phases and their standard
-        deviations in degrees, (G, 2); touch decisions, whether no stage before the inversion flags
-        the group, whether no calibrated press causes its phases, and whether a group is ``odd``:
-        flagged only because it is no press of the model, (G,).
+    def take(self, read: Array) -> None:
+        """Take what the groups of a batch say, (G,): R against the untouched sensor, ``level``;
+        phases and their standard deviations in degrees; touch; whether no stage before the
+        inversion flags the group, ``clear``; and whether nothing does but that it is no press of
+        the model, ``unexplained``.
 
-        Gives the groups that are touched while the sensor is ``contradicted``; bool, shape (G,).
+        Groups that are touched while the sensor is ``contradicted`` are flagged.
         """
-        contradicting = np.zeros(len(touch), bool)
-        if not (self._open or self._odd or (touch == 1).any()):
-            return contradicting
-        for row, touched in enumerate(touch.tolist()):
+        if not (self._open or self._odd or 1 in read["touch"].tolist()):
+            return
+        for row in read:
+            touched = row["touch"]
             if touched == 0 and (self._open or self._odd):
                 self._close()
-            elif touched == 1 and odd[row]:
-                self._odd.add(ratios[row])
-            elif touched == 1 and clear[row]:
+            elif touched == 1 and row["unexplained"]:
+                self._odd.add(row["level"])
+            elif touched == 1 and row["clear"]:
                 self._record.readings += 1
-                self._record.unexplained += bool(unexplained[row])
-                self._open.add(ratios[row], phases[row], std[row])
-            contradicting[row] = self.contradicted and touched == 1
-        return contradicting
+                self._record.unexplained += bool(row["flags"] & _NO_PRESS)
+                self._open.add(row["level"], row["phases_deg"], row["psi_std_deg"])
+            if self.contradicted and touched == 1:
+                row["flags"] |= Flag.INCONSISTENT.value
 
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""

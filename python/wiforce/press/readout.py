@@ -12,7 +12,7 @@ from ..estimation.groups import Array, Groups
 from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words, reading_of
 from ..wiforce_kernels import receiver_steps
 from .explanations import later
-from .sensor_readout import SensorReading, SensorReadout, as_arrays
+from .sensor_readout import SensorReadout, as_arrays
 from .surface_readout import SurfaceReadout
 
 # Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
@@ -43,8 +43,8 @@ class Readout:
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
         self._steps = receiver_steps(group_period_s)
-        self._waiting: Groups | None = None
-        self._flags: Array = np.zeros((0, len(sensors)), np.int64)  # of the group that waits
+        # The group that waits, and what the stages before say of it, by sensor.
+        self._waiting: tuple[Groups, list[Array]] | None = None
         self.on_groups = on_groups
         self._next = first_group
         self.counts = GroupCounts() if counts is None else counts
@@ -58,21 +58,19 @@ class Readout:
             groups.static, groups.ratios, groups.reference_power, groups.locked
         )
         taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
-        flags = np.concatenate([self._flags, np.array([f for _, f in taken]).T])
-        given, begins = groups[:-1], self._waiting is None
+        readings: list[Reading] = []
         if self._waiting is not None:
-            given = Groups.concatenate([self._waiting, given]) if len(given) else self._waiting
-        self._waiting, self._flags = groups[-1:], flags[-1:]
-        found = [later(f[f["row"] > 0], -1) if begins else f for f, _ in taken]
-        return self._read(given, found, flags[:-1])
+            first = [found[: np.searchsorted(found["row"], 1)] for found, _ in taken]
+            readings += self._read(*self._waiting, first)
+        if len(groups) > 1:
+            others = [later(found[np.searchsorted(found["row"], 1) :], -1) for found, _ in taken]
+            readings += self._read(groups[:-1], [known[:-1] for _, known in taken], others)
+        self._waiting = groups[-1:], [known[-1:] for _, known in taken]
+        return readings
 
-    def _read(self, groups: Groups, found: list[Array], flags: Array) -> list[Reading]:
-        if not len(groups):
-            return []
-        read = [
-            sensor.read(groups, i, found[i], flags[:, i])
-            for i, sensor in enumerate(self.sensors.values())
-        ]
+    def _read(self, groups: Groups, known: list[Array], found: list[Array]) -> list[Reading]:
+        sensors = self.sensors.values()
+        read = [sensor.read(*each) for sensor, *each in zip(sensors, found, known, strict=True)]
         if self.on_groups is not None or self._surface is not None:
             groups = groups.having(**as_arrays(read))
         if self.on_groups is not None:
@@ -86,18 +84,17 @@ class Readout:
         """
         readings: list[Reading] = []
         if self._waiting is not None:
-            index = int(self._waiting.index[0])
+            index = int(self._waiting[0].index[0])
             found = [sensor.state.newest_of(index) for sensor in self.sensors.values()]
-            readings = self._read(self._waiting, found, self._flags)
-            self._waiting, self._flags = None, self._flags[:0]
+            readings, self._waiting = self._read(*self._waiting, found), None
         readings += self._fill(groups)
         self._next = max(self._next, groups)
         return readings
 
-    def _rows(self, groups: Groups, read: list[SensorReading]) -> list[Reading]:
+    def _rows(self, groups: Groups, read: list[Array]) -> list[Reading]:
         """Readings of groups, and of the groups before them that were not received."""
         readings: list[Reading] = []
-        columns = [self._columns(groups, i, each) for i, each in enumerate(read)]
+        every = [each.tolist() for each in read]
         of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
         for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
@@ -105,9 +102,9 @@ class Readout:
             if index > self._next:
                 readings += self._fill(index)
             time_s = (index + 0.5) * self._period_s
-            own: list[Reading] = [
-                reading_of((time_s, name, *column[row]))
-                for name, column in zip(self.sensors, columns, strict=True)
+            own = [
+                _reading(time_s, name, *each[row])
+                for name, each in zip(self.sensors, every, strict=True)
             ]
             if of_surface is not None:
                 own += of_surface[row]
@@ -115,19 +112,6 @@ class Readout:
             readings += own
             self._next = index + 1
         return readings
-
-    @staticmethod
-    def _columns(groups: Groups, sensor: int, read: SensorReading) -> list[tuple]:
-        """The fields of one sensor's readings behind its name, row by row."""
-        snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
-        snr_db[read.touch < 0] = np.nan
-        touches = [None if value < 0 else value for value in read.touch.tolist()]
-        columns = *read.values.T.tolist(), *read.phases_deg.T.tolist(), snr_db.tolist()
-        # NaN is the number that differs from itself.
-        numbers = [[v if v == v else None for v in column] for column in columns]
-        words = map(flag_words, read.flags.tolist())
-        index, interference = groups.index.tolist(), groups.interference.tolist()
-        return list(zip(touches, *numbers, words, index, interference, strict=True))
 
     def _fill(self, index: int) -> list[Reading]:
         first = self._next
@@ -141,3 +125,26 @@ class Readout:
             for absent in range(first, index)
             for name, kind in kinds.items()
         ]
+
+
+def _reading(
+    time_s: float,
+    sensor: str,
+    touch: int,
+    force_n: float,
+    force_std_n: float,
+    location_mm: float,
+    location_std_mm: float,
+    phases_deg: Array,
+    snr_db: float,
+    flags: int,
+    group: int,
+    interference: float,
+    *_: object,
+) -> Reading:
+    """A reading by a row of the kernel."""
+    values = force_n, force_std_n, location_mm, location_std_mm, *map(float, phases_deg), snr_db
+    # NaN is the number that differs from itself.
+    numbers = [value if value == value else None for value in values]
+    touched = None if touch < 0 else touch
+    return reading_of((time_s, sensor, touched, *numbers, flag_words(flags), group, interference))

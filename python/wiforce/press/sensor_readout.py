@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bi
 from ..wiforce_kernels import press_reading
 from .evidence import Suspicion
 from .sensor_state import DOUBT, SensorState
-from .stage_flags import has_phases, stage_flags
+from .stage_flags import stages_of
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -24,8 +24,6 @@ _NAN = math.nan
 # It is up to 4 dB less in rooms that are read correctly, and 16 to 32 dB less beside a second tag
 # on nearly the same clock where no other flag shows it (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
-# Flags of an inversion that finds no calibrated press.
-_NO_PRESS = (Flag.INCONSISTENT | Flag.EXTRAPOLATED).value
 # Flags of a reading, in the order of the kernel.
 _FLAGS = (
     Flag.TRANSITION,
@@ -36,16 +34,6 @@ _FLAGS = (
     Flag.EXTRAPOLATED,
     Flag.MOVED,
 )
-
-
-class SensorReading(NamedTuple):
-    """What a group says of a press: by the names of the arrays in Groups."""
-
-    touch: Array
-    phases_deg: Array
-    psi_std_deg: Array
-    values: Array
-    flags: Array
 
 
 class SensorReadout:
@@ -71,8 +59,9 @@ class SensorReadout:
         in_lamps: bool = False,
         off_std: float = 0.0,
     ) -> None:
-        self._surveyed_snr_db, self._in_lamps = surveyed_snr_db, in_lamps
         self._period_s = group_period_s
+        least_snr_db = -math.inf if surveyed_snr_db is None else surveyed_snr_db - _LEFT_ON_LINES_DB
+        self._stages = stages_of(group_period_s, least_snr_db, in_lamps)
         off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
         inverter = model.inverter(frequency_hz)
         self._reading = press_reading(
@@ -98,61 +87,45 @@ class SensorReadout:
     def take(self, groups: Groups, sensor: int, receiver: Array) -> tuple[Array, Array]:
         """Take the next groups; ``receiver`` (G, 3) is as ``receiver_steps`` gives it.
 
-        Gives outcomes of the group before each of these, and flags of these, int, shape (G,), by
-        the stages before.
+        Gives outcomes of the group before each of these, and what the stages before say of these,
+        shape (G,).
         """
-        found, retuned = self.state.take(groups, sensor, self._period_s, receiver)
-        return found, stage_flags(groups, sensor) | retuned * Flag.MOVED.value
+        rows, known = self._stages.of(vars(groups), sensor, receiver)
+        found, retuned = self.state.take(groups, sensor, self._period_s, rows)
+        known["flags"][retuned] |= Flag.MOVED.value
+        return found, known
 
-    def read(self, groups: Groups, sensor: int, found: Array, flags: Array) -> SensorReading:
-        """Read groups by their outcomes and the flags (G,) of the stages before."""
-        touch, phases, std, values, flags, level, clear, odd = self._reading.read(
-            found,
-            has_phases(groups, sensor),
-            groups.overlapping[:, sensor],
-            self._is_disturbed(groups, sensor),
-            groups.common_std_deg,
-            flags,
-            self._tracker is None,
-        )
-        touched = touch == 1
+    def read(self, found: Array, known: Array) -> Array:
+        """Read groups by their outcomes and what the stages before say of them, (G,).
+
+        Gives a structured array (G,): the fields of a reading, and what the evidence needs.
+        """
+        read = self._reading.read(found, known, self._tracker is None)
+        touched = read["touch"] == 1
         if self._tracker is not None:
-            self._track(phases, std, touch, values, flags)
-            flags[touched & ~(values[:, 1] <= WEAK_FORCE_N)] |= Flag.WEAK.value
+            self._track(read)
+            read["flags"][touched & ~(read["force_std_n"] <= WEAK_FORCE_N)] |= Flag.WEAK.value
         if self.state.evidence is not None:
-            no_press = (flags & _NO_PRESS) != 0
-            against = self.state.evidence.take(level, phases, std, touch, clear, no_press, odd)
-            flags[against] |= Flag.INCONSISTENT.value
-        if touched.any():
-            self.force_n, _, self.location_mm, _ = values[touched][-1].tolist()
-        return SensorReading(touch, phases, std, values, flags)
+            self.state.evidence.take(read)
+        if True in touched.tolist():
+            newest = read[touched][-1]
+            self.force_n, self.location_mm = float(newest["force_n"]), float(newest["location_mm"])
+        return read
 
-    def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
-        """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
-        disturbed = np.full(len(groups), self._in_lamps)
-        if groups.disturbed is not None:
-            disturbed |= groups.disturbed[:, sensor]
-        if self._surveyed_snr_db is not None and groups.snr_db is not None:
-            snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
-            disturbed |= snr_db < self._surveyed_snr_db - _LEFT_ON_LINES_DB
-        return disturbed
-
-    def _track(self, phases: Array, std: Array, touch: Array, values: Array, flags: Array) -> None:
+    def _track(self, read: Array) -> None:
         assert self._tracker is not None
-        for row, touched in enumerate(touch.tolist()):
-            if touched < 0:
+        for row in read:
+            if row["touch"] < 0:
                 continue
-            *found, words = self._tracker.update(phases[row], std[row], touched == 1)
-            if touched:
-                values[row] = [value if math.isfinite(value) else _NAN for value in found]
-                flags[row] |= flag_bits(words)
+            phases, std = row["phases_deg"], row["psi_std_deg"]
+            *found, words = self._tracker.update(phases, std, row["touch"] == 1)
+            if row["touch"]:
+                for name, value in zip(ESTIMATES, found, strict=True):
+                    row[name] = value if math.isfinite(value) else math.nan
+                row["flags"] |= flag_bits(words)
 
 
-def as_arrays(readouts: list[SensorReading]) -> dict[str, Array]:
+def as_arrays(readouts: list[Array]) -> dict[str, Array]:
     """Arrays of :class:`Groups` from what the groups say of each sensor."""
-    arrays = {
-        name: np.array([getattr(each, name) for each in readouts]).swapaxes(0, 1)
-        for name in ("touch", "phases_deg", "psi_std_deg", "flags")
-    }
-    values = np.array([each.values for each in readouts]).transpose(2, 1, 0)
-    return arrays | dict(zip(ESTIMATES, values, strict=True))
+    names = "touch", "phases_deg", "psi_std_deg", *ESTIMATES, "flags"
+    return {name: np.stack([each[name] for each in readouts], axis=1) for name in names}

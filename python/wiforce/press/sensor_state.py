@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from itertools import pairwise, takewhile
 
 import numpy as np
 
 from ..estimation.groups import Array, Groups
-from ..wiforce_kernels import press_filter, press_observation
+from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
 from .explanations import MIXED, NOTHING, UNTOUCHED, later
-from .stage_flags import has_phases
+from .stage_flags import CLAIMED
 
-# Probability that a sensor is untouched where the user says so, and where a tare was forced
-# although it seemed to be touched.
-CLAIMED, FORCED = 0.999, 0.5
+# Probability that a sensor is untouched where a tare was forced although it seemed to be touched.
+FORCED = 0.5
 # Probability of an alternative from which on it is named; a reading is wrong at most so often.
 DOUBT = 0.01
 # Why it is not known which phases are those of the untouched sensor.
@@ -27,8 +25,6 @@ UNCLEAR = "it may have been touched while its reference was measured or forced"
 PATIENCE_S = 1.0
 # Time after which no other receiver reads a group again: surveys and references are shorter.
 _REMEMBERED_S = 20.0
-# R of an end that was not received is 0, and has no logarithm.
-_LEAST_RATIO = np.finfo(float).tiny
 
 
 class SensorState:
@@ -52,9 +48,9 @@ class SensorState:
         self._claim: float | None = None
 
     def take(
-        self, groups: Groups, sensor: int, period_s: float, receiver: Array
+        self, groups: Groups, sensor: int, period_s: float, rows: Array
     ) -> tuple[Array, Array]:
-        """Take the next groups; ``receiver`` (G, 3) is as ``receiver_steps`` gives it.
+        """Take the next groups, and ``rows`` (G,) of what they show, NaN where they are not read.
 
         Gives outcomes of the group before each of them, and whether the oscillators have had new
         phases since the reference, bool, shape (G,). Groups that were taken before, with other
@@ -63,13 +59,12 @@ class SensorState:
         again = 0
         if groups.index[0] <= self._last:
             again = int(np.searchsorted(groups.index, self._last, side="right"))
-            self._read_again(groups[:again], sensor)
-        retuned = np.full(len(groups), self.retuned)
+            self._read_again(groups[:again], sensor, rows[:again])
+        retuned = np.array([self.retuned]).repeat(len(groups))
         parts: list[Array] = []
         if again == len(groups):
             return NOTHING, retuned
         steps = self._steps(groups, sensor, again)
-        rows = self._observations(groups, sensor, period_s, receiver)
         for begin, end in pairwise([*sorted({again, *steps}), len(groups)]):
             for step in steps.get(begin, ()):
                 if np.isfinite(step).all():
@@ -80,16 +75,16 @@ class SensorState:
             found = self._filter.take(rows[begin:end])
             parts.append(later(found, begin) if begin else found)
             retuned[begin:end] = self.retuned
-            if (new := groups.retuned[begin:end]).any():
-                retuned[begin + int(np.argmax(new)) : end] = self.retuned = True
+            if True in (new := groups.retuned[begin:end].tolist()):
+                retuned[begin + new.index(True) : end] = self.retuned = True
             self._remember(groups[begin:end], sensor, rows[begin:end])
         oldest = groups.index[-1] - _REMEMBERED_S / period_s
         for index in list(takewhile(lambda index: index <= oldest, self._ratios)):
             del self._ratios[index]
         self._last = int(groups.index[-1])
-        readable = _readable(rows[again:])
-        self.received = bool(readable[-1])
-        self.seen |= bool(readable.any())
+        readable = _readable(rows[again:]).tolist()
+        self.received = readable[-1]
+        self.seen |= True in readable
         # Joining structured arrays takes longer than the filter does for a group.
         return parts[0] if len(parts) == 1 else np.concatenate(parts), retuned
 
@@ -126,35 +121,15 @@ class SensorState:
         """The user says that the sensor is untouched in the reference that begins now."""
         self._claim = FORCED if forced else CLAIMED
 
-    def _observations(self, groups: Groups, sensor: int, period_s: float, receiver: Array) -> Array:
-        """What the kernel takes, shape (G,); the phases are NaN where a group cannot be read."""
-        ends = slice(2 * sensor, 2 * sensor + 2)
-        ratios = groups.ratios[:, ends]
-        rows = np.zeros(len(groups), press_observation)
-        rows["time_s"] = (groups.index + 0.5) * period_s
-        rows["phase"] = np.arctan2(ratios.imag, ratios.real)
-        rows["amplitude"] = np.log(np.maximum(np.abs(ratios), _LEAST_RATIO))
-        rows["variance"] = np.radians(groups.phase_std_deg[:, ends]) ** 2
-        rows["common_variance"] = np.radians(groups.common_std_deg) ** 2
-        for name, column in zip(("phase", "amplitude", "variance"), receiver.T, strict=True):
-            rows[f"receiver_{name}"] = column
-        rows["retuned"] = groups.retuned
-        claimed = groups.in_reference[:, ends].any(axis=1)
-        claimed &= ~groups.late_reference[:, ends].any(axis=1)
-        rows["untouched"] = CLAIMED * claimed
-        finite = np.isfinite(rows["amplitude"]) & np.isfinite(rows["variance"])
-        rows["phase"][~(has_phases(groups, sensor) & finite.all(axis=1))] = math.nan
-        return rows
-
     def _remember(self, groups: Groups, sensor: int, rows: Array) -> None:
         """Keep the ratios of groups, which another receiver may read again."""
         readable = _readable(rows)
         ratios = groups.ratios[readable, 2 * sensor : 2 * sensor + 2].copy()
         self._ratios |= dict(zip(groups.index[readable].tolist(), ratios, strict=True))
 
-    def _read_again(self, groups: Groups, sensor: int) -> None:
+    def _read_again(self, groups: Groups, sensor: int, rows: Array) -> None:
         """Take groups that were taken before, and that only show how R is counted now."""
-        readable, first = has_phases(groups, sensor), 0
+        readable, first = _readable(rows), 0
         if groups.new_reference.any() or self._again is None:
             first = len(groups) - 1 - int(np.argmax(groups.new_reference[::-1]))
             first *= int(groups.new_reference.any())

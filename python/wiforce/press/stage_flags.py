@@ -3,40 +3,24 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from ..estimation.groups import Array, Groups
 from ..io.readings import Flag
+from ..wiforce_kernels import sensor_groups
 
-# The flags below, in their order.
+# Probability that a sensor is untouched where the user says so.
+CLAIMED = 0.999
+# Flags of the stages before, in the order of the kernel.
 _FLAGS = Flag.REFERENCE, Flag.GAP, Flag.SATURATED, Flag.MOVED, Flag.INCONSISTENT
-_BITS = np.array([flag.value for flag in _FLAGS])
 
 
-def stage_flags(groups: Groups, sensor: int) -> Array:
-    """Flags of a sensor's groups by the collection of snapshots, separation and reference.
+def stages_of(
+    group_period_s: float, least_snr_db: float = -math.inf, in_lamps: bool = False
+) -> sensor_groups:
+    """What takes the arrays of a batch for a sensor: observations of its phases, flags, SNR.
 
-    Bits of ``io.readings.Flag``, shape (G,).
+    Something is received on the tag's own lines that is no noise where the SNR is less than
+    ``least_snr_db``, and ``in_lamps``.
     """
-    ends = slice(2 * sensor, 2 * sensor + 2)
-    flagged = [
-        _either(groups.in_reference[:, ends]) | groups.in_tare,
-        groups.missing > 0,
-        groups.saturated,
-        _either(groups.reshaped[:, ends]),
-        groups.overlapping[:, sensor] | _either(groups.late_reference[:, ends]),
-    ]
-    return np.asarray(_BITS @ np.array(flagged, np.int64))
-
-
-def has_phases(groups: Groups, sensor: int) -> Array:
-    """Whether the groups determine the phases of a sensor; bool, shape (G,)."""
-    ends = slice(2 * sensor, 2 * sensor + 2)
-    lost = groups.overlapping[:, sensor] | ~groups.locked[:, sensor]
-    lost |= _either(~np.isfinite(groups.phase_std_deg[:, ends]))
-    return np.asarray(~(lost | _either(groups.ratios[:, ends] == 0)))
-
-
-def _either(ends: Array) -> Array:
-    """Whether it is so at one of both ends; (G,) of (G, 2)."""
-    return np.asarray(ends[:, 0] | ends[:, 1])
+    bits = [flag.value for flag in _FLAGS]
+    return sensor_groups(group_period_s, bits, CLAIMED, least_snr_db, in_lamps)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..estimation.groups import Groups
 from ..estimation.phases.off_state import corrected_phase_deg
 from ..io.readings import Reading, flag_words
-from .stage_flags import has_phases, stage_flags
+from .stage_flags import stages_of
 
 # Change of a phase by which the line is touched. The shorted line differs from the open one by much
 # more at one end at least (docs/sensors.md), drift between two tares by much less.
@@ -36,25 +36,25 @@ def uncalibrated_readings(
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     ratios = groups.ratios[:, ends]
-    readable, flags = has_phases(groups, sensor), stage_flags(groups, sensor)
+    _, known = stages_of(group_period_s).of(vars(groups), sensor, np.zeros((len(groups), 3)))
     with np.errstate(invalid="ignore"):
         phases, _ = corrected_phase_deg(ratios, untouched_deg, off_reflection)
     touched = np.abs(np.degrees(np.angle(ratios))).max(axis=1) > _TOUCHED_DEG
     readings = []
-    for row, index in enumerate(groups.index.tolist()):
+    for row, each in enumerate(known):
         found = (None, None, None)
-        if readable[row]:
+        if each["readable"]:
             found = (int(touched[row]), *phases[row].tolist())
         readings.append(
             Reading(
-                (index + 0.5) * group_period_s,
+                (int(each["group"]) + 0.5) * group_period_s,
                 name,
                 found[0],
                 phase1_deg=found[1],
                 phase2_deg=found[2],
-                flags=flag_words(int(flags[row])),
-                group=index,
-                interference=float(groups.interference[row]),
+                flags=flag_words(int(each["flags"])),
+                group=int(each["group"]),
+                interference=float(each["interference"]),
             )
         )
     return readings

@@ -274,6 +274,6 @@ def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, in_lamps, std_deg,
         surveyed_snr_db=surveyed_snr_db,
         in_lamps=in_lamps,
     )
-    _, flags = readout.take(groups, 0, np.array([[0.0, 0.0, 1e-9]]))
-    found = readout.read(groups, 0, readout.state.newest_of(groups.index[0]), flags)
-    assert bool(found.flags[0] & Flag.INCONSISTENT.value) == flagged
+    _, known = readout.take(groups, 0, np.array([[0.0, 0.0, 1e-9]]))
+    (found,) = readout.read(readout.state.newest_of(groups.index[0]), known)
+    assert bool(found["flags"] & Flag.INCONSISTENT.value) == flagged

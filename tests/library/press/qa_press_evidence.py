@@ -9,9 +9,11 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
+from gnuradio.wiforce.io.readings import Flag
 from gnuradio.wiforce.press.evidence import PressEvidence
 from gnuradio.wiforce.receiver.captures import simulate
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.wiforce_kernels import group_reading
 from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
 
 PERIOD_S = 0.036
@@ -43,18 +45,24 @@ def presses(line, slide_mm=0.0, off=0.0, contact=1.0):
     )
 
 
+def rows_of(ratios, psi, touch, clear=True, flags=0):
+    """What groups say: ratios, phases and touch, as the kernel gives them."""
+    read = np.zeros(len(touch), group_reading)
+    columns = {"level": ratios, "phases_deg": psi, "psi_std_deg": STD_DEG, "touch": touch}
+    for name, values in {**columns, "clear": clear, "flags": flags}.items():
+        read[name] = values
+    return read
+
+
 def judged(model, ratios, touch, batch=None):
     """The evidence of some groups, and which of them they contradict."""
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
-    clear, none = np.ones(len(touch), bool), np.zeros(len(touch), bool)
-    groups = ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none, none
+    read = rows_of(ratios, psi, touch)
     batch = batch or len(touch)
-    contradicting = [
-        evidence.take(*(each[i : i + batch] for each in groups))
-        for i in range(0, len(touch), batch)
-    ]
-    return evidence, np.concatenate(contradicting)
+    for i in range(0, len(touch), batch):
+        evidence.take(read[i : i + batch])
+    return evidence, read["flags"] == Flag.INCONSISTENT.value
 
 
 @pytest.mark.parametrize(("contact", "kinds"), [(1.0, []), (0.98, []), (0.9, ["amplitude"])])
@@ -124,16 +132,12 @@ def test_evidence_phases_of_no_press_cast_suspicion_on_the_file(sensor):
     line, model = sensor
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     ratios, touch = presses(line)
-    every = np.ones(len(touch), bool)
-    evidence.take(
-        ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every, ~every
-    )
+    flags = Flag.EXTRAPOLATED.value
+    evidence.take(rows_of(ratios, 0, touch, True, flags))
     assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
     # What other stages flag says nothing of the file.
     evidence.reset()
-    evidence.take(
-        ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every, ~every
-    )
+    evidence.take(rows_of(ratios, 0, touch, False, flags))
     assert evidence.suspicions == []
 
 

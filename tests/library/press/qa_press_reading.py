@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.press.explanations import PRESSED
-from gnuradio.wiforce.wiforce_kernels import press_outcome, press_reading
+from gnuradio.wiforce.wiforce_kernels import press_outcome, press_reading, sensor_group
 
 MODEL = wiforce.load_sensor("line-900mhz")
 OFF, UNTOUCHED_DEG, PSI_DEG = np.array([0.3, -0.2 + 0.2j]), (30.0, -110.0), (75.0, 100.0)
@@ -33,9 +33,10 @@ def read(ratios, std_deg=0.0, off_std=0.0):
     found["weight"], found["is"], found["known"] = 1, PRESSED, True
     found["mean"]["phase"], found["mean"]["amplitude"] = np.angle(ratios), np.log(np.abs(ratios))
     found["mean"]["variance"] = np.radians(std_deg) ** 2
-    no, none = np.zeros(1, bool), np.zeros(1)
-    _, phases, stds, *_ = reading.read(found, ~no, no, no, none, np.zeros(1, int), False)
-    return phases[0], stds[0]
+    group = np.zeros(1, sensor_group)
+    group["readable"] = True
+    (row,) = reading.read(found, group, False)
+    return row["phases_deg"], row["psi_std_deg"]
 
 
 def turned_deg(psi_deg, off=OFF):

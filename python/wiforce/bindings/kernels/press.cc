@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernels.h"
+#include "press_groups.h"
 
 #include <kernel/inversion/press_reading.h>
 #include <kernel/press/press_filter.h>
@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 namespace py = pybind11;
@@ -42,56 +43,61 @@ py::array_t<outcome> take(press_filter& filter, const array<press_observation>& 
     return array_of(rows);
 }
 
-py::tuple read_groups(const press_reading& sensor,
-                      const array<outcome>& found,
-                      const array<bool>& readable,
-                      const array<bool>& overlapping,
-                      const array<bool>& disturbed,
-                      const array<double>& common_std_deg,
-                      const array<std::int64_t>& flags,
-                      bool wanted)
+// What a group says: the first fields are those of a reading behind its sensor's name.
+struct group_reading {
+    std::int64_t touch;
+    double force_n, force_std_n, location_mm, location_std_mm;
+    std::array<double, 2> phases_deg;
+    double snr_db;
+    std::int64_t flags, group;
+    double interference;
+    std::array<double, 2> psi_std_deg;
+    std::array<std::complex<double>, 2> level;
+    bool clear, unexplained;
+};
+
+py::array_t<group_reading> read_groups(const press_reading& sensor,
+                                       const array<outcome>& found,
+                                       const array<sensor_group>& groups,
+                                       bool wanted)
 {
-    const py::ssize_t groups = flags.size();
-    for (const auto* each : { &readable, &overlapping, &disturbed })
-        require_shape(*each, { groups }, "what is known of groups must have shape (G,)");
-    require_shape(common_std_deg, { groups }, "common_std_deg must have shape (G,)");
-    array<std::int64_t> touch(groups), all(groups);
-    array<double> phases(shape{ groups, 2 }), std(shape{ groups, 2 }),
-        values(shape{ groups, 4 });
-    complex_array level(shape{ groups, 2 });
-    array<bool> clear(groups), unexplained(groups);
+    py::array_t<group_reading> readings(groups.size());
     const outcome *next = found.data(), *const end = next + found.size();
     press_posterior::workspace work;
-    for (py::ssize_t group = 0; group < groups; group++) {
+    for (py::ssize_t row = 0; row < groups.size(); row++) {
+        const sensor_group& of = groups.data()[row];
         next = std::find_if(
-            next, end, [&](const outcome& each) { return each.row >= group; });
+            next, end, [row](const outcome& each) { return each.row >= row; });
         const outcome* const first = next;
         next = std::find_if(
-            first, end, [&](const outcome& each) { return each.row > group; });
-        const double common = common_std_deg.data()[group] * M_PI / 180;
+            first, end, [row](const outcome& each) { return each.row > row; });
         const auto read = sensor.read({ first,
                                         std::size_t(next - first),
-                                        readable.data()[group],
-                                        overlapping.data()[group],
-                                        disturbed.data()[group],
-                                        common * common,
-                                        flags.data()[group] },
+                                        of.readable,
+                                        of.overlapping,
+                                        of.disturbed,
+                                        of.common_variance,
+                                        of.flags },
                                       wanted,
                                       work);
-        touch.mutable_data()[group] = read.touch;
-        all.mutable_data()[group] = read.flags;
-        clear.mutable_data()[group] = read.clear;
-        unexplained.mutable_data()[group] = read.unexplained;
-        double* const value = values.mutable_data(group, 0);
-        value[0] = read.force_n, value[1] = read.force_std_n;
-        value[2] = read.location_mm, value[3] = read.location_std_mm;
-        for (int e = 0; e < 2; e++) {
-            *phases.mutable_data(group, e) = read.phases_deg[e];
-            *std.mutable_data(group, e) = read.std_deg[e];
-            *level.mutable_data(group, e) = read.level[e];
-        }
+        readings.mutable_data()[row] = { read.touch,
+                                         read.force_n,
+                                         read.force_std_n,
+                                         read.location_mm,
+                                         read.location_std_mm,
+                                         read.phases_deg,
+                                         read.touch < 0
+                                             ? std::numeric_limits<double>::quiet_NaN()
+                                             : of.snr_db,
+                                         read.flags,
+                                         of.group,
+                                         of.interference,
+                                         read.std_deg,
+                                         read.level,
+                                         read.clear,
+                                         read.unexplained };
     }
-    return py::make_tuple(touch, phases, std, values, all, level, clear, unexplained);
+    return readings;
 }
 
 } // namespace
@@ -245,17 +251,62 @@ void bind_press(py::module& m)
         .def("read",
              &read_groups,
              "found"_a,
-             "readable"_a,
-             "overlapping"_a,
-             "disturbed"_a,
-             "common_std_deg"_a,
-             "flags"_a,
+             "groups"_a,
              "wanted"_a,
-             "Touch (G,), phases and standard deviations (G, 2), values (G, 4), flags "
-             "(G,), R against\nthe untouched line (G, 2), whether only the inversion "
-             "flags a "
-             "group (G,), and whether\nnothing does but that no press explains it "
-             "(G,).\n\nfound: (m,) press_outcome, rows rising. The others: "
-             "(G,). "
-             "wanted: whether force and\nlocation are.");
+             "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
+             "(G,), of\nsensor_groups. wanted: whether force and location are.");
+    PYBIND11_NUMPY_DTYPE(sensor_group,
+                         group,
+                         flags,
+                         snr_db,
+                         interference,
+                         common_variance,
+                         readable,
+                         overlapping,
+                         disturbed);
+    m.attr("sensor_group") = py::dtype::of<sensor_group>();
+    PYBIND11_NUMPY_DTYPE(group_reading,
+                         touch,
+                         force_n,
+                         force_std_n,
+                         location_mm,
+                         location_std_mm,
+                         phases_deg,
+                         snr_db,
+                         flags,
+                         group,
+                         interference,
+                         psi_std_deg,
+                         level,
+                         clear,
+                         unexplained);
+    m.attr("group_reading") = py::dtype::of<group_reading>();
+    py::class_<sensor_settings>(
+        m,
+        "sensor_groups",
+        "What the stages before the press filter say of a sensor's groups.\n\nbits: of "
+        "reference, gap, saturated, moved, inconsistent. claimed: probability that the\n"
+        "sensor is untouched in its reference. least_snr_db: below which something is\n"
+        "received on the tag's own lines, as it is where it is in_lamps.")
+        .def(
+            py::init([](double period_s,
+                        const std::array<std::int64_t, 5>& bits,
+                        double claimed,
+                        double least_snr_db,
+                        bool in_lamps) {
+                return sensor_settings{ period_s, bits, claimed, least_snr_db, in_lamps };
+            }),
+            "period_s"_a,
+            "bits"_a,
+            "claimed"_a,
+            "least_snr_db"_a = -std::numeric_limits<double>::infinity(),
+            "in_lamps"_a = false)
+        .def("of",
+             &groups_of_sensor,
+             "groups"_a,
+             "sensor"_a,
+             "receiver"_a,
+             "Observations for the filter, whose phases are NaN where a group cannot be "
+             "read,\nand what else is known of the groups, (G,) each.\n\ngroups: arrays "
+             "by name, as in Groups. receiver: (G, 3), of receiver_steps.");
 }
