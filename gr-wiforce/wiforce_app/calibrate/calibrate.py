@@ -237,10 +237,10 @@ def _verdict(sensor, model, suspected):
         yield f"not to be trusted: {text}"
     span = " and ".join(f"{place:g}" for place in model.location_span_mm)
     ruler = (
-        f"{model.ruler_std_mm:g} mm, included; at {span} mm nothing else says where the presses were"
+        f"{model.ruler_std_mm:g} mm, included; at {span} mm nothing else says where presses were"
         if model.ruler_std_mm
-        else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, unnoticed "
-        f"at {span} mm"
+        else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, "
+        f"unnoticed at {span} mm"
     )
     for each in sensor.verdict(model):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""

@@ -17,17 +17,12 @@ from .data import (
     check_table,
     with_location_steps,
 )
-from .explanations import (
-    find_untouched_scatter,
-    find_wrong_location,
-    find_wrong_rows,
-    leave_locations_out,
-    wrong_location_text,
-)
 from .fit import contact_values, fit_carrier
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import validate_forms
+from .wrong_locations import find_wrong_location, leave_locations_out, wrong_location_text
+from .wrong_rows import find_untouched_scatter, find_wrong_rows
 
 LOCATION_STEPS = ("nearest", "given", "line")
 FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)

@@ -14,8 +14,8 @@ from ..sensor.inversion import Inversion
 from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier
 from .data import CarrierData, ContactCurve
-from .explanations import VAGUE_MM, contradictions, wrong_location_text
 from .fit import CurveFitter
+from .wrong_locations import VAGUE_MM, contradictions, wrong_location_text
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6

@@ -1,24 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Other explanations of a table: a location or row is wrong, or two of them were exchanged.
+"""Whether a location of a table is wrong, or two of them were exchanged.
 
-Locations are explained by how well each inner one is predicted from the others, which is the
-leave-one-out predictive probability of Gaussian processes (C. E. Rasmussen and C. K. I. Williams,
-*Gaussian Processes for Machine Learning*, 2006, section 5.4.2).
+Each inner location is predicted from the others, which is the leave-one-out predictive
+probability of Gaussian processes (C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for
+Machine Learning*, 2006, section 5.4.2).
 """
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..sensor import line
-from ..sensor.curves import Carrier, slope_over_force
+from ..sensor.curves import Carrier
 from ..signal.carrier import wrap_deg
-from .data import CarrierData, ContactCurve
-from .fit import ContactValues, CurveFitter, ForceCurve, interpolate
+from .data import CarrierData
+from .fit import ContactValues, interpolate
 
 # What an explanation may leave, and how much better another one must be, in standard deviations.
 _UNEXPECTED = 3.0
@@ -29,7 +27,7 @@ _PLACE_STEP_MM = 0.1
 # Nearer than a reading is expected to be, no ruler was misread.
 VAGUE_MM = 0.5
 # Cross-validation is stated to this.
-_ROUNDED_DEG, _DECIMALS = 1e-4, 4
+ROUNDED_DEG, _DECIMALS = 1e-4, 4
 
 
 def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -140,7 +138,7 @@ def _exchanged_locations(
     if spread[best] >= np.var(as_given.added_deg, axis=1).mean():
         return None
     after = leave_locations_out(data, values[best], ruler_std_mm)
-    better = _better(_log_probability(after) - _log_probability(rows), len(tried))
+    better = is_better(_log_probability(after) - _log_probability(rows), len(tried))
     if not better or contradictions(after):
         return None
     pair, ports = tried[best]
@@ -175,11 +173,11 @@ def _short_deg(data: CarrierData, location_mm: np.ndarray | float, port: int) ->
 def _log_probability(rows: Sequence[Mapping[str, Any]]) -> float:
     """Of predictions, but for a constant: the forces of a location and port err alike."""
     rms, expected = (np.array([row[name] for row in rows]) for name in ("rms_deg", "expected_deg"))
-    expected = np.maximum(expected, _ROUNDED_DEG)
+    expected = np.maximum(expected, ROUNDED_DEG)
     return float(-np.sum(np.log(expected) + 0.5 * (rms / expected) ** 2))
 
 
-def _better(log_ratio: float, count: int) -> bool:
+def is_better(log_ratio: float, count: int) -> bool:
     """Whether the best of so many other explanations is certain, by its likelihood ratio."""
     return log_ratio - np.log(count) > 0.5 * _UNEXPECTED**2
 
@@ -206,153 +204,3 @@ def _place_among(
     best = int(np.argmin(square))
     expected = np.mean(variances, axis=0)[best] + (ruler_std_mm * data.slope) ** 2
     return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
-
-
-def find_wrong_rows(data: CarrierData, form: str, knots: np.ndarray | None) -> list[str]:
-    """Rows of a location whose exchange explains the phases better, or without which they fit.
-
-    Returns list of str: a sentence each.
-
-    A phase follows force smoothly, with noise of its own and of the force, which the slope turns
-    into phase. Of each location and port the pair is tried whose exchange fits the curve best, then
-    the row that lies farthest beside the others. Sweeps may begin before the contact, which no
-    curve of force follows.
-    """
-    without_n, touched_n = data.onset or (0.0, 0.0)
-    contacts = [
-        (place, port, contact)
-        for port, row in enumerate(data.curves, 1)
-        for place, contact in zip(data.location_mm, row, strict=True)
-        if not contact.copied
-    ]
-    fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
-    fits = [fitter.fit(contact.force_n, contact.added_deg) for _, _, contact in contacts]
-    slopes = [
-        slope_over_force(partial(fitter.value, fit), contact.force_n)
-        for (_, _, contact), fit in zip(contacts, fits, strict=True)
-    ]
-    exchanges = [
-        _best_exchange(contact, fitter, fit, without_n)
-        for (_, _, contact), fit in zip(contacts, fits, strict=True)
-    ]
-    pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for slope in slopes)
-    found = []
-    for k, ((place, port, contact), (pair, _)) in enumerate(zip(contacts, exchanges, strict=True)):
-        # Where rows of both ports are wrong, only other locations tell the noise.
-        others = [n for n, each in enumerate(contacts) if each[0] != place]
-        noise = _noise([fits[n] for n in others], [slopes[n] for n in others])
-        freedom = sum(fits[n].freedom for n in others)
-        ratio = partial(_row_log_ratio, fits[k], slopes[k], noise, freedom)
-        where = f"at location {place:g} mm, port {port},"
-        if pair is not None:
-            exchanged = contact.added_deg.copy()
-            exchanged[list(pair)] = exchanged[list(pair)[::-1]]
-            after = fitter.fit(contact.force_n, exchanged)
-            if _better(ratio(after.residual, after.freedom), pairs):
-                low, high = contact.force_n[list(pair)]
-                found.append(
-                    f"the phases of {low:g} and {high:g} N {where} would fit the others exchanged: "
-                    "were rows exchanged?"
-                )
-                continue
-        row = _farthest_row(contact, fitter, fits[k], touched_n)
-        if row is None:
-            continue
-        force, phase = np.delete(contact.force_n, row), np.delete(contact.added_deg, row)
-        after = fitter.fit(force, phase)
-        if _better(ratio(np.insert(after.residual, row, 0.0), after.freedom), rows):
-            beside = contact.added_deg[row] - float(
-                fitter.value(after, contact.force_n[row : row + 1])[0]
-            )
-            found.append(
-                f"the phase of {contact.force_n[row]:g} N {where} is {beside:+.1f} deg beside the "
-                "curve of the others: was it measured, or typed, wrong?"
-            )
-    return found
-
-
-def _row_log_ratio(
-    given: ForceCurve,
-    slope: np.ndarray,
-    noise: np.ndarray,
-    noise_freedom: float,
-    residual: np.ndarray,
-    freedom: float,
-) -> float:
-    """How much likelier residuals (n,) of so many degrees of freedom are than those given.
-
-    ``slope`` (n,): of the curve; ``noise``: of :func:`_noise`, and its degrees of freedom.
-    """
-    # A curve that does not follow its data leaves more than noise.
-    left = max(float(np.sum(residual**2)) / freedom, _ROUNDED_DEG**2)
-    variance = np.maximum(noise[0] + noise[1] * slope**2, left)
-    square = max(float(np.sum((given.residual**2 - residual**2) / variance)), 0.0)
-    # Noise that few rows tell is Student's.
-    return (noise_freedom + 1) / 2 * float(np.log1p(square / noise_freedom))
-
-
-def find_untouched_scatter(data: CarrierData, carrier: Carrier) -> list[str]:
-    """Ports whose untouched phases scatter more than those of presses do.
-
-    Returns list of str: a sentence each. Every reading is a change against their mean.
-    """
-    found = []
-    for port, phases in enumerate(data.untouched_rows_deg):
-        if len(phases) < 2 or data.untouched_deg is None:
-            continue
-        beside = wrap_deg(phases - data.untouched_deg[port])
-        noise = max(carrier.noise_deg[port], _ROUNDED_DEG)
-        excess = float(np.sum(beside**2)) / (len(phases) - 1) / noise**2
-        ratio = (len(phases) - 1) / 2 * (excess - 1 - np.log(max(excess, 1.0)))
-        if excess > 1 and _better(ratio, len(data.untouched_rows_deg)):
-            found.append(
-                f"untouched phases of port {port + 1} differ by {np.ptp(beside):.1f} deg, where "
-                f"those of presses scatter by {noise:.2g} deg: is each right, and were cables "
-                "fixed?"
-            )
-    return found
-
-
-def _farthest_row(
-    contact: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
-) -> int | None:
-    """The row of a press that lies farthest beside a curve of the others; None where none may."""
-    basis = fitter.basis(contact.force_n)
-    rest = 1.0 - np.einsum("ij,jk,ik->i", basis, fit.unit_covariance, basis)
-    gain = np.where(contact.force_n > without_n, fit.residual**2 / np.maximum(rest, 1e-9), 0.0)
-    row = int(np.argmax(gain))
-    return row if gain[row] > 0 else None
-
-
-def _noise(fits: Sequence[ForceCurve], slopes: Sequence[np.ndarray]) -> np.ndarray:
-    """Variance of phases (deg^2) and of forces (N^2) about fitted curves of known slopes."""
-    parts = [
-        fit.freedom / len(slope) * np.column_stack([np.ones(len(slope)), slope**2])
-        for fit, slope in zip(fits, slopes, strict=True)
-    ]
-    squares = np.concatenate([fit.residual**2 for fit in fits])
-    return np.asarray(nnls(np.concatenate(parts), squares)[0])
-
-
-def _best_exchange(
-    contact: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
-) -> tuple[tuple[int, int] | None, int]:
-    """The two rows of a press, by their index, whose exchange reduces the squares about a curve
-    most, None where none does; and how many could be exchanged.
-
-    ``without_n``: largest force that did not short the line.
-    """
-    basis = fitter.basis(contact.force_n)
-    # What a fit leaves of its data, exactly where the coefficients are free.
-    rest = np.eye(len(basis)) - basis @ fit.unit_covariance @ basis.T
-    first, second = np.triu_indices(len(basis), 1)
-    same = contact.press[first] == contact.press[second]
-    same &= np.minimum(contact.force_n[first], contact.force_n[second]) > without_n
-    first, second = first[same], second[same]
-    step = contact.added_deg[second] - contact.added_deg[first]
-    size = rest[first, first] + rest[second, second] - 2 * rest[first, second]
-    gain = step * (2 * (fit.residual[second] - fit.residual[first]) - step * size)
-    if not gain.size or gain.max() <= 0:
-        return None, gain.size
-    best = int(np.argmax(gain))
-    return (int(first[best]), int(second[best])), gain.size
