@@ -11,7 +11,7 @@ namespace gr::wiforce::kernel {
 
 void press_filter::remain_untouched(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     next->turning = false;
@@ -21,7 +21,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_turn_peak);
     if (!next)
         return;
     next->turns += sees_turns(from, from.is);
@@ -40,7 +40,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
 void press_filter::turn_slowly(
     const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     next->turn_speed = speed;
@@ -138,7 +138,8 @@ void press_filter::begin_turn_earlier(explanation& to, double variance) const
 
 void press_filter::release(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto next =
+        follow(from, probability, from.known ? best_baseline(from) : d_contact_peak);
     if (!next)
         return;
     next->is = untouched;
@@ -166,7 +167,7 @@ void press_filter::release(const explanation& from, double probability)
 
 void press_filter::touch(const explanation& from, double probability, state is)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_contact_peak);
     if (!next)
         return;
     next->is = is;
@@ -188,7 +189,7 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.known)
         return;
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_move_peak);
     if (!next)
         return;
     if (from.is != untouched)
@@ -209,7 +210,7 @@ void press_filter::move_line(const explanation& from, double probability)
 
 void press_filter::hold(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     if (from.steady) {
@@ -233,7 +234,7 @@ void press_filter::change_steadily(const explanation& from,
                                    bool slides,
                                    std::size_t speed)
 {
-    auto next = follow(from, probability);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     next->steady = true;
@@ -303,7 +304,14 @@ void press_filter::turn_unseen(explanation& to, double part) const
 
 void press_filter::jump(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    // What hardly differs is no jump.
+    const auto was = from.motion.phase();
+    double jumped = 0;
+    for (int e = 0; e < 2; e++)
+        jumped += squared(wrapped(d_group.phase[e] - was[e]));
+    const double log_differs =
+        std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
+    auto next = follow(from, probability, d_peak + log_differs);
     if (!next)
         return;
     next->motion.rest();
@@ -312,13 +320,7 @@ void press_filter::jump(const explanation& from, double probability)
     const double along = squared(jump_deg * deg);
     next->motion.widen(
         covariance_along(press_direction(from), along, direction_variance(from) * along));
-    // What hardly differs is no jump.
-    double jumped = 0;
-    for (int e = 0; e < 2; e++)
-        jumped += squared(wrapped(d_group.phase[e] - from.motion.phase()[e]));
-    give(*next,
-         rest_pressed(*next) +
-             std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg))));
+    give(*next, rest_pressed(*next) + log_differs);
 }
 
 // Whatever the press did has ended, or a press is another one.
@@ -335,7 +337,8 @@ double press_filter::rest_pressed(explanation& to) const
 
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
-    auto next = follow(from, probability);
+    const auto mixture = mixture_after(from, ends);
+    auto next = follow(from, probability, log_any_mixture + mixture.log_density);
     if (!next)
         return;
     next->is = mixed;
@@ -344,32 +347,38 @@ void press_filter::mix(const explanation& from, double probability, double ends)
         lose_sight_of_hand(*next);
     else if (next->turning)
         turn_unseen(*next, 1);
-    next->seen = seen_ratio();
-    next->seen_variance = d_difference_noise / 2;
-    next->log_density = 0;
+    next->mixed_group = mixture;
     if (from.is == mixed)
         next->groups++;
     else {
         next->groups = 1;
         next->before = from.is;
         next->age_before_s = from.age_s;
-        if (from.is == untouched)
-            next->start = untouched_ratio(from);
-        else {
-            const auto was = from.motion.phase();
-            const auto strength = seen_strength(from);
-            for (int e = 0; e < 2; e++)
-                next->start[e] = std::polar(
-                    std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference),
-                    was[e]);
-        }
-        // Where a press ends, it is known what comes after.
-        if (ends > 0 && from.known)
-            next->log_density =
-                log_sum(std::log(ends) + chord(*next, untouched_ratio(from), 0),
-                        std::log1p(-ends));
     }
-    give(*next, log_any_mixture + next->log_density);
+    give(*next, log_any_mixture + mixture.log_density);
+}
+
+// What this group shows between the state before and the next one.
+press_filter::mixture press_filter::mixture_after(const explanation& from,
+                                                  double ends) const
+{
+    mixture found{ from.mixed_group.start, seen_ratio(), d_difference_noise / 2 };
+    if (from.is == mixed)
+        return found;
+    if (from.is == untouched)
+        found.start = untouched_ratio(from);
+    else {
+        const auto was = from.motion.phase();
+        const auto strength = seen_strength(from);
+        for (int e = 0; e < 2; e++)
+            found.start[e] = std::polar(
+                std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
+    }
+    // Where a press ends, it is known what comes after.
+    if (ends > 0 && from.known)
+        found.log_density = log_sum(
+            std::log(ends) + chord(found, untouched_ratio(from), 0), std::log1p(-ends));
+    return found;
 }
 
 } // namespace gr::wiforce::kernel

@@ -5,9 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace gr::wiforce::kernel {
+
+namespace {
+
+constexpr double unlimited = std::numeric_limits<double>::infinity();
+
+} // namespace
 
 press_filter::press_filter(std::shared_ptr<const press_image> image,
                            const press_parameters& settings,
@@ -48,8 +55,7 @@ void press_filter::take(const press_observation& group)
     d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
     d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
-    d_peak = log_normal(0, d_common_noise) + log_normal(0, d_difference_noise) +
-             log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
+    find_peaks();
     d_next.clear();
     d_best = -1e300;
     if (d_first)
@@ -74,7 +80,8 @@ void press_filter::take(const press_observation& group)
             from.log_weight = log_weight + std::log1p(-steps);
             branch(from);
         }
-        if (steps > 0) {
+        from.log_weight = log_weight;
+        if (steps > 0 && may_count(from, steps, d_peak)) {
             from.log_weight = log_weight + std::log(steps);
             step_receiver(from);
             branch(from);
@@ -138,6 +145,48 @@ struct changes {
 
 } // namespace
 
+// What the tag may do while the press changes: nothing, or turn suddenly; or go on
+// turning, or come to rest. Calls `event` with the tag and with the probability, where
+// that may count for an event of this probability and best log density.
+template <class Event>
+void press_filter::with_courses(const explanation& from,
+                                double probability,
+                                double best,
+                                Event&& event) const
+{
+    const auto course = [&](double share, const auto& changed) {
+        if (!may_count(from, probability * share, best))
+            return;
+        auto other = from;
+        changed(other);
+        event(other, probability * share);
+    };
+    if (from.turning && from.near) {
+        course(1, [&](explanation& other) { lose_sight_of_hand(other); });
+        return;
+    }
+    if (from.turning) {
+        course(going_on(), [&](explanation& other) { turn_unseen(other, 1); });
+        course(1 - going_on(), [&](explanation& other) {
+            turn_unseen(other, 0.5);
+            other.turning = false;
+        });
+        return;
+    }
+    const double turns = turn_probability(from);
+    if (may_count(from, probability * (1 - turns), best))
+        event(from, probability * (1 - turns));
+    course(turns, [&](explanation& other) {
+        const double variance = squared(d_set.turn_deg * deg);
+        other.turned_now = true;
+        other.turns += sees_turns(from, from.is == mixed ? from.before : from.is);
+        other.common.widen(variance);
+        other.motion.widen({ variance, variance, variance });
+        other.line.mean_variance += squared(d_set.turn_np);
+        other.strength.mean_variance += squared(d_set.turn_np);
+    });
+}
+
 void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
@@ -156,8 +205,12 @@ void press_filter::branch_untouched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);
     move_line(from, between * may.unexplained / 2);
-    for (const auto& [tag, share] : courses(from))
-        touch(tag, between * may.press * share, pressed);
+    with_courses(from,
+                 between * may.press,
+                 d_contact_peak,
+                 [&](const explanation& tag, double probability) {
+                     touch(tag, probability, pressed);
+                 });
     mix(from, (1 - between) * sudden);
 }
 
@@ -186,18 +239,18 @@ void press_filter::branch_touched(const explanation& from)
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
         begin_changing(from, quiet * goes_on * begins);
     } else if (from.steady) {
-        auto turning = from;
-        turning.turning = true;
-        turning.turns += sees_turns(from, from.is);
-        turning.near = false;
-        turning.velocity = 0;
         go_on_changing(from, quiet * goes_on * (1 - turns));
-        for (std::size_t i = 0; i < turning_speeds; i++) {
-            turning.turn_speed = i;
-            change_steadily(turning,
-                            quiet * goes_on * turns / turning_speeds,
-                            from.slides,
-                            from.speed);
+        const double each = quiet * goes_on * turns / turning_speeds;
+        if (may_count(from, each, d_peak)) {
+            auto turning = from;
+            turning.turning = true;
+            turning.turns += sees_turns(from, from.is);
+            turning.near = false;
+            turning.velocity = 0;
+            for (std::size_t i = 0; i < turning_speeds; i++) {
+                turning.turn_speed = i;
+                change_steadily(turning, each, from.slides, from.speed);
+            }
         }
         hold(from, quiet * (1 - goes_on));
     } else {
@@ -208,11 +261,13 @@ void press_filter::branch_touched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);
     move_line(from, between * may.unexplained / 2);
-    for (const auto& [tag, share] : courses(from)) {
-        release(tag, between * may.release * share);
-        touch(tag, between * may.exchange * share, pressed);
-        jump(tag, between * may.jump * share);
-    }
+    const double ends = may.release + may.exchange + may.jump;
+    with_courses(
+        from, between * ends, d_peak, [&](const explanation& tag, double probability) {
+            release(tag, probability * may.release / ends);
+            touch(tag, probability * may.exchange / ends, pressed);
+            jump(tag, probability * may.jump / ends);
+        });
     mix(from, (1 - between) * sudden, may.release / sudden);
 }
 
@@ -226,33 +281,32 @@ void press_filter::branch_mixed(const explanation& from)
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.groups == 1;
-    const double known = single ? from.log_density : 0;
+    const auto& mixture = from.mixed_group;
+    const double known = single ? mixture.log_density : 0;
     const double to_this =
-        single ? chord(from, seen_ratio(), d_difference_noise / 2) - known : 0;
-    auto as_before = from;
-    as_before.is = from.before;
-    as_before.age_s = from.age_before_s;
-    as_before.log_weight += to_this;
-    turn_suddenly(as_before, turns / all);
-    touch(as_before, may.unexplained / all / 2, unexplained);
-    move_line(as_before, may.unexplained / all / 2);
-    for (auto& [tag, share] : courses(from)) {
+        single ? chord(mixture, seen_ratio(), d_difference_noise / 2) - known : 0;
+    auto next = from;
+    next.is = from.before;
+    next.age_s = from.age_before_s;
+    next.log_weight = from.log_weight + to_this;
+    turn_suddenly(next, turns / all);
+    touch(next, may.unexplained / all / 2, unexplained);
+    move_line(next, may.unexplained / all / 2);
+    // How well the mixture is explained is not known before.
+    with_courses(from, 1, unlimited, [&](const explanation& tag, double share) {
         const double to_untouched = single && tag.known && !tag.turned_now
-                                        ? chord(tag, untouched_ratio(tag), 0) - known
+                                        ? chord(mixture, untouched_ratio(tag), 0) - known
                                         : to_this;
-        auto ended = tag;
-        ended.log_weight += to_untouched;
-        tag.log_weight += to_this;
-        tag.is = from.before;
-        if (touched) {
-            release(ended, may.release * share / all);
-            touch(tag, may.exchange * share / all, pressed);
-            jump(tag, may.jump * share / all);
-        } else {
-            release(ended, 0.1 * may.press * share / all); // a tap
-            touch(tag, 0.9 * may.press * share / all, pressed);
-        }
-    }
+        next = tag;
+        next.is = from.before;
+        next.log_weight = tag.log_weight + to_untouched;
+        // Without a press before it was a tap.
+        release(next, (touched ? may.release : 0.1 * may.press) * share / all);
+        next.log_weight = tag.log_weight + to_this;
+        touch(next, (touched ? may.exchange : 0.9 * may.press) * share / all, pressed);
+        if (touched)
+            jump(next, may.jump * share / all);
+    });
     mix(from, lasts);
 }
 
@@ -318,33 +372,6 @@ double press_filter::between_groups() const
 }
 
 double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
-
-// What the tag may do while the press changes: nothing, or turn suddenly; or go on
-// turning, or come to rest.
-std::vector<std::pair<press_filter::explanation, double>>
-press_filter::courses(const explanation& from) const
-{
-    auto other = from;
-    if (from.turning && from.near) {
-        lose_sight_of_hand(other);
-        return { { other, 1 } };
-    }
-    if (from.turning) {
-        auto resting = from;
-        turn_unseen(other, 1);
-        turn_unseen(resting, 0.5);
-        resting.turning = false;
-        return { { other, going_on() }, { resting, 1 - going_on() } };
-    }
-    const double turns = turn_probability(from), variance = squared(d_set.turn_deg * deg);
-    other.turned_now = true;
-    other.turns += sees_turns(from, from.is == mixed ? from.before : from.is);
-    other.common.widen(variance);
-    other.motion.widen({ variance, variance, variance });
-    other.line.mean_variance += squared(d_set.turn_np);
-    other.strength.mean_variance += squared(d_set.turn_np);
-    return { { from, 1 - turns }, { other, turns } };
-}
 
 // ---- keeping the likely ones
 

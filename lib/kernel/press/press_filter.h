@@ -105,6 +105,13 @@ private:
         double mean = 0, variance = 0;
     };
 
+    // What is seen of groups in which something changes, and from where.
+    struct mixture {
+        both_ends start{}, seen{};
+        double seen_variance = 0;
+        double log_density = 0; // over that of any mixture
+    };
+
     struct explanation {
         double log_weight = 0;
         state is = untouched;
@@ -134,9 +141,8 @@ private:
         std::size_t speed = 0;
         // A mixture: what was before, what was seen, and the groups it has lasted.
         state before = untouched;
-        double age_before_s = 0, log_density = 0;
-        both_ends start{}, seen{};
-        double seen_variance = 0;
+        double age_before_s = 0;
+        mixture mixed_group;
         int groups = 0;
         bool lasts = false; // nothing has changed since the group before
         average_of_groups mean;
@@ -175,7 +181,11 @@ private:
     void go_on_turning(const explanation& from, double probability);
     void mix(const explanation& from, double probability, double ends = 0);
 
-    std::vector<std::pair<explanation, double>> courses(const explanation& from) const;
+    template <class Event>
+    void with_courses(const explanation& from,
+                      double probability,
+                      double best,
+                      Event&& event) const;
     double turn_probability(const explanation& of) const;
     double lasting() const;
     double between_groups() const;
@@ -189,7 +199,11 @@ private:
     double
     follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
     void give(explanation& next, double log_likelihood);
-    std::optional<explanation> follow(const explanation& from, double probability) const;
+    void find_peaks();
+    double best_baseline(const explanation& of) const;
+    bool may_count(const explanation& from, double probability, double best) const;
+    std::optional<explanation>
+    follow(const explanation& from, double probability, double best) const;
     void average(explanation& to) const;
 
     double turn_rate(const explanation& of) const;
@@ -199,6 +213,7 @@ private:
     double step_probability() const;
     void reset_baseline(explanation& to) const;
     void drift(explanation& to) const;
+    pair_of_ends seen_beside(const drift_bank& difference) const;
     double update_phases(drift_bank& common, drift_bank& difference) const;
     void hold_level(explanation& to) const;
     double update_baseline(explanation& to) const;
@@ -219,7 +234,8 @@ private:
     both_amplitudes seen_amplitude() const;
     void begin_press(explanation& to) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
-    double chord(const explanation& from, const both_ends& to, double variance) const;
+    static double chord(const mixture& seen, const both_ends& to, double variance);
+    mixture mixture_after(const explanation& from, double ends) const;
     both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;
     pair_of_ends baseline(const explanation& of) const;
@@ -235,8 +251,11 @@ private:
     off_states d_off;
     bool d_off_differ;
     std::vector<explanation> d_kept, d_next;
-    double d_best = 0,
-           d_peak = 0; // largest log weight so far; largest density of a group
+    double d_best = 0; // largest log weight so far
+    // Largest log densities of amplitudes, of a group, and of one in which the tag turns
+    // suddenly, a line moves, or a contact begins.
+    double d_amplitude_peak = 0, d_peak = 0, d_turn_peak = 0, d_move_peak = 0,
+           d_contact_peak = 0;
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it

@@ -41,6 +41,7 @@ press_image::press_image(const std::vector<double>& change,
     const double cell = two_pi / cells;
     for (std::size_t i = 0; i < d_density.size(); i++) {
         d_density[i] /= total * cell * cell;
+        d_largest = std::max(d_largest, d_density[i]);
         auto& along = d_along[i];
         const double length = std::hypot(along[0], along[1]);
         if (length > 0)

@@ -38,6 +38,7 @@ public:
 
     //! Per rad^2.
     double density(const pair_of_ends& change) const;
+    double largest_density() const { return d_largest; }
     //! Unit vector in which more force moves both phases; equal parts where no press is.
     pair_of_ends direction(const pair_of_ends& change) const;
 
@@ -53,6 +54,7 @@ private:
     void add(const double* change, const pair_of_ends& along, double spread);
 
     std::vector<double> d_density;
+    double d_largest = 0;
     std::vector<pair_of_ends> d_along;
 };
 

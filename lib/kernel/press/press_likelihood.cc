@@ -17,16 +17,58 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 
 } // namespace
 
-// What follows with this probability, before the event has changed it; nothing where even
-// the best prediction of the group would leave no weight.
-std::optional<press_filter::explanation> press_filter::follow(const explanation& from,
-                                                              double probability) const
+// No event predicts a group better than its noise, and what is not known beforehand,
+// allow.
+void press_filter::find_peaks()
 {
-    const double log_weight = from.log_weight + std::log(probability);
-    if (!(log_weight + d_peak > d_best + negligible - 12))
+    const auto [first, second, both] = d_noise;
+    const double determinant = first * second - both * both,
+                 turn = squared(d_set.turn_deg * deg), turn_np = squared(d_set.turn_np);
+    d_amplitude_peak =
+        log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
+    d_peak = d_amplitude_peak - std::log(two_pi) - std::log(determinant) / 2;
+    d_turn_peak =
+        d_peak - std::log1p(turn * (first + second - 2 * both) / determinant) / 2;
+    d_move_peak = log_normal(0, turn / 2 + d_common_noise) +
+                  log_normal(0, 2 * turn + d_difference_noise) +
+                  log_normal(0, turn_np + d_amplitude_noise) +
+                  log_normal(0, 4 * d_amplitude_noise);
+    d_contact_peak =
+        d_amplitude_peak +
+        std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
+}
+
+// Largest log density that the untouched line may predict the group with.
+double press_filter::best_baseline(const explanation& of) const
+{
+    const auto [common, apart] = seen_beside(of.difference);
+    const auto& line = of.line;
+    const double square =
+        of.common.least_square(common, d_common_noise) +
+        of.difference.least_square(apart, d_difference_noise) +
+        squared(d_amplitude - line.mean) / (line.mean_variance + d_amplitude_noise) +
+        squared(d_amplitude_difference - line.difference) /
+            (line.difference_variance + 4 * d_amplitude_noise);
+    return d_peak - square / 2;
+}
+
+// Whether what follows with this probability, and predicts the group with this log
+// density at best, may keep a weight.
+bool press_filter::may_count(const explanation& from,
+                             double probability,
+                             double best) const
+{
+    return from.log_weight + std::log(probability) + best > d_best + negligible;
+}
+
+// What follows, before the event has changed it; nothing where it cannot count.
+std::optional<press_filter::explanation>
+press_filter::follow(const explanation& from, double probability, double best) const
+{
+    if (!may_count(from, probability, best))
         return std::nullopt;
     auto next = from;
-    next.log_weight = log_weight;
+    next.log_weight = from.log_weight + std::log(probability);
     next.lasts = false;
     return next;
 }
@@ -98,9 +140,11 @@ void press_filter::recount(explanation& to,
     for (int e = 0; e < 2; e++) {
         to.mean.phase[e] += phase[e];
         to.mean.amplitude[e] += gain[e];
-        to.start[e] *= std::polar(std::exp(gain[e]), phase[e]);
-        to.seen[e] *= std::polar(std::exp(gain[e]), phase[e]);
     }
+    if (to.is == mixed)
+        for (int e = 0; e < 2; e++)
+            for (auto* ends : { &to.mixed_group.start, &to.mixed_group.seen })
+                (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
 }
 
 void press_filter::step_receiver(explanation& to) const
@@ -137,14 +181,20 @@ void press_filter::drift(explanation& to) const
     to.motion.widen({ common + apart, common + apart, common - apart });
 }
 
+// Mean and difference of the phases of the group, nearest to those of a line.
+pair_of_ends press_filter::seen_beside(const drift_bank& difference) const
+{
+    const double mean = difference.estimate().mean,
+                 apart = mean + wrapped(d_group.phase[0] - d_group.phase[1] - mean);
+    return { d_group.phase[1] + apart / 2, apart };
+}
+
 // Takes the phases of the group as those of a line that drifts.
 double press_filter::update_phases(drift_bank& common, drift_bank& difference) const
 {
     const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
-    const auto known = difference.estimate();
-    const double apart =
-        known.mean + wrapped(d_group.phase[0] - d_group.phase[1] - known.mean);
-    return common.update(d_group.phase[1] + apart / 2, d_common_noise, memory) +
+    const auto [mean, apart] = seen_beside(difference);
+    return common.update(mean, d_common_noise, memory) +
            difference.update(apart, d_difference_noise, memory);
 }
 
@@ -407,8 +457,7 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 
 // Log density of a mixture of the state before and the one after, over that of any
 // mixture.
-double
-press_filter::chord(const explanation& from, const both_ends& to, double variance) const
+double press_filter::chord(const mixture& from, const both_ends& to, double variance)
 {
     double length2 = 0, along = 0, noise = 0;
     both_ends step, seen;
