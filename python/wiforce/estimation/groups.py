@@ -197,7 +197,7 @@ class Groups:
     @property
     def has_incomplete(self) -> bool:
         """Whether there may be a group that is ``incomplete``."""
-        lacking = self.missing.any() or self.interference.any()
+        lacking = np.count_nonzero(self.missing) or np.count_nonzero(self.interference)
         return self.snapshot_weights is not None or bool(lacking)
 
     @property

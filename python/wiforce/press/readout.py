@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words, reading_of
@@ -60,10 +58,10 @@ class Readout:
         taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
         readings: list[Reading] = []
         if self._waiting is not None:
-            first = [found[: np.searchsorted(found["row"], 1)] for found, _ in taken]
+            first = [found[: found["row"].searchsorted(1)] for found, _ in taken]
             readings += self._read(*self._waiting, first)
         if len(groups) > 1:
-            others = [later(found[np.searchsorted(found["row"], 1) :], -1) for found, _ in taken]
+            others = [later(found[found["row"].searchsorted(1) :], -1) for found, _ in taken]
             readings += self._read(groups[:-1], [known[:-1] for _, known in taken], others)
         self._waiting = groups[-1:], [known[-1:] for _, known in taken]
         return readings

@@ -92,7 +92,8 @@ class SensorReadout:
         """
         rows, known = self._stages.of(vars(groups), sensor, receiver)
         found, retuned = self.state.take(groups, sensor, self._period_s, rows)
-        known["flags"][retuned] |= Flag.MOVED.value
+        if True in retuned.tolist():
+            known["flags"][retuned] |= Flag.MOVED.value
         return found, known
 
     def read(self, found: Array, known: Array) -> Array:

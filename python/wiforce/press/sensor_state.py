@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from itertools import pairwise, takewhile
+from itertools import pairwise
 
 import numpy as np
 
@@ -42,7 +43,8 @@ class SensorState:
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
         self._last = -1  # newest group that was taken
-        self._ratios: dict[int, Array] = {}  # of the newest groups, by rising index
+        # Indices of the newest groups, and what was observed in them.
+        self._taken: deque[tuple[Array, Array]] = deque()
         # Ratios by the former and by the present reference, of groups that are read again.
         self._again: list[tuple[Array, Array]] | None = None
         self._claim: float | None = None
@@ -77,11 +79,11 @@ class SensorState:
             retuned[begin:end] = self.retuned
             if True in (new := groups.retuned[begin:end].tolist()):
                 retuned[begin + new.index(True) : end] = self.retuned = True
-            self._remember(groups[begin:end], sensor, rows[begin:end])
-        oldest = groups.index[-1] - _REMEMBERED_S / period_s
-        for index in list(takewhile(lambda index: index <= oldest, self._ratios)):
-            del self._ratios[index]
+            self._taken.append((groups.index[begin:end], rows[begin:end]))
         self._last = int(groups.index[-1])
+        oldest = self._last - _REMEMBERED_S / period_s
+        while self._taken[0][0][-1] <= oldest:
+            self._taken.popleft()
         readable = _readable(rows[again:]).tolist()
         self.received = readable[-1]
         self.seen |= True in readable
@@ -121,12 +123,6 @@ class SensorState:
         """The user says that the sensor is untouched in the reference that begins now."""
         self._claim = FORCED if forced else CLAIMED
 
-    def _remember(self, groups: Groups, sensor: int, rows: Array) -> None:
-        """Keep the ratios of groups, which another receiver may read again."""
-        readable = _readable(rows)
-        ratios = groups.ratios[readable, 2 * sensor : 2 * sensor + 2].copy()
-        self._ratios |= dict(zip(groups.index[readable].tolist(), ratios, strict=True))
-
     def _read_again(self, groups: Groups, sensor: int, rows: Array) -> None:
         """Take groups that were taken before, and that only show how R is counted now."""
         readable, first = _readable(rows), 0
@@ -134,11 +130,16 @@ class SensorState:
             first = len(groups) - 1 - int(np.argmax(groups.new_reference[::-1]))
             first *= int(groups.new_reference.any())
             self._again = []
+        former = {
+            index: _ratios(row)
+            for indices, observed in self._taken
+            for index, row in zip(indices.tolist(), observed, strict=True)
+        }
         pairs = groups.ratios[:, 2 * sensor : 2 * sensor + 2]
         for row in range(first, len(groups)):
-            former = self._ratios.get(int(groups.index[row]))
-            if readable[row] and former is not None:
-                self._again.append((former, pairs[row].copy()))
+            before = former.get(int(groups.index[row]))
+            if readable[row] and before is not None and np.isfinite(before).all():
+                self._again.append((before, pairs[row].copy()))
 
     def _steps(self, groups: Groups, sensor: int, first: int) -> dict[int, list[Array]]:
         """By which references change at rows from ``first`` on; NaN where that is not known."""
@@ -158,14 +159,17 @@ class SensorState:
     def _renew(self, step: Array) -> None:
         """Begin with a new reference that is ``step`` times the former one."""
         if not np.all(step == 1):
-            self._filter.change_reference(-np.angle(step), -np.log(np.abs(step)))
-            self._ratios = {index: pair / step for index, pair in self._ratios.items()}
+            phase, amplitude = -np.angle(step), -np.log(np.abs(step))
+            self._filter.change_reference(phase, amplitude)
+            for _, rows in self._taken:
+                rows["phase"] += phase
+                rows["amplitude"] += amplitude
         if (claim := self._claimed()) is not None:
             self._filter.claim_untouched(claim)
 
     def _forget(self) -> None:
         """Begin with a reference that has nothing to do with the former one."""
-        self._filter, self._ratios = self._make(), {}
+        self._filter, self._taken = self._make(), deque()
         self._claimed()
 
     def _claimed(self) -> float | None:
@@ -192,3 +196,7 @@ def describe_silence(sensor: str, since_s: float) -> str:
 
 def _readable(rows: Array) -> Array:
     return np.isfinite(rows["phase"][:, 0])
+
+
+def _ratios(rows: Array) -> Array:
+    return np.exp(rows["amplitude"] + 1j * rows["phase"])

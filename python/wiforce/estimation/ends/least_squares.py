@@ -171,10 +171,15 @@ class ToneModel:
         return fit
 
     def separate(
-        self, kernel: end_separation, groups: GroupTones, noise: noise_estimate, update: bool
+        self,
+        kernel: end_separation,
+        groups: GroupTones,
+        complete: Array,
+        noise: noise_estimate,
+        update: bool,
     ) -> dict[str, Array]:
         """Ends, clocks and noise of the first of some usable groups, by the kernel; ``update``
-        clocks and noise.
+        clocks and noise, the latter in ``complete`` ones (G,).
         """
         locked = self.locked
 
@@ -195,7 +200,7 @@ class ToneModel:
                 [tag.locked() for tag in locked],
                 groups.weights,
                 groups.center_s,
-                groups.missing == 0,
+                complete,
                 groups.tones,
                 noise,
                 update,

@@ -123,24 +123,23 @@ class EndSeparator:
             return groups
         tones, usable = self._model.prepare(groups)
         parts: list[dict[str, Array]] = []
-        slipped = groups.slipped & update
-        while len(tones):
-            self._slipped |= bool(slipped[0])
-            if self._slipped and usable[0] and update:
-                late_s = self._search.late_by_clocks_s(tones[:1])
-                self._model.slips.append((int(tones.group[0]), late_s))
-                tones.center_s += late_s
+        count, first = len(tones), 0
+        slips, usable = (groups.slipped & update).tolist(), usable.tolist()
+        while first < count:
+            self._slipped |= slips[first]
+            if self._slipped and usable[first] and update:
+                late_s = self._search.late_by_clocks_s(tones[first : first + 1])
+                self._model.slips.append((int(tones.group[first]), late_s))
+                tones.center_s[first:] += late_s
                 self._slipped = False
             # A run of groups that are all usable, or of which none is, up to a slip.
-            ends = (usable != usable[0]) | slipped
-            ends[0] = False
-            run = tones[: int(ends.argmax()) or len(tones)]
-            part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
+            stop = first + 1
+            while stop < count and usable[stop] == usable[first] and not slips[stop]:
+                stop += 1
+            run = tones[first:stop]
+            part = self._separate_run(run, update) if usable[first] else self._without_ends(run)
             parts.append(part)
-            count = len(part["gain"])
-            if count == len(tones):
-                break
-            tones, usable, slipped = tones[count:], usable[count:], slipped[count:]
+            first += len(part["gain"])
         arrays = parts[0]
         if len(parts) > 1:
             arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -150,7 +149,7 @@ class EndSeparator:
                 each = 2 if name in ("ends", "gain", "snr_db") else 1
                 arrays[name] = arrays[name][:, : each * self._tags]
         rise = arrays["noise_rise"]
-        lost = (1 - 1 / rise).sum(axis=1) / rise.shape[1]
+        lost = 1 - (1 / rise).sum(axis=1) / rise.shape[1]
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
@@ -163,10 +162,11 @@ class EndSeparator:
             self._noise.set(first.power()[0], float(first.level[0]))
         if update:
             groups = self._search.renew(groups)
-        arrays = self._model.separate(self._kernel, groups, self._noise, update)
+        complete = groups.missing == 0
+        arrays = self._model.separate(self._kernel, groups, complete, self._noise, update)
         if update:
-            complete = (groups.missing[: len(arrays["gain"])] == 0).nonzero()[0]
-            self._latest += [(groups, row) for row in complete[-STEP_GROUPS:].tolist()]
+            learned = complete[: len(arrays["gain"])].nonzero()[0][-STEP_GROUPS:]
+            self._latest += [(groups, row) for row in learned.tolist()]
         if arrays.pop("lost"):
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * arrays["noise_rise"][-1]

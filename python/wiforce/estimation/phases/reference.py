@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ...errors import InputError
@@ -24,8 +26,7 @@ class ReferenceSum:
         self.sum: Array | None = None
         self.precision = np.zeros(ends)
         self.precisions: Array = np.zeros((ends, 1))
-        self._mean: Array | None = None
-        self._excess: Array | None = None
+        self._changed()
 
     def add(self, group: Groups, received: Array) -> None:
         """Add the ``received`` ends (2S,) of a single group."""
@@ -36,7 +37,7 @@ class ReferenceSum:
         total[received] += values[received] * weights[received]
         self.precision[received] += 1 / gain[received]
         self.precisions = self.precisions + weights
-        self._mean = self._excess = None
+        self._changed()
 
     def replace(self, other: ReferenceSum) -> Array:
         """Take over all ends that another sum holds, and give them, (2S,)."""
@@ -45,35 +46,42 @@ class ReferenceSum:
             self.sum = np.where(held[:, None], other.sum, self._started(other.sum))
         self.precision = np.where(held, other.precision, self.precision)
         self.precisions = np.where(held[:, None], other.precisions, self.precisions)
-        self._mean = self._excess = None
+        self._changed()
         return held
 
+    def _changed(self) -> None:
+        """Compute again what follows from the sums; single groups could not wait for it."""
+        for name in ("mean", "gain", "excess", "complete"):
+            vars(self).pop(name, None)
+
+    @cached_property
     def mean(self) -> Array:
-        """Weighted mean of each end, shape (2S, K); 0 where there is none.
+        """Weighted mean of each end, shape (2S, K); 0 where there is none."""
+        total = np.zeros(self.precisions.shape) if self.sum is None else self.sum
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.precisions > 0, total / self.precisions, 0)
 
-        The same array until a group is added.
-        """
-        if self._mean is None:
-            total = np.zeros(self.precisions.shape) if self.sum is None else self.sum
-            with np.errstate(divide="ignore", invalid="ignore"):
-                self._mean = np.where(self.precisions > 0, total / self.precisions, 0)
-        return self._mean
-
+    @cached_property
     def gain(self) -> Array:
         """Variance of each mean over that of H, shape (2S,); infinite where there is none."""
         none = np.full(self.precision.shape, np.inf)
         return np.divide(1, self.precision, out=none, where=self.precision > 0)
 
-    def excess(self) -> Array:
+    @cached_property
+    def excess(self) -> Array | None:
         """Share by which interference raised the variance of the mean; shape (2S, K).
 
-        0 where there is no mean. The same array until a group is added.
+        0 where there is no mean, None where none was raised.
         """
-        if self._excess is None:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                excess = self.precision[:, None] / self.precisions - 1
-            self._excess = np.where(self.precisions > 0, excess, 0)
-        return self._excess
+        with np.errstate(divide="ignore", invalid="ignore"):
+            excess = self.precision[:, None] / self.precisions - 1
+        excess = np.where(self.precisions > 0, excess, 0)
+        return excess if (excess > 1e-9).any() else None
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether every end was received."""
+        return bool((self.precision > 0).all())
 
     def _started(self, values: Array) -> Array:
         if self.sum is None:
@@ -216,9 +224,9 @@ class ConjugateDifference:
             not self._holding
             and not self._against_previous
             and not self._begins
-            and bool((self._sums.precision > 0).all())
+            and self._sums.complete
             and self._stop is not None
-            and bool((groups.index[0] >= self._stop).all())
+            and groups.index[0] >= max(self._stop.tolist())
         )
 
     def _measure(self, new: NewReference, group: Groups) -> Groups:
@@ -235,13 +243,13 @@ class ConjugateDifference:
     def _adopt(self, new: NewReference, index: int) -> None:
         """Replace the reference of all ends that the new one holds, from group ``index`` on."""
         self._next = None
-        former = self._sums.mean()
+        former = self._sums.mean
         received = self._sums.replace(new.sums)
         if not received.any():
             return
         power = np.sum(np.abs(former) ** 2, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.sum(self._sums.mean() * former.conj(), axis=1) / power
+            step = np.sum(self._sums.mean * former.conj(), axis=1) / power
         self._step_of_reference = np.where(received, step, 1.0)
         self._late &= ~received
         if self._stop is not None:
@@ -282,7 +290,7 @@ class ConjugateDifference:
         values, gain = group.ends[0], group.gain[0]
         precision = self._sums.precision
         first = precision == 0
-        reference = np.where(first[:, None], values, self._sums.mean())
+        reference = np.where(first[:, None], values, self._sums.mean)
         reference_gain = np.where(first, gain, 1 / np.where(first, 1, precision))
         last = ReferenceSum(self._ends)
         last.add(group.having(noise_rise=None), received)
@@ -293,12 +301,12 @@ class ConjugateDifference:
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
         groups = self._with_noise_of_reference(groups)
-        return self._difference(groups, in_reference, self._sums.mean(), self._sums.gain())
+        return self._difference(groups, in_reference, self._sums.mean, self._sums.gain)
 
     def _with_noise_of_reference(self, groups: Groups) -> Groups:
         """Groups with more noise where interference raised that of the whole reference."""
-        excess = self._sums.excess()
-        if groups.noise_rise is None or not (excess > 1e-9).any():
+        excess = self._sums.excess
+        if groups.noise_rise is None or excess is None:
             return groups
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 1 / (groups.gain * self._sums.precision)
