@@ -148,18 +148,18 @@ def watched(folded=None):
 def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
     """A flowgraph that was stopped early blamed the type of its samples."""
     watch, said = watched(lambda: Folded(5000, 3))
-    watch.end({})
+    watch.end(lambda _: "")
     assert len(said) == 1 and "within the untouched reference of" in said[0]
     watch, said = watched(lambda: Folded(5000, 0))
-    watch.end({})
+    watch.end(lambda _: "")
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 
 def test_watch_says_since_when_a_tag_is_not_received():
     """Readings of a tag that was switched off were weak, and the log was empty."""
     watch, said = watched()
-    watch.read([Reading(0.1 * i, "arm", 0) for i in range(21)], {"arm": ""})
-    watch.read([Reading(0.1 * i, "arm", flags=("weak",)) for i in range(21, 60)], {"arm": ""})
+    watch.read([Reading(0.1 * i, "arm", 0) for i in range(21)], lambda _: "")
+    watch.read([Reading(0.1 * i, "arm", flags=("weak",)) for i in range(21, 60)], lambda _: "")
     assert said == [
         "reader: arm is not received since 2.00 s; its readings are empty until it returns"
     ]

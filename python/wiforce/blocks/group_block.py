@@ -308,6 +308,7 @@ class ReadingPort:
     failure: Exception | None
     message_port_register_out: Callable[[Any], None]
     message_port_pub: Callable[[Any, Any], None]
+    message_subscribers: Callable[[Any], Any]
 
     def open_port(self, on_reading: Callable[[Reading], None] | None) -> None:
         """Register the message port; ``on_reading`` takes every Reading in the block's thread."""
@@ -321,11 +322,15 @@ class ReadingPort:
 
     def publish(self, readings: Iterable[Reading]) -> None:
         """Send readings to the callback and the message port."""
+        port = pmt.intern(names.READINGS)
+        # A message takes as long as a fifth of the receiver, and mostly nobody is connected.
+        heard = not pmt.is_null(self.message_subscribers(port))
         for reading in readings:
             if self._on_reading is not None:
                 self._on_reading(reading)
-            known = {key: value for key, value in reading.row().items() if value is not None}
-            self.message_port_pub(pmt.intern(names.READINGS), pmt.to_pmt(known))
+            if heard:
+                known = {key: value for key, value in reading.row().items() if value is not None}
+                self.message_port_pub(port, pmt.to_pmt(known))
 
     def start(self) -> bool:
         self.ended.clear()

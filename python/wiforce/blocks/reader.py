@@ -150,7 +150,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self._publish(self.stream.finish())
-        self.watch.end(self._problems())
+        self.watch.end(self.stream.reference_problem)
         self.end_tare("the run has ended")
 
     def start(self) -> bool:
@@ -163,11 +163,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
 
     def _publish(self, readings: list[Reading]) -> None:
         self.publish(readings)
-        self.watch.read(readings, self._problems())
-
-    def _problems(self) -> dict[str, str]:
-        """Why it is not known which phases of a sensor are those untouched, by its name."""
-        return {s.name: self.stream.reference_problem(s.name) for s in self.stream.plan.sensors}
+        self.watch.read(readings, self.stream.reference_problem)
 
     def _warn(self, sentence: str) -> None:
         self.on_warning(sentence)

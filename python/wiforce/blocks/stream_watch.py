@@ -3,7 +3,7 @@
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -181,8 +181,8 @@ class StreamWatch:
         if self._problem and time_s - self._since_s >= PATIENCE_S:
             self.say(self._problem)
 
-    def read(self, readings: Sequence[Reading], problems: Mapping[str, str]) -> None:
-        """Look at readings; ``problems`` say why the untouched phases are not known."""
+    def read(self, readings: Sequence[Reading], problem: Callable[[str], str]) -> None:
+        """Look at readings; ``problem`` says why a sensor's untouched phases are not known."""
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
@@ -201,16 +201,18 @@ class StreamWatch:
             while waiting and waiting[-1].time_s - waiting[0].time_s >= PATIENCE_S:
                 # Before a problem of the samples lasts as long, that of the readings is no cause.
                 if not self._problem:
-                    self.say(self._cause(sensor, waiting, problems))
+                    self.say(self._cause(sensor, waiting, problem))
                 waiting.clear()
 
-    def _cause(self, sensor: str, readings: Sequence[Reading], problems: Mapping[str, str]) -> str:
+    def _cause(
+        self, sensor: str, readings: Sequence[Reading], problem: Callable[[str], str]
+    ) -> str:
         """What all of some readings have in common; empty where they are as they should be."""
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
             return f"{sensor}: the receiver is saturated; lower its gain by 6 dB or more"
-        if "ambiguous" in flags and problems.get(sensor):
-            return describe_doubt(sensor, problems[sensor])
+        if "ambiguous" in flags and (doubt := problem(sensor)):
+            return describe_doubt(sensor, doubt)
         if sensor in self._clear:
             silent = "weak" in flags and all(reading.touch is None for reading in readings)
             # Otherwise: a press may be weak for long.
@@ -257,8 +259,8 @@ class StreamWatch:
         """End watching."""
         self._stopped.set()
 
-    def end(self, problems: Mapping[str, str]) -> None:
-        """Say why a stream that has ended was not read; ``problems`` as for :meth:`read`."""
+    def end(self, problem: Callable[[str], str]) -> None:
+        """Say why a stream that has ended was not read; ``problem`` as for :meth:`read`."""
         self.stop()
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)
@@ -281,10 +283,10 @@ class StreamWatch:
             return
         for sensor, readings in self._readings.items():
             if readings and sensor not in self._clear:
-                self.say(self._cause(sensor, readings, problems))
+                self.say(self._cause(sensor, readings, problem))
         if not self._clear:
-            for sensor, problem in problems.items():
-                if problem:
-                    self.say(describe_doubt(sensor, problem))
+            for each in plan.sensors:
+                if doubt := problem(each.name):
+                    self.say(describe_doubt(each.name, doubt))
             if self._readings:
                 self.say(ALL_FLAGGED)

@@ -250,8 +250,9 @@ class timed_frames(Kept, gr.sync_block):
         self._first: int | None = None
         self._start: DeviceTime = (0, 0.0)
         self._skipped = self._next_look = 0  # in samples
-        # As many samples at once as keep the cost of a call small.
-        self.set_min_output_buffer(2 * _TOGETHER)
+        # A transmitter takes packets. Called after each of them, this took a quarter of a core.
+        self.set_output_multiple(_TOGETHER)
+        self.set_min_output_buffer(4 * _TOGETHER)
 
     @property
     def skipped_s(self) -> float:

@@ -129,4 +129,4 @@ class SensorReadout:
 def as_arrays(readouts: list[Array]) -> dict[str, Array]:
     """Arrays of :class:`Groups` from what the groups say of each sensor."""
     names = "touch", "phases_deg", "psi_std_deg", *ESTIMATES, "flags"
-    return {name: np.stack([each[name] for each in readouts], axis=1) for name in names}
+    return {name: np.array([each[name] for each in readouts]).swapaxes(0, 1) for name in names}

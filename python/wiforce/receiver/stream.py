@@ -189,7 +189,11 @@ class StreamReader:
         one, but then the next one is still marked as tuned anew.
         """
         marks = self._slips.mark(group.index, group.retuned)
-        return [] if marks is None else [replace(group, slipped=marks[0], retuned=marks[1])]
+        if marks is None:
+            return []
+        if marks != (group.slipped, group.retuned):
+            group = replace(group, slipped=marks[0], retuned=marks[1])
+        return [group]
 
     def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
         readings: list[Reading] = []
@@ -230,10 +234,11 @@ class StreamReader:
         return "reference" if self._kept is not None and self._kept.groups else "acquiring"
 
     def reference_problem(self, sensor: str) -> str:
-        """Why it is not known which phases of a sensor are those untouched; empty if they are."""
-        if self._receiver is None:
-            return ""
-        return self._receiver.readout.sensors[sensor].state.problem
+        """Why it is not known which phases of a sensor are those untouched; empty if they are, and
+        for a surface.
+        """
+        sensors = {} if self._receiver is None else self._receiver.readout.sensors
+        return sensors[sensor].state.problem if sensor in sensors else ""
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
         """Mistakes that the presses suggest: see ``Receiver.suspicions``."""

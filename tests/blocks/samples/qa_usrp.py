@@ -169,6 +169,7 @@ def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
     source = blocks.vector_source_s(items.tolist(), False, 2)
     timed = timed_frames(lambda: (3, 0.75), device_time, frame, rate)
     sink, flowgraph = blocks.vector_sink_s(2), gr.top_block()
+    timed.set_output_multiple(1)
     timed.set_max_noutput_items(most)
     flowgraph.connect(source, timed, sink)
     flowgraph.run()

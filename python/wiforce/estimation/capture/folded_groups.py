@@ -107,7 +107,7 @@ class FoldedGroups:
         Takes the folded frames of the snapshots that are present. All weights are zero when these
         do not determine the tones.
         """
-        if np.all(present):
+        if present.all():
             rows = self._kernel.transform(folded)
             return rows[:-1], rows[-1], present
         partial = self._table.for_present(present)
@@ -128,23 +128,28 @@ class FoldedGroups:
         count, length = len(received), self._table.group_length
         tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
         static = np.zeros((count, len(self._bins)), complex)
-        weights = np.ones((count, length), bool)
-        missing = np.array([length - np.sum(group.present) for group in received], np.int64)
-        saturated = np.array([group.saturated for group in received])
-        rejected = np.zeros(count)
+        weights = None
+        missing, rejected = np.zeros(count, np.int64), np.zeros(count)
         for row, group in enumerate(received):
             kept = group.present if group.kept is None else group.kept
-            folded = group.folded if kept.all() else group.folded[kept]
-            tones[row], static[row], weights[row] = self.solve(kept, folded)
-            rejected[row] = np.sum(group.present & ~kept)
-        missing[~weights.any(axis=1)] = length
+            used = np.count_nonzero(kept)
+            folded = group.folded if used == length else group.folded[kept]
+            tones[row], static[row], solved = self.solve(kept, folded)
+            if used == length:
+                continue
+            if weights is None:
+                weights = np.ones((count, length), bool)
+            weights[row] = solved
+            present = np.count_nonzero(group.present)
+            missing[row] = length - present * solved.any()
+            rejected[row] = present - used
         return Groups(
             np.array([group.index for group in received], np.int64),
             tones,
             missing,
-            is_clipped(saturated, length),
+            is_clipped(np.array([group.saturated for group in received]), length),
             np.array([group.retuned for group in received], bool),
-            None if weights.all() else weights,
+            weights,
             rejected / length,
             static,
             slipped=np.array([group.slipped for group in received], bool),
