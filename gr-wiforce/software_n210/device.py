@@ -133,6 +133,8 @@ class Device:
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""
         hardware = self._hardware
+        if hardware.receiving:
+            self._faults.begin()
         for fault in self._faults.due(hardware.clock, hardware.origin):
             apply_fault(fault, hardware)
             self._faults_applied += 1

@@ -68,7 +68,8 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
     """A fault from ``TIME KIND ARGUMENTS``.
 
     TIME is in seconds of device time or, with a leading ``+``, in seconds after the first sample
-    that was received since the device was opened. The kinds are::
+    that was received since the device was opened; given while nothing streams, they wait for the
+    next stream. The kinds are::
 
         overflow SAMPLES [stop]   report an overflow and lose SAMPLES; then continue, or go idle
         lose PACKETS              number the next packets but do not send them
@@ -132,13 +133,22 @@ def apply_fault(fault, hardware):
 
 
 class FaultQueue:
-    """Scheduled faults."""
+    """Scheduled faults.
+
+    Those relative to the first sample that are given between two streams belong to the next one: a
+    host that is about to close the device would take them with it.
+    """
 
     def __init__(self):
-        self._faults = []
+        self._faults, self._waiting = [], []
 
     def add(self, fault):
-        self._faults.append(fault)
+        (self._waiting if fault.relative else self._faults).append(fault)
+
+    def begin(self):
+        """Schedule the relative faults, as a stream runs."""
+        self._faults += self._waiting
+        self._waiting = []
 
     def next_tick(self, clock, origin):
         """Tick of the first fault, or None; `origin` is the tick of the first sample, or None."""

@@ -120,7 +120,12 @@ class Hardware:
     @property
     def streaming(self):
         """Whether a stream runs or is queued in either direction."""
-        return self.transmit.busy or any(chain.waiting for chain in self.receive)
+        return self.transmit.busy or self.receiving
+
+    @property
+    def receiving(self):
+        """Whether a received stream runs or is queued."""
+        return any(chain.waiting for chain in self.receive)
 
     @property
     def longest_step(self):

@@ -137,6 +137,16 @@ def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(
     assert said_of(codes, SLOW) == []
 
 
+def test_reader_names_a_press_in_a_part_of_the_reference(tmp_path):
+    """It looks like noise around the tag's lines, and the message blamed the scene."""
+    scene = copy.deepcopy(SLOW)
+    scene["simulation"]["duration_s"] = 1.4
+    scene["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
+    codes = press_codes_of(scene, tmp_path)
+    (sentence,) = said_of(codes[2431 * 360 :], scene)  # the press begins .15 s after the start
+    assert "arm: it may have been touched while its reference was measured" in sentence
+
+
 def watched(folded=None):
     """A watch of the scene, and what it says."""
     said = []

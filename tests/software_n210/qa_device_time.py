@@ -112,6 +112,9 @@ def test_fault_queue_due_faults_come_in_order():
     clock.advance(150)
     assert [fault.kind for fault in queue.due(clock, origin)] == ["late", "lose"]
     assert queue.next_tick(clock, origin) is None
+    # The host of a former stream, which began at 5, has not closed the device yet.
+    assert queue.next_tick(clock, 5) is None and queue.due(clock, 5) == []
+    queue.begin()
     assert queue.next_tick(clock, 1000) == 1100
     clock.advance(1100)
     assert [fault.kind for fault in queue.due(clock, 1000)] == ["swap"]

@@ -123,7 +123,10 @@ class RunHealth:
                 self._events.append(self._returns(reading, tag))
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
             tag.lost_s = 0.0
-            self._note_doubt(reading, tag)
+            self._note_doubt(reading, tag, "ambiguous")
+            return
+        if "moved" in reading.flags and self._stream.reference_problem(reading.sensor):
+            self._note_doubt(reading, tag, "moved")
             return
         # Groups that were not received, as those of a lost device, say nothing about the tag. After
         # an hour of them there are no rows.
@@ -135,10 +138,10 @@ class RunHealth:
             cause = self._never_received() if tag.received_s is None else ""
             self._events.append(describe_silence(reading.sensor, since_s) + cause)
 
-    def _note_doubt(self, reading, tag):
-        """Say once why readings are ambiguous that stay so."""
+    def _note_doubt(self, reading, tag, flag):
+        """Say once why readings have a flag that stays."""
         problem = self._stream.reference_problem(reading.sensor)
-        if not problem or "ambiguous" not in reading.flags:
+        if not problem or flag not in reading.flags:
             tag.doubted_s, tag.doubt_said = None, tag.doubt_said and bool(problem)
             return
         if tag.doubted_s is None:

@@ -8,6 +8,7 @@ from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import findings
+from gnuradio.wiforce.press.sensor_state import describe_doubt
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import accepted_suspicions
 
@@ -85,14 +86,21 @@ def warn_of_end(capture, reader):
         for suspicion in found:
             warn(capture, f"{name}: {suspicion.text}")
     counts = reader.counts
-    if counts.groups and not counts.clear:
+    receiver = getattr(reader, "receiver", None)  # a followed file's block has said it
+    if receiver is not None and counts.groups and not counts.clear:
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         rule = ALL_FLAGGED
         if isinstance(reader, SnapshotReader):
             rule = "every reading is flagged; check clock_hz and packets of the scene, and the "
             rule += "signal level"
-        warn(capture, rule)
+        problems = [
+            describe_doubt(name, state.problem)
+            for name, state in receiver.states.items()
+            if state.problem
+        ]
+        for text in problems or [rule]:
+            warn(capture, text)
 
 
 def warn(path, text):

@@ -68,7 +68,7 @@ class Timeline:
 # Groups are looked at so often, in s of signal.
 _LOOKS_S = 0.25
 # Flags of readings that have a cause in the set-up if nothing else is read.
-_CAUSES = {"saturated", "ambiguous", "inconsistent", "weak"}
+_CAUSES = {"saturated", "ambiguous", "inconsistent", "weak", "moved"}
 _NO_GROUPS = (
     "every frame holds samples that are NaN or infinite, as 16-bit integers have that are read as "
     "floats; check the block that makes the samples, and its type against the input type"
@@ -211,7 +211,8 @@ class StreamWatch:
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
             return f"{sensor}: the receiver is saturated; lower its gain by 6 dB or more"
-        if "ambiguous" in flags and (doubt := problem(sensor)):
+        unread = "moved" in flags and all(reading.touch is None for reading in readings)
+        if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
             return describe_doubt(sensor, doubt)
         if sensor in self._clear:
             silent = "weak" in flags and all(reading.touch is None for reading in readings)

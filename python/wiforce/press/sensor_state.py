@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..estimation.groups import Array, Groups
+from ..io.readings import WEAK_PHASE_DEG
 from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
 from .explanations import MIXED, NOTHING, UNTOUCHED, later
@@ -42,6 +43,8 @@ class SensorState:
         self._make, self._filter = make_filter, make_filter()
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
+        # Only one end has a reference: a press within it looks like noise around the tag's lines.
+        self._one_ended = False
         self._last = -1  # newest group that was taken
         # Indices of the newest groups, and what was observed in them.
         self._taken: deque[tuple[Array, Array]] = deque()
@@ -87,6 +90,10 @@ class SensorState:
         readable = _readable(rows[again:]).tolist()
         self.received = readable[-1]
         self.seen |= True in readable
+        if self.received:
+            self._one_ended = False
+        elif not self._one_ended:
+            self._one_ended = bool(_one_ended(groups, sensor).any())
         # Joining structured arrays takes longer than the filter does for a group.
         return parts[0] if len(parts) == 1 else np.concatenate(parts), retuned
 
@@ -113,6 +120,8 @@ class SensorState:
         """Why it is not known which phases are those of the untouched sensor; empty if they are."""
         if self.retuned:
             return RETUNED
+        if self._one_ended:
+            return UNCLEAR
         newest, untouched = self._filter.newest(), self._untouched()
         steady = newest[newest["is"] != MIXED]
         doubtful = float(steady["weight"][~steady["known"]].sum())
@@ -192,6 +201,14 @@ def describe_silence(sensor: str, since_s: float) -> str:
     return (
         f"{sensor} is not received since {since_s:.2f} s; its readings are empty until it returns"
     )
+
+
+def _one_ended(groups: Groups, sensor: int) -> Array:
+    """Whether one end is received and the other has no reference; bool, shape (G,)."""
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    received = groups.phase_std_deg[:, ends] < WEAK_PHASE_DEG
+    without = groups.reference_power[:, ends] == 0
+    return np.asarray(received.any(axis=1) & without.any(axis=1))
 
 
 def _readable(rows: Array) -> Array:
