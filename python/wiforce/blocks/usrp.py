@@ -2,6 +2,7 @@
 """Block: a USRP that sends the sounding frames of a scene and receives them, aligned."""
 
 import math
+import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,9 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.capture.samples import item_type_named
 from ..io.network.device_lock import DeviceLock
+from ..press.sensor_state import PATIENCE_S
 from ..scene import Scene, load_scene
+from ..wiforce_kernels import exit_on_terminate
 from .argument_types import Kept, typed
 from .frame_alignment import frame_alignment
 from .sounding import sounding_source
@@ -39,6 +42,7 @@ DeviceTime = tuple[int, float]
 # Share of a device's range at which gains begin: the software N210 then receives peaks of -10 dBFS.
 _FIRST_GAIN = 1 / 3
 _RATE_TOLERANCE = 1e-6
+_LOST_STATUS = 1  # exit status
 
 
 def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
@@ -125,11 +129,13 @@ class usrp(Kept, gr.hier_block2):
         )
         # Inner connections hold C++ parts only, and there is no message port: with one, GNU Radio
         # would never destroy the block, and the device would stay open.
+        device_time = partial(device_time_of, self.transmitter)
         self._start = timed_frames(
             partial(_begin_together, self.transmitter, self.receiver),
-            partial(device_time_of, self.transmitter),
+            device_time,
             scene.sounding.frame_length,
             scene.radio.sample_rate_hz,
+            DeviceWatch(device_time),
         )
         self.connect(sounder, self._start.gateway, self.transmitter)
         self.connect(self.receiver, self.alignment.gateway, self._impl)
@@ -224,6 +230,47 @@ def _begin_together(transmitter: Any, receiver: Any) -> DeviceTime:
     return start.get_full_secs(), start.get_frac_secs()
 
 
+class DeviceWatch:
+    """Asks a device for its time once per second, and says once that it is lost.
+
+    ``ask`` raises a RuntimeError, as UHD does, where there is no answer; two in a row are none by
+    chance.
+    """
+
+    def __init__(self, ask: Callable[[], object]) -> None:
+        self._ask = ask
+        self._silent, self._stopped = 0, threading.Event()
+
+    def start(self) -> None:
+        """Watch until :meth:`stop`."""
+        self._silent = 0
+        self._stopped.clear()
+        threading.Thread(target=self._wait, name="device_watch", daemon=True).start()
+
+    def stop(self) -> None:
+        self._stopped.set()
+
+    def _wait(self) -> None:
+        while not self._stopped.wait(PATIENCE_S):
+            self.look()
+
+    def look(self) -> None:
+        """Ask once."""
+        try:
+            self._ask()
+        except RuntimeError:
+            self._silent += 1
+        else:
+            self._silent = 0
+        if self._silent == 2:
+            gr.log.error(
+                "usrp: the device is lost, it does not answer; check its cable and its power, and "
+                "start the program again"
+            )
+            # Otherwise the program ends with a trace of memory addresses when it is stopped.
+            exit_on_terminate(_LOST_STATUS)
+
+
 class timed_frames(Kept, gr.sync_block):
     """Passes sounding frames, complex 16-bit, to a transmitter of gr-uhd with their times.
 
@@ -233,7 +280,7 @@ class timed_frames(Kept, gr.sync_block):
     frames, so that receivers find the frames where they were.
 
     ``begin``: returns the time of the first sample, in each run; ``device_time``: returns that of
-    the device. ``skipped_s``: how much later frames are since the run began.
+    the device. ``watch`` looks at it while the flowgraph runs. ``skipped_s``: how much later frames are since the run began.
     """
 
     def __init__(
@@ -242,6 +289,7 @@ class timed_frames(Kept, gr.sync_block):
         device_time: Callable[[], DeviceTime],
         frame_length: int,
         sample_rate: float,
+        watch: DeviceWatch | None = None,
     ) -> None:
         item = item_type_named(_ITEM_TYPE).item
         gr.sync_block.__init__(self, "timed_frames", in_sig=[item], out_sig=[item])
@@ -250,6 +298,7 @@ class timed_frames(Kept, gr.sync_block):
         self._first: int | None = None
         self._start: DeviceTime = (0, 0.0)
         self._skipped = self._next_look = 0  # in samples
+        self._watch = watch
         # A transmitter takes packets. Called after each of them, this took a quarter of a core.
         self.set_output_multiple(_TOGETHER)
         self.set_min_output_buffer(4 * _TOGETHER)
@@ -260,6 +309,13 @@ class timed_frames(Kept, gr.sync_block):
 
     def start(self) -> bool:
         self._first, self._skipped, self._next_look = None, 0, 0
+        if self._watch is not None:
+            self._watch.start()
+        return True
+
+    def stop(self) -> bool:
+        if self._watch is not None:
+            self._watch.stop()
         return True
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:

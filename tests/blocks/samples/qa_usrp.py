@@ -14,7 +14,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.usrp import _set_gain as set_usrp_gain
-from gnuradio.wiforce.blocks.usrp import require_rate, timed_frames
+from gnuradio.wiforce.blocks.usrp import DeviceWatch, require_rate, timed_frames
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import FRAMES, SLOW, scene_file, wait_until
@@ -185,3 +185,23 @@ def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
     assert frames == pytest.approx(round(frames), abs=1e-6) and frames > 0
     assert 0 <= begun_s - late - 0.25 <= frame / rate + 1e-9
     assert timed.skipped_s == pytest.approx(round(frames) * frame / rate)
+
+
+def test_watch_says_once_that_the_device_is_lost(monkeypatch):
+    """Readings ended without a word, and stopping printed addresses of memory."""
+    said, statuses, answers = [], [], ["", "x", "", "x", "x", "x"]
+    monkeypatch.setattr(usrp_block, "gr", SimpleNamespace(log=SimpleNamespace(error=said.append)))
+    monkeypatch.setattr(usrp_block, "exit_on_terminate", statuses.append)
+
+    def ask():
+        if answers.pop(0):
+            raise RuntimeError("no response packet")
+
+    watch = DeviceWatch(ask)
+    for _ in range(4):
+        watch.look()
+    assert not said and not statuses
+    watch.look()
+    watch.look()
+    assert len(said) == 1 and "the device is lost" in said[0]
+    assert statuses == [1]
