@@ -81,6 +81,7 @@ void input_events::note_setting(const gr::tag_t& tag)
     const bool was_usable = usable();
     if (pmt::eq(tag.key, rx_rate_key)) {
         d_rate_is_right = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
+        d_refused_rate = d_rate_is_right ? 0 : value;
     } else if (!d_carrier && d_expected &&
                !(std::abs(value - *d_expected) <= CARRIER_TOLERANCE * *d_expected)) {
         d_carrier_is_right = false;
@@ -88,6 +89,8 @@ void input_events::note_setting(const gr::tag_t& tag)
         d_carrier = d_carrier.value_or(value);
         d_carrier_is_right = std::abs(value - *d_carrier) <= 1;
     }
+    if (pmt::eq(tag.key, rx_freq_key))
+        d_refused_carrier = d_carrier_is_right ? 0 : value;
     if (usable() == was_usable)
         return;
     if (!usable())

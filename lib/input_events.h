@@ -6,6 +6,7 @@
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
 
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <optional>
@@ -48,6 +49,11 @@ public:
     // The carrier that the first rx_freq must be close to.
     void expect_carrier(double frequency_hz) { d_expected = frequency_hz; }
 
+    // The rate and the carrier that tags report, 0 where they are as expected; for any
+    // thread.
+    double refused_rate() const { return d_refused_rate; }
+    double refused_carrier() const { return d_refused_carrier; }
+
     // Values of rx_time that were malformed or implausible.
     std::uint64_t times_ignored() const { return d_times_ignored; }
 
@@ -65,6 +71,7 @@ private:
     bool d_carrier_is_right = true;
     std::optional<double> d_expected; // carrier
     std::optional<double> d_carrier;  // the first one reported that is close to it
+    std::atomic<double> d_refused_rate = 0, d_refused_carrier = 0;
     std::optional<event> d_next;
     kernel::counter d_times_ignored;
 };

@@ -180,11 +180,17 @@ def press_codes_of(scene, folder):
     return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
 
 
-def test_reader_at_a_wrong_carrier_names_it(codes):
-    """The block that discards the samples names both carriers in the log."""
-    value = (0, pmt.intern("rx_freq"), pmt.from_double(2.4e9), pmt.PMT_F)
-    (sentence,) = said_of(codes, tags=[gr.tag_utils.python_to_tag(value)])
-    assert "at the carrier and sample rate of the scene" in sentence
+@pytest.mark.parametrize(
+    "key, value, cause",
+    [
+        ("rx_freq", 2.4e9, "a carrier of 2400 MHz, and the scene of 900 MHz"),
+        ("rx_rate", 12e6, "a sample rate of 12 MHz, and the scene of 12.5 MHz"),
+    ],
+)
+def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
+    tag = (0, pmt.intern(key), pmt.from_double(value), pmt.PMT_F)
+    (sentence,) = said_of(codes, tags=[gr.tag_utils.python_to_tag(tag)])
+    assert cause in sentence
 
 
 @pytest.mark.parametrize(

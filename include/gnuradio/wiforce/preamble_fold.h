@@ -93,6 +93,10 @@ public:
     //! Expects a carrier in Hz, to 0.1 % as sensor models do; before the flowgraph
     //! starts.
     virtual void expect_carrier(double frequency_hz) = 0;
+    //! Rate and carrier that tags report now, for which samples are discarded; 0 for
+    //! those that are right.
+    virtual double refused_rate() const = 0;
+    virtual double refused_carrier() const = 0;
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

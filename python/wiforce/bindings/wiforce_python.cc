@@ -109,6 +109,12 @@ static void bind_preamble_fold(py::module& m)
              &preamble_fold::expect_carrier,
              "frequency_hz"_a,
              "Expects a carrier in Hz, to 0.1 %; samples of another one are discarded.")
+        .def("refused_rate",
+             &preamble_fold::refused_rate,
+             "Rate in Hz that a tag reports, for which samples are discarded; else 0.")
+        .def("refused_carrier",
+             &preamble_fold::refused_carrier,
+             "Carrier in Hz that a tag reports, for which samples are discarded; else 0.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
         .def("gaps", &preamble_fold::gaps, "Gaps that `rx_time` reported.")
         .def("samples_lost", &preamble_fold::samples_lost, "Samples lost in them.")

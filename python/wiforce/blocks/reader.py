@@ -176,7 +176,8 @@ _ITEM_BYTES = {name: kind.sample_bytes for name, kind in ITEM_TYPES.items()}
 
 
 def _folded(fold: preamble_fold) -> Folded:
-    return Folded(fold.snapshots(), fold.nitems_written(0))
+    refused = fold.refused_rate(), fold.refused_carrier()
+    return Folded(fold.snapshots(), fold.nitems_written(0), *refused)
 
 
 class reader(Kept, gr.hier_block2):

@@ -76,10 +76,16 @@ _NO_GROUPS = (
 
 
 class Folded(NamedTuple):
-    """Frames that a block has made of all samples, and groups since the flowgraph began."""
+    """Frames that a block has made of all samples, and groups since the flowgraph began.
+
+    ``rate_hz`` and ``carrier_hz`` are those that the source reports, and for which samples are
+    discarded; 0 otherwise.
+    """
 
     frames: int
     groups: int
+    rate_hz: float = 0.0
+    carrier_hz: float = 0.0
 
 
 class SearchWatch:
@@ -253,8 +259,24 @@ class StreamWatch:
             found = self.folded()
             if found.groups > former.groups:
                 former = found
+            elif refused := self._refusal(found):
+                self.say(refused)
             elif found.frames - former.frames >= max(second, 2 * self._plan.group_length):
                 self.say(_NO_GROUPS)
+
+    def _refusal(self, folded: Folded) -> str:
+        """Why samples are discarded; empty where they are not."""
+        waveform, carrier_hz = self._plan.waveform, self._plan.center_frequency_hz
+        for name, refused_hz, own_hz in (
+            ("sample rate", folded.rate_hz, waveform.sample_rate_hz),
+            ("carrier", folded.carrier_hz, carrier_hz),
+        ):
+            if refused_hz:
+                return (
+                    f"the source has a {name} of {refused_hz / 1e6:.9g} MHz, and the scene of "
+                    f"{own_hz / 1e6:.9g} MHz; its samples are discarded"
+                )
+        return ""
 
     def stop(self) -> None:
         """End watching."""
@@ -266,6 +288,7 @@ class StreamWatch:
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)
         folded = Folded(0, self._groups) if self.folded is None else self.folded()
+        self.say(self._refusal(folded))
         groups = max(self._groups, folded.groups)
         if not groups:
             self.say(
