@@ -280,7 +280,8 @@ class timed_frames(Kept, gr.sync_block):
     frames, so that receivers find the frames where they were.
 
     ``begin``: returns the time of the first sample, in each run; ``device_time``: returns that of
-    the device. ``watch`` looks at it while the flowgraph runs. ``skipped_s``: how much later frames are since the run began.
+    the device. ``watch`` looks at it while the flowgraph runs. ``skipped_s``: how much later frames
+    are since the run began.
     """
 
     def __init__(

@@ -13,8 +13,8 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.blocks.usrp import _set_gain as set_usrp_gain
 from gnuradio.wiforce.blocks.usrp import DeviceWatch, require_rate, timed_frames
+from gnuradio.wiforce.blocks.usrp import _set_gain as set_usrp_gain
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import FRAMES, SLOW, scene_file, wait_until
