@@ -206,9 +206,9 @@ def describe_silence(sensor: str, since_s: float) -> str:
 def _one_ended(groups: Groups, sensor: int) -> Array:
     """Whether one end is received and the other has no reference; bool, shape (G,)."""
     ends = slice(2 * sensor, 2 * sensor + 2)
-    received = groups.phase_std_deg[:, ends] < WEAK_PHASE_DEG
-    without = groups.reference_power[:, ends] == 0
-    return np.asarray(received.any(axis=1) & without.any(axis=1))
+    std_deg = groups.phase_std_deg[:, ends]
+    without = groups.reshaped[:, ends] & ~np.isfinite(std_deg)
+    return np.asarray((std_deg < WEAK_PHASE_DEG).any(axis=1) & without.any(axis=1))
 
 
 def _readable(rows: Array) -> Array:
