@@ -323,7 +323,7 @@ def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
     )
     (tmp_path / "demo").mkdir()  # where the demo writes such a table
     sensor.write_vna_csv(table, line[1])
-    (columns,) = re.findall(r"calibrate .*, or (\S+) of yours", README)
+    (columns,) = re.findall(r"calibrate .*, or yours with (\S+)", README)
     assert (tmp_path / line[1]).read_text().startswith(columns)
     assert run_command(*line).returncode == 0
     assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)

@@ -191,7 +191,7 @@ def calibrate(
         )
         lines = report(model)  # refuses a model that cannot be inverted
     except InputError as error:
-        raise _with_suspicions(error, sensor.suspicions(data, *line)) from None
+        raise _with_suspicions(table, error, sensor.suspicions(data, *line)) from None
     suspected = model.provenance.get("suspicions", [])
     if bench is None and (assumed := sensor.untouched_assumed(data, model)):
         suspected = [*assumed, *suspected]
@@ -204,8 +204,6 @@ def calibrate(
         click.echo(text)
     for text in _line_assumed(sensor, data, *line):
         click.echo(text)
-    for warning in sensor.calibration_warnings(model):
-        click.echo(f"warning: {warning}")
     if plot_path is not None:
         from .plot import plot_calibration
 
@@ -232,7 +230,7 @@ def _without_incomplete(data):
 
 
 def _verdict(sensor, model, suspected):
-    """What the sensor is good for, first of all."""
+    """What the sensor is good for and what speaks against it, first of all."""
     for text in suspected:
         yield f"not to be trusted: {text}"
     span = " and ".join(f"{place:g}" for place in model.location_span_mm)
@@ -246,19 +244,23 @@ def _verdict(sensor, model, suspected):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
         yield f"verdict{at}, as standard deviations:"
         yield from (f"  {line}" for line in [*str(each).splitlines(), f"ruler: {ruler}"])
+    yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))
     yield ""
 
 
-def _with_suspicions(error, suspected):
-    """The error, with the mistake in the table that may be its cause."""
+def _with_suspicions(table, error, suspected):
+    """The error of a table, with the mistake in the table that may be its cause."""
     rule = str(error).removeprefix(f"{error.where}: ")
-    return InputError(_OPTION_OF.get(error.where, error.where), "; ".join([rule, *suspected]))
+    where = _OPTION_OF.get(error.where, error.where)
+    where = f"{table}: {where}" if where.startswith("sensor") else where  # not written yet
+    return InputError(where, "; ".join([rule, *suspected]))
 
 
 def _line_assumed(sensor, data, length_mm, permittivity):
     """What is assumed of the line, beside what the data say of it."""
     yield ""
-    yield f"line: {length_mm:g} mm and effective permittivity {permittivity:g} are assumed"
+    given = f"{length_mm:g} mm, effective permittivity {permittivity:g}"
+    yield f"line: {given} (--length-mm, --permittivity)"
     for found in sensor.estimate_line(data, length_mm, permittivity):
         yield f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}"
 
@@ -278,7 +280,7 @@ def report(model):
     """Lines that say what a calibrated model holds and how far it can be trusted."""
     lines = [
         f"sensor {model.name}: {model.form} curves of force, first shorted at "
-        f"{model.onset_force_n:g} N",
+        f"{model.onset_force_n:.3g} N",
         f"calibrated {model.force_span_n[0]:g}..{model.force_span_n[1]:g} N, "
         f"{model.location_span_mm[0]:g}..{model.location_span_mm[1]:g} mm",
     ]

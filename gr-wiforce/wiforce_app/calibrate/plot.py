@@ -83,18 +83,24 @@ def _plot_port(port, axes):
         axis.set_ylabel(up)
         axis.grid(alpha=0.3)
     axes[1].set_xlim(0, port.length_mm)
-    for axis in axes[1:]:
-        legend_beside(axis)
+    legend_beside(axes[1], "these lines")
+    legend_beside(axes[2], "left and right")
 
 
 def _plot_over_location(port, axis):
-    """Curves at the least and greatest force measured and at some between, and measurements."""
+    """Curves at the least and greatest force measured and at some between.
+
+    The points are the measurements at the next force, shifted along their curve.
+    """
     every = np.unique(port.pressed.force_n)
     shown = every[np.unique(np.linspace(0, len(every) - 1, _FORCES_SHOWN).round().astype(int))]
     locations = np.linspace(min(port.locations), max(port.locations), _POINTS)
     for number, force_n in enumerate(shown):
         style, label = series_style(number), f"{force_n:g} N"
         axis.plot(locations, port.curve(force_n, locations), color=style["color"], label=label)
-        here = port.pressed.take(port.pressed.force_n == force_n)
-        measured = port.curve(force_n, here.location_mm) + port.residuals(here)
-        axis.plot(here.location_mm, measured, ls="", ms=3, **style)
+        for location in port.locations:
+            here = port.pressed.take(port.pressed.location_mm == location)
+            away = np.abs(here.force_n - force_n)
+            here = here.take(away == away.min())
+            measured = port.curve(force_n, here.location_mm) + port.residuals(here)
+            axis.plot(here.location_mm, measured, ls="", ms=3, **style)

@@ -97,7 +97,8 @@ def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.n
     for index in np.flatnonzero(steps > allowed):
         rule = (
             f"must not jump by {steps[index]:.0f} deg (modulo 360) from row "
-            f"{table.row[order[index]]} while the force changes by {gaps[index]:.3g} N"
+            f"{table.row[order[index]]} while the force changes by {gaps[index]:.3g} N "
+            "(rows or cables exchanged, or typed wrong?)"
         )
         raise InputError(f"{table.at(order[index + 1])}: phase_deg", rule)
     return order, phase

@@ -18,6 +18,7 @@ from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier, wrap_deg
 from .data import carriers_of, touched_rows, untouched_phases
 from .tables import CalibrationTable
+from .validation import shift_per_degree
 
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
 # offsets of their own, as when cables were moved, and nothing follows. The slope is only
@@ -56,8 +57,7 @@ class LineEstimate:
         length = (
             "a length that only untouched rows would tell"
             if self.length_mm is None
-            else f"{self.length_mm:.0f} mm within {_LENGTH_MM:g} mm (modulo "
-            f"{self.ambiguity_mm:.0f} mm)"
+            else f"{self.length_mm:.0f} +- {_LENGTH_MM:g} mm (or {self.ambiguity_mm:.0f} mm more)"
         )
         low = max(self.permittivity / _PERMITTIVITY_RATIO, 1.0)
         high = self.permittivity * _PERMITTIVITY_RATIO
@@ -210,16 +210,7 @@ def untouched_assumed(table: CalibrationTable, model: SensorModel) -> list[str]:
     for frequency in carriers_of(table):
         if untouched_phases(table.take(same_carrier(table.frequency_hz, frequency))) is not None:
             continue
-        force_n, location_mm = np.meshgrid(
-            np.linspace(*model.force_span_n, 5), np.linspace(*model.location_span_mm, 5)
-        )
-        phases = model.phases_deg(force_n.ravel(), location_mm.ravel(), frequency)
-        at = {"frequency_hz": frequency}
-        before, after = (model.invert(phases + each, 0.1, **at) for each in ([0, 0], [1, 0]))
-        force, location = (
-            np.nanmedian(np.abs(getattr(after, name) - getattr(before, name)))
-            for name in ("force_n", "location_mm")
-        )
+        force, location = shift_per_degree(model, frequency)
         found.append(
             f"no rows of the untouched sensor (force_n 0, no location) at {frequency / 1e6:g} MHz: "
             f"its phases are taken to be those of a line of {model.length_mm:g} mm, and each "
@@ -441,8 +432,9 @@ def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -
     if estimate.length_mm is not None and abs(estimate.length_mm - length_mm) > _LENGTH_MM:
         return [
             f"{at}touched and untouched phases are those of a line of about "
-            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: check --length-mm, and that the "
-            "far end was open while untouched (50 ohm there reflects nothing)"
+            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes and "
+            "the open far end (50 ohm reflects nothing) the same for all rows, does the ruler "
+            "begin at port 1, and is --length-mm right?"
         ]
     return []
 

@@ -129,9 +129,12 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
         rows.append((number, frequency, location, port, force, phase, _press(line)))
     table = CalibrationTable.from_rows(path, rows)
     if frequency_hz is not None:
+        carriers = np.unique(table.frequency_hz)
         table = table.take(same_carrier(table.frequency_hz, frequency_hz))
         if not table.row.size:
-            raise InputError(path, "has no row at the carrier", frequency_hz)
+            listed = ", ".join(f"{each / 1e6:g}" for each in carriers)
+            rule = f"has rows at {listed} MHz, and none at the carrier"
+            raise InputError(path, rule, f"{frequency_hz / 1e6:g} MHz")
     return table
 
 

@@ -131,8 +131,10 @@ class Verdict:
 
     ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
     the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
-    former; ``flagged``: share of the span in which readings are flagged; ``unusable``: why no force
-    is read, empty where it is.
+    former; ``flagged``: share of the span in which readings are flagged, and ``most_flagged`` the
+    flag of most of them; ``shift_per_degree``: median change of force (N) and location (mm) where
+    the untouched phase of a port is off by a degree, which nothing shows up to some 20 degrees;
+    ``unusable``: why no force is read, empty where it is.
     """
 
     frequency_hz: float
@@ -142,6 +144,8 @@ class Verdict:
     location_span_mm: tuple[float, float]
     limit: str
     flagged: float
+    most_flagged: str
+    shift_per_degree: tuple[float, float]
     unusable: str = ""
 
     def __str__(self) -> str:
@@ -157,8 +161,13 @@ class Verdict:
         if self.unusable:
             lines.insert(0, self.unusable)
         if 0 < self.flagged < 1:
-            lines.append(f"left out: {self.flagged:.0%} of this span, where readings are flagged")
-        return "\n".join([*lines, "not included: the noise of a radio"])
+            lines.append(f"left out: {self.flagged:.0%} of this span, flagged {self.most_flagged}")
+        force_n, location_mm = self.shift_per_degree
+        untouched = (
+            f"untouched phases: each degree that one is off shifts readings by {force_n:.2g} N and "
+            f"{location_mm:.2g} mm"
+        )
+        return "\n".join([*lines, untouched, "not included: the noise of a radio"])
 
 
 def verdict(model: CurveModel) -> list[Verdict]:
@@ -170,6 +179,8 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     frequency_hz = model.carriers[index].frequency_hz
     force, location = _grid(model)
     found, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
+    counts = Counter(flag for flags in found.flags for flag in flags)
+    most_flagged = counts.most_common(1)[0][0] if counts else ""
     parts = model.variance_parts_deg2(np.maximum(force, model.onset_force_n), location, index)
     per_mm = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
@@ -197,15 +208,31 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
         model.location_span_mm,
         limit,
         flagged,
-        _why_unusable(model, found, flagged),
+        most_flagged,
+        shift_per_degree(model, frequency_hz),
+        _why_unusable(model, found, flagged, most_flagged),
     )
 
 
-def _why_unusable(model: SensorModel, found: Inversion, flagged: float) -> str:
+def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, float]:
+    """Median change of force (N) and location (mm) where port 1's phase is off by a degree."""
+    force_n, location_mm = np.meshgrid(
+        np.linspace(*model.force_span_n, 5), np.linspace(*model.location_span_mm, 5)
+    )
+    phases = model.phases_deg(force_n.ravel(), location_mm.ravel(), frequency_hz)
+    before, after = (
+        model.invert(phases + each, 0.1, frequency_hz=frequency_hz) for each in ([0, 0], [1, 0])
+    )
+    return (
+        float(np.nanmedian(np.abs(after.force_n - before.force_n))),
+        float(np.nanmedian(np.abs(after.location_mm - before.location_mm))),
+    )
+
+
+def _why_unusable(model: SensorModel, found: Inversion, flagged: float, most_flagged: str) -> str:
     """Why a calibration does not read force, from readings over its span; empty where it does."""
     if flagged == 1:
-        counts = Counter(flag for flags in found.flags for flag in flags)
-        return f"every reading is flagged {counts.most_common(1)[0][0] if counts else ''}"
+        return f"every reading is flagged {most_flagged}"
     # Of a force that is anywhere in the span.
     guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
     if np.nanmedian(found.force_std_n) < guess_n:
@@ -290,6 +317,7 @@ def calibration_warnings(model: CurveModel) -> list[str]:
         own = [
             *_few_locations(model, carrier),
             *_little_force(carrier),
+            *_late_contact(model, carrier),
             *_contradicted_locations(model, carrier),
             *_misfit(carrier),
             *_steps(model, index),
@@ -305,8 +333,8 @@ def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
     texts = []
     if len(places) < _ENOUGH_LOCATIONS:
         texts.append(
-            f"{len(places)} locations: five (20, 30, 40, 50, 60 mm) give sub-millimetre readings "
-            "between them"
+            f"{len(places)} locations: a kink of the line between them is not seen; press at five "
+            "or more"
         )
     force = np.mean(model.force_span_n)
     middles = 0.5 * (places[1:] + places[:-1])
@@ -323,6 +351,17 @@ def _little_force(carrier: Carrier) -> list[str]:
     if hardest >= _LITTLE_FORCE_N:
         return []
     return [f"forces reach {hardest:g} N only: were they entered in kg (1 kg is 9.81 N)?"]
+
+
+def _late_contact(model: CurveModel, carrier: Carrier) -> list[str]:
+    first = int(np.argmin(carrier.force_span_n[:, 0]))
+    least_n = carrier.force_span_n[first, 0]
+    if least_n >= model.onset_force_n:
+        return []
+    return [
+        f"{least_n:g} N shorted the line at {carrier.location_mm[first]:g} mm, but "
+        f"{model.onset_force_n:.3g} N are the least that did elsewhere: was each force as stated?"
+    ]
 
 
 def location_warnings(model: CurveModel) -> list[str]:

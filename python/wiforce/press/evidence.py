@@ -181,7 +181,8 @@ class PressEvidence:
         if record.unexplained >= max(least, _UNEXPLAINED * record.readings):
             text = (
                 f"{record.unexplained} of {record.readings} touched readings have phases that no "
-                f"calibrated press causes: is {name!r} the model of this sensor?"
+                f"calibrated press causes: is {name!r} the model of this sensor, pressed where it "
+                "was calibrated?"
             )
             suspicions.append(Suspicion("other sensor", text))
         if record.swapped:

@@ -120,7 +120,7 @@ class LocationInterpolation:
             share = np.repeat([t.probability for t in self.transitions], 4) / 4
             share = share * np.concatenate([p[2] for p in predictions])
             if not np.any(share):
-                rule = "must hold shapes that change between the calibrated locations"
+                rule = "must change between the calibrated locations (are they in mm?)"
                 raise InputError("sensor: interpolation", rule)
             share = share / np.sum(share)
             mean = np.einsum("h,hgj->gj", share, weights)

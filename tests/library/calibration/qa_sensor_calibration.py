@@ -242,7 +242,7 @@ def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
     assert calibration_warnings(calibrate(own_table(), "own")) == []
     rows[:] = [row for row in rows if ",30," not in row and ",50," not in row]
     few = calibration_warnings(calibrate(own_table(), "own"))
-    assert any("3 locations: five" in text for text in few)
+    assert any("3 locations: a kink" in text for text in few)
     paper = " ".join(calibration_warnings(load_sensor("paper-900mhz")))
     for warning in ("do not fit a line", "force-unobservable", "falls by", "location 40 mm"):
         assert warning in paper
