@@ -27,7 +27,7 @@ public:
 
     // `weights` has a row of equal length for each snapshot, `times_s` their times from
     // the centre. Throws std::invalid_argument where the rows do not have equal lengths.
-    switching_mixer(std::vector<double> weights, std::vector<double> times_s);
+    switching_mixer(const std::vector<double>& weights, std::vector<double> times_s);
 
     // Length of a row.
     int columns() const { return d_columns; }
@@ -41,11 +41,27 @@ public:
                                           bool with_slopes = true) const;
 
 private:
-    // Of one tag: sums of the rows, four rows.
-    void add(const clock& at, const pulses& of, bool with_slopes, double* sums) const;
+    // A snapshot, and by how much less the average over the next one is, and its slope.
+    struct edge {
+        std::size_t snapshot;
+        double average, slope;
+    };
 
-    const std::vector<double> d_weights, d_times_s;
+    void averages(const clock& at,
+                  const pulses& of,
+                  int waveform,
+                  double* average,
+                  double* slope) const;
+    std::size_t edges_of(const double* average, const double* slope, edge* found) const;
+    void add(const edge* edges,
+             std::size_t count,
+             const double* columns,
+             bool with_slopes,
+             double* sums) const;
+
+    const std::vector<double> d_times_s;
     const int d_columns;
+    std::vector<double> d_sums; // of the rows up to each snapshot, by groups of columns
 };
 
 } // namespace gr::wiforce::kernel

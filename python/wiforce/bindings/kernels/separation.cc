@@ -12,6 +12,9 @@
 
 #include <pybind11/stl.h>
 
+#include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <optional>
 
 namespace py = pybind11;
@@ -126,12 +129,17 @@ array<double> peaks_of(const py::array& tones)
     for (py::ssize_t group = 0; group < count; group++) {
         const auto* const parts =
             reinterpret_cast<const float*>(values.data() + group * size / 2);
-        float largest = 0, sum = 0; // 0 x infinity is NaN, as 0 x NaN is
+        // As integers without their signs, numbers have the same order, and those that
+        // are not finite are the largest.
+        std::int32_t largest = 0;
         for (py::ssize_t i = 0; i < size; i++) {
-            largest = std::max(largest, std::abs(parts[i]));
-            sum += 0 * parts[i];
+            std::int32_t bits;
+            std::memcpy(&bits, parts + i, sizeof bits);
+            largest = std::max(largest, bits & 0x7fffffff);
         }
-        found.mutable_at(group) = largest + sum;
+        float peak;
+        std::memcpy(&peak, &largest, sizeof peak);
+        found.mutable_at(group) = std::isfinite(peak) ? peak : std::nanf("");
     }
     return found;
 }
