@@ -16,7 +16,7 @@ namespace gr::wiforce {
 
 namespace {
 
-constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+constexpr int INPUT_BUFFER_SAMPLES = 1 << 18;
 
 std::size_t vector_bytes(const kernel::preamble_folder& folder)
 {
@@ -119,10 +119,10 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
     // says is needed for one output. With its default of 8192 samples it would spend its
-    // time switching threads; a megabyte stays in the second cache. Nothing else looks at
-    // the rate, since tags are not propagated, and small packets are still taken as they
-    // come.
-    set_relative_rate(1, INPUT_BUFFER_BYTES / 2 / sizeof(Sample));
+    // time switching threads; more than this leaves the second cache. Nothing else looks
+    // at the rate, since tags are not propagated, and small packets are still taken as
+    // they come.
+    set_relative_rate(1, INPUT_BUFFER_SAMPLES / 2);
     set_tag_propagation_policy(TPP_DONT);
 }
 
