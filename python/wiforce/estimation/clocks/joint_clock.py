@@ -17,7 +17,7 @@ import numpy as np
 from ...signal.switching import switch_averages
 from ...signal.weights import ToneTable
 from ..groups import Array
-from .likelihood import PhaseLikelihood, evaluate, turned_by
+from .likelihood import PhaseLikelihood, evaluate
 
 if TYPE_CHECKING:
     from .tracked_tag import TagClock
@@ -39,22 +39,20 @@ def likelihood_bias(
     largest = 0.0
     for offset in (-1, 0, 1):
         rate = 2 * np.pi * clock.clock_hz * (1 + offset * 1e-6 * clock.tolerance_ppm)
-        for phase in _PHASES:
-            waveforms = switch_averages(phase + rate * table.times_s, rate * averaging_s / 2)
-            tones = table.weights @ waveforms @ _ENDS
-            for column in tones.T:
-                own = column[likelihood.rows, None]
-                covariance = likelihood.covariance(own, np.ones(1))
-                found = _top(likelihood.coefficients(covariance), phase)
-                largest = max(largest, abs(found - phase))
+        courses = _PHASES[:, None] + rate * table.times_s
+        tones = table.weights @ switch_averages(courses, rate * averaging_s / 2) @ _ENDS
+        own = tones[:, likelihood.rows].swapaxes(1, 2)[..., None]
+        coefficients = likelihood.coefficients(likelihood.covariance(own, np.ones(1)))
+        found = _tops(coefficients, np.repeat(_PHASES[:, None], _ENDS.shape[1], axis=1))
+        largest = max(largest, float(np.abs(found - _PHASES[:, None]).max()))
     return largest
 
 
-def _top(coefficients: Array, phase: float) -> float:
-    """Phase of the local maximum next to ``phase``."""
+def _tops(coefficients: Array, phases: Array) -> Array:
+    """Phases (...) of the local maxima next to ``phases``, of coefficients (..., D + 1)."""
     for _ in range(4):
-        _, slope, curvature = evaluate(turned_by(coefficients, phase))
-        if curvature >= 0:
-            break
-        phase -= float(np.clip(slope / curvature, -0.05, 0.05))
-    return phase
+        turns = np.exp(1j * phases[..., None] * np.arange(coefficients.shape[-1]))
+        _, slope, curvature = evaluate(coefficients * turns)
+        step = np.divide(slope, curvature, out=np.zeros(phases.shape), where=curvature < 0)
+        phases = phases - np.clip(step, -0.05, 0.05)
+    return phases
