@@ -301,8 +301,8 @@ class timed_frames(Kept, gr.sync_block):
         self._skipped = self._next_look = 0  # in samples
         self._watch = watch
         # A transmitter takes packets. Called after each of them, this took a quarter of a core.
-        self.set_output_multiple(_TOGETHER)
-        self.set_min_output_buffer(4 * _TOGETHER)
+        self.set_output_multiple(_TOGETHER // 2)
+        self.set_min_output_buffer(2 * _TOGETHER)
 
     @property
     def skipped_s(self) -> float:

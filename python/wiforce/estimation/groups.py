@@ -189,7 +189,8 @@ class Groups:
         given = {name: values for name, values in vars(self).items() if values is not None}
         # What is not set is not an attribute of the batch, but the None of the class: every stage
         # that takes rows of a batch would otherwise look at all names.
-        self.__dict__ = {name: np.zeros(count, kind) for name, kind in _ZEROS.items()} | given
+        absent = {name: kind for name, kind in _ZEROS.items() if name not in given}
+        self.__dict__ = given | {name: np.zeros(count, kind) for name, kind in absent.items()}
 
     def __len__(self) -> int:
         return len(self.index)
