@@ -13,9 +13,9 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Columns that are summed at a time, in registers: of so many rows they fit into the
-// cache, for all tags.
-constexpr std::size_t width = 16, vectors = 4;
+// Columns that are summed at a time, in registers, and snapshots of which they fit into
+// the smallest cache (16 kB), for all tags.
+constexpr std::size_t width = 16, vectors = 4, stretch = 128;
 using four = double __attribute__((vector_size(32)));
 
 int columns_of(const std::vector<double>& weights, const std::vector<double>& times_s)
@@ -57,28 +57,41 @@ std::vector<std::complex<double>> switching_mixer::mix(const clock* clocks,
 {
     const std::size_t tones = d_columns / 2, snapshots = d_times_s.size();
     std::vector<std::complex<double>> mixed(tones * 4 * tags);
-    const std::unique_ptr<edge[]> edges(new edge[2 * tags * snapshots]);
-    std::vector<std::size_t> count(2 * tags);
-    std::vector<double> average(snapshots + 1), slope(snapshots + 1); // 0 at the end
-    for (std::size_t i = 0; i < count.size(); i++) {
-        averages(clocks[i / 2], of[i / 2], i % 2, average.data(), slope.data());
-        count[i] = edges_of(average.data(), slope.data(), &edges[i * snapshots]);
-    }
-    double sums[2 * width];
-    for (std::size_t first = 0; first < tones; first += width / 2)
-        for (std::size_t i = 0; i < count.size(); i++) {
-            add(&edges[i * snapshots],
-                count[i],
+    const std::size_t lists = 2 * tags;
+    const std::unique_ptr<edge[]> edges(new edge[lists * snapshots]);
+    std::vector<edge*> ends{ edges.get() }; // of each list in each stretch of snapshots
+    std::vector<double> average(lists * (snapshots + 1)), slope(average.size());
+    for (std::size_t i = 0; i < lists; i++)
+        averages(clocks[i / 2],
+                 of[i / 2],
+                 i % 2,
+                 &average[i * (snapshots + 1)], // and 0 after the last one
+                 &slope[i * (snapshots + 1)]);
+    for (std::size_t from = 0; from < snapshots; from += stretch)
+        for (std::size_t i = 0; i < lists; i++)
+            ends.push_back(edges_of(&average[i * (snapshots + 1)],
+                                    &slope[i * (snapshots + 1)],
+                                    from,
+                                    std::min(from + stretch, snapshots),
+                                    ends.back()));
+    std::vector<double> sums(2 * width * lists);
+    for (std::size_t first = 0; first < tones; first += width / 2) {
+        std::fill(sums.begin(), sums.end(), 0.0);
+        for (std::size_t i = 0; i + 1 < ends.size(); i++)
+            add(ends[i],
+                ends[i + 1],
                 &d_sums[2 * first * snapshots],
                 with_slopes,
-                sums);
-            auto* to = &mixed[4 * tags * first + i];
-            for (std::size_t tone = 0; tone < std::min(width / 2, tones - first);
-                 tone++, to += 4 * tags) {
-                to[0] = { sums[2 * tone], sums[2 * tone + 1] };
-                to[2 * tags] = { sums[width + 2 * tone], sums[width + 2 * tone + 1] };
+                &sums[i % lists * 2 * width]);
+        for (std::size_t tone = 0; tone < std::min(width / 2, tones - first); tone++) {
+            auto* const to = &mixed[(first + tone) * 2 * lists];
+            for (std::size_t i = 0; i < lists; i++) {
+                const double* const sum = &sums[2 * (width * i + tone)];
+                to[i] = { sum[0], sum[1] };
+                to[lists + i] = { sum[width], sum[width + 1] };
             }
         }
+    }
     return mixed;
 }
 
@@ -105,36 +118,41 @@ void switching_mixer::averages(
     }
 }
 
-std::size_t
-switching_mixer::edges_of(const double* average, const double* slope, edge* found) const
+// Of some snapshots; gives the end of what was found.
+switching_mixer::edge* switching_mixer::edges_of(const double* average,
+                                                 const double* slope,
+                                                 std::size_t first,
+                                                 std::size_t last,
+                                                 edge* found)
 {
-    std::size_t count = 0;
-    for (std::size_t i = 0; i < d_times_s.size(); i++) {
+    for (std::size_t i = first; i < last; i++) {
         const double less = average[i] - average[i + 1],
                      less_steep = slope[i] - slope[i + 1];
-        found[count] = { i, less, less_steep };
-        count += (less != 0) | (less_steep != 0);
+        *found = { i, less, less_steep };
+        found += less * less + less_steep * less_steep > 0; // without a branch
     }
-    return count;
+    return found;
 }
 
-// Sums of some columns over all snapshots, by parts.
+// Adds to the sums of some columns over all snapshots, by parts.
 WIFORCE_CLONES
 void switching_mixer::add(const edge* edges,
-                          std::size_t count,
+                          const edge* end,
                           const double* columns,
                           bool with_slopes,
-                          double* sums) const
+                          double* sums)
 {
-    four average[vectors]{}, slope[vectors]{};
-    for (std::size_t i = 0; i < count; i++) {
-        const double* const until = columns + edges[i].snapshot * width;
-        for (std::size_t v = 0; v < vectors; v++) {
+    four average[vectors], slope[vectors];
+    std::memcpy(average, sums, sizeof average);
+    std::memcpy(slope, sums + width, sizeof slope);
+    for (; edges != end; edges++) {
+        const double* const until = columns + edges->snapshot * width;
+        for (std::size_t i = 0; i < vectors; i++) {
             four values;
-            std::memcpy(&values, until + 4 * v, sizeof values);
-            average[v] += edges[i].average * values;
+            std::memcpy(&values, until + 4 * i, sizeof values);
+            average[i] += edges->average * values;
             if (with_slopes)
-                slope[v] += edges[i].slope * values;
+                slope[i] += edges->slope * values;
         }
     }
     std::memcpy(sums, average, sizeof average);

@@ -52,12 +52,16 @@ private:
                   int waveform,
                   double* average,
                   double* slope) const;
-    std::size_t edges_of(const double* average, const double* slope, edge* found) const;
-    void add(const edge* edges,
-             std::size_t count,
-             const double* columns,
-             bool with_slopes,
-             double* sums) const;
+    static edge* edges_of(const double* average,
+                          const double* slope,
+                          std::size_t first,
+                          std::size_t last,
+                          edge* found);
+    static void add(const edge* edges,
+                    const edge* end,
+                    const double* columns,
+                    bool with_slopes,
+                    double* sums);
 
     const std::vector<double> d_times_s;
     const int d_columns;
