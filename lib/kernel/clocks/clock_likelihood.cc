@@ -3,6 +3,7 @@
 
 #include "../clones.h"
 #include "../require.h"
+#include "../separation/complex_product.h"
 #include "../separation/complex_rows.h"
 
 namespace gr::wiforce::kernel {
@@ -27,14 +28,16 @@ std::array<double, 3> clock_likelihood::at(double phase,
                                            std::size_t subcarriers) const
 {
     std::vector<complex> sums(6 * subcarriers); // u, u' and u'', two rows each
-    for (std::size_t line = 0; line < d_lines.size(); line++) {
+    const std::size_t lines = d_lines.size();
+    auto turned = d_derivatives;
+    for (std::size_t line = 0; line < lines; line++) {
         const complex turn = std::polar(1.0, -d_lines[line] * phase);
         for (std::size_t row = 0; row < 6; row++)
-            add_scaled(turn * d_derivatives[row * d_lines.size() + line],
-                       tones + line * subcarriers,
-                       subcarriers,
-                       &sums[row * subcarriers]);
+            turned[row * lines + line] *= turn;
     }
+    std::vector<double> packed;
+    add_product(
+        { turned.data(), lines, 1 }, 6, lines, tones, subcarriers, sums.data(), packed);
     std::array<double, 3> found{};
     for (std::size_t element = 0; element < 2; element++)
         for (std::size_t k = 0; k < subcarriers; k++) {

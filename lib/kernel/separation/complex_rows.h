@@ -4,6 +4,7 @@
 
 #include <complex>
 #include <cstddef>
+#include <cstring>
 
 namespace gr::wiforce::kernel {
 
@@ -36,6 +37,27 @@ inline std::complex<double> inner_product(const std::complex<double>* first,
         imag += a[i] * b[i + 1] - a[i + 1] * b[i];
     }
     return { real, imag };
+}
+
+// Sum of |row|^2, in sums that do not wait for each other.
+inline __attribute__((always_inline)) double power_of(const std::complex<double>* row,
+                                                      std::size_t count)
+{
+    using four = double __attribute__((vector_size(32)));
+    const auto* const values = reinterpret_cast<const double*>(row);
+    four sums[4]{};
+    std::size_t i = 0;
+    for (; i + 16 <= 2 * count; i += 16)
+        for (std::size_t j = 0; j < 4; j++) {
+            four next;
+            std::memcpy(&next, values + i + 4 * j, sizeof next);
+            sums[j] += next * next;
+        }
+    const four all = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+    double sum = (all[0] + all[1]) + (all[2] + all[3]);
+    for (; i < 2 * count; i++)
+        sum += values[i] * values[i];
+    return sum;
 }
 
 // Real part of conj(first) x second.

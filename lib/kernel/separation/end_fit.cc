@@ -95,8 +95,8 @@ double whiten(const std::complex<double>* whitener,
     factor.triangular = true;
     std::vector<double> packed;
     add_product(factor, count, count, tones, subcarriers, white, packed);
-    const double power = inner_product(white, white, count * subcarriers).real();
-    return power / double(std::max<std::size_t>(count * subcarriers, 1));
+    return power_of(white, count * subcarriers) /
+           double(std::max<std::size_t>(count * subcarriers, 1));
 }
 
 std::size_t end_fit::freedom() const

@@ -69,9 +69,11 @@ void subtract_others(const std::vector<complex>& mixing,
 
 double energy_of(const complex* channel, const double* weights, std::size_t subcarriers)
 {
+    if (!weights)
+        return power_of(channel, subcarriers);
     double sum = 0;
     for (std::size_t k = 0; k < subcarriers; k++)
-        sum += std::norm(channel[k]) * (weights ? weights[k] : 1.0);
+        sum += std::norm(channel[k]) * weights[k];
     return sum;
 }
 
@@ -243,9 +245,10 @@ void end_separation::separate(one& group, bool update)
         if (!(gain * d_settings.group_length < worst_gain))
             continue;
         const double least = std::pow(d_settings.least_error, 2);
-        found.gain[end0 + rows[end]] =
-            gain * std::max(coherence.factor[end], ratio) +
-            2 * least * energy_of(channel, noise.inverse.data(), subcarriers);
+        found.gain[end0 + rows[end]] = gain * std::max(coherence.factor[end], ratio);
+        if (least > 0)
+            found.gain[end0 + rows[end]] +=
+                2 * least * energy_of(channel, noise.inverse.data(), subcarriers);
         const double power =
             energy_of(channel, nullptr, subcarriers) / subcarriers - gain * level;
         found.snr_db[end0 + rows[end]] =
