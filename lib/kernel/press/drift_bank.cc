@@ -36,13 +36,14 @@ drift_bank drift_bank::learning(double scale)
         bank.d_rate[i] = scale * rates_deg[i] * two_pi / 360;
         bank.d_weight[i] = 1.0 / most_rates;
     }
+    bank.find_usual_rate();
     return bank;
 }
 
 drift_bank drift_bank::stated(double rate)
 {
     drift_bank bank;
-    bank.d_rate[0] = rate;
+    bank.d_rate[0] = bank.d_usual_rate = rate;
     bank.d_weight[0] = 1;
     return bank;
 }
@@ -51,7 +52,7 @@ void drift_bank::reset(double phase, double variance)
 {
     d_mean.fill(phase);
     d_variance.fill(variance);
-    summarize();
+    d_estimate = { phase, std::max(variance, least_variance) };
 }
 
 void drift_bank::turn(double by)
@@ -119,6 +120,7 @@ double drift_bank::update(double phase, double noise, double memory)
     }
     for (std::size_t i = 0; i < d_count; i++)
         d_weight[i] = std::max(d_weight[i] / kept, least_weight);
+    find_usual_rate();
     summarize();
     return std::log(after) - (least + std::log(two_pi)) / 2;
 }
@@ -137,16 +139,16 @@ void drift_bank::summarize()
                    std::max(second / total - first * first, least_variance) };
 }
 
-double drift_bank::usual_rate() const
+void drift_bank::find_usual_rate()
 {
     if (d_count == 1)
-        return d_rate[0];
+        return;
     double total = 0, sum = 0;
     for (std::size_t i = 0; i < d_count; i++) {
         total += d_weight[i];
         sum += d_weight[i] * log_rates[i];
     }
-    return d_rate[0] / rates_deg[0] * std::exp(sum / total);
+    d_usual_rate = d_rate[0] / rates_deg[0] * std::exp(sum / total);
 }
 
 } // namespace gr::wiforce::kernel

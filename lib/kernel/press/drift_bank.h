@@ -43,6 +43,7 @@ public:
     void share_rates(const drift_bank& other)
     {
         d_weight = other.d_weight;
+        find_usual_rate();
         summarize();
     }
 
@@ -51,12 +52,14 @@ public:
     //! best.
     double least_square(double phase, double noise) const;
     //! Geometric mean of the rates.
-    double usual_rate() const;
+    double usual_rate() const { return d_usual_rate; }
 
 private:
+    void find_usual_rate();
     void summarize(); // after each change: many explanations share what did not change
 
     moments d_estimate{ 0, 0 };
+    double d_usual_rate = 0;
     std::size_t d_count = 1;
     std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 };
 };

@@ -18,6 +18,8 @@ covariance_along(const pair_of_ends& direction, double along, double across);
 
 //! log N(x; 0, variance).
 double log_normal(double x, double variance);
+//! log N(x; 0, of_x) + log N(y; 0, of_y).
+double log_normals(double x, double of_x, double y, double of_y);
 
 /*!
  * \brief Both phases of a press: held, or changing steadily.

@@ -255,10 +255,11 @@ double press_filter::compare_contact(const explanation& with, double spread) con
     const double known =
         with.line.mean_variance + with.near_square / 2 + d_amplitude_noise;
     const auto density = [&](double loss) {
-        return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
-               log_normal(d_amplitude_difference - with.line.difference,
-                          with.line.difference_variance + 4 * d_amplitude_noise +
-                              2 * squared(loss));
+        return log_normals(d_amplitude - with.line.mean,
+                           known + squared(loss) / 2,
+                           d_amplitude_difference - with.line.difference,
+                           with.line.difference_variance + 4 * d_amplitude_noise +
+                               2 * squared(loss));
     };
     // Good contacts lose nothing.
     return log_sum(density(spread), density(0)) - std::log(2.0);
@@ -277,7 +278,7 @@ double press_filter::update_amplitude(both_amplitudes& own) const
     const double mean_variance = own.mean_variance + d_amplitude_noise,
                  difference_variance = own.difference_variance + 4 * d_amplitude_noise;
     const double likelihood =
-        log_normal(mean, mean_variance) + log_normal(difference, difference_variance);
+        log_normals(mean, mean_variance, difference, difference_variance);
     const double by_mean = own.mean_variance / mean_variance,
                  by_difference = own.difference_variance / difference_variance;
     own.mean += by_mean * mean;
@@ -317,21 +318,25 @@ double press_filter::update_strength(explanation& to) const
     if (!shows_turns(to)) {
         // Hands move beside a press as often as beside the untouched line. Otherwise a
         // change of amplitude would speak for the latter.
-        const double moves = -std::expm1(-d_set.hands * d_elapsed_s);
+        const double log_moves =
+            std::log(-std::expm1(-d_set.hands * d_elapsed_s) / near_speeds);
         const auto before = own;
-        double best = std::log1p(-moves) + update_amplitude(own), all = best;
+        std::array<double, near_speeds + 1> each{ update_amplitude(own) -
+                                                  d_set.hands * d_elapsed_s };
+        double best = each[0];
         for (std::size_t i = 0; i < near_speeds; i++) {
             auto moved = before;
             moved.mean_variance += hand_variance(i);
-            const double likelihood =
-                std::log(moves / near_speeds) + update_amplitude(moved);
-            all = log_sum(all, likelihood);
-            if (likelihood > best) {
-                best = likelihood;
+            each[i + 1] = log_moves + update_amplitude(moved);
+            if (each[i + 1] > best) {
+                best = each[i + 1];
                 own = moved;
             }
         }
-        return all;
+        double all = 0;
+        for (const double likelihood : each)
+            all += std::exp(likelihood - best);
+        return best + std::log(all);
     }
     const double known = to.common.estimate().variance;
     const auto seen = change(to, d_group.phase);
