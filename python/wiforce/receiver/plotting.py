@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..io.files.readings_files import frame_rows
 from ..io.palette import TRUTH, series_style
 from ..io.readings import Flag, Reading
 
@@ -108,9 +109,7 @@ def legend_beside(axis: Any, title: str | None = None) -> None:
 def _rows(name: str, table: Any, needed: Sequence[str]) -> _Rows:
     """Rows by the names of their columns, unknown values None or NaN, flags as one text."""
     if hasattr(table, "columns"):
-        if "flags" in table:  # pandas reads no flags as NaN from a file
-            table = table.assign(flags=table["flags"].fillna(""))
-        rows = table.to_dict("records")
+        rows = frame_rows(table)
     else:
         rows = [
             {**vars(row), "flags": " ".join(row.flags)} if isinstance(row, Reading) else row

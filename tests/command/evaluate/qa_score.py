@@ -345,6 +345,6 @@ def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
     write_gauge(cell, gauge())
     path.write_bytes(path.read_bytes()[:-100])
     done = run_command("score", path, "--against", cell)
-    assert done.returncode == 0 and f"{path}: is cut off behind reading " in done.stderr
-    with pytest.warns(UserWarning, match="is cut off behind reading"):
+    assert done.returncode == 0 and f"{path}: ends behind reading " in done.stderr
+    with pytest.warns(UserWarning, match="ends behind reading"):
         wiforce.score(path, cell)

@@ -91,7 +91,7 @@ def test_plot_of_several_captures_labels_each(folder):
         (lambda frame: wiforce.plot(frame["force_n"]), "readings: must be a pandas frame"),
         (lambda frame: wiforce.plot(frame["force_n"].to_numpy()), "must be a pandas frame"),
         (lambda frame: wiforce.plot(frame, truth="first.truth.csv"), "truth: must be a pandas"),
-        (lambda frame: wiforce.score(frame, frame), "gauge: must be a CSV file or a GaugeRecord"),
+        (lambda frame: wiforce.score(frame, frame), "gauge: several columns sound like a force"),
         (lambda frame: wiforce.plot(frame, axes=[None]), "axes: must be 4, got 1"),
         (lambda frame: wiforce.score(frame.drop(columns="flags"), "gauge.csv"), "gauge.csv"),
         (lambda frame: wiforce.score([1], "gauge.csv"), "readings: must be a pandas frame"),
@@ -111,6 +111,9 @@ def test_score_of_a_frame_prints_what_the_command_does(folder, readings):
     readings.drop(columns="ok").to_csv(path, index=False)
     done = run_command("score", path, "--against", truth)
     assert done.stdout.rstrip("\n") == str(found) == str(wiforce.score(path, truth))
+    # As pandas reads them: flags that are empty are NaN there.
+    frames = pandas.read_csv(path), pandas.read_csv(truth)
+    assert str(wiforce.score(*frames)) == str(found)
     both = wiforce.read(folder)
     with pytest.raises(InputError, match="time_s must increase: score one run at a time"):
         wiforce.score(both, truth)

@@ -113,7 +113,7 @@ class GaugeComparison:
             f"gauge at time 0 of the readings; correlation {r['correlation']:.3f})",
             f"gauge           zero {r['gauge_zero_n']:.3f} N, subtracted"
             + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else "")
-            + ("" if self.unit_stated else "; newtons are assumed: state others with --unit"),
+            + ("" if self.unit_stated else f"; {_NEWTONS}"),
             f"compared        {r['compared']} unflagged readings between pressed ones",
             f"force error     median {r['median_error_n']:.3f} N, rms {r['rms_error_n']:.3f}"
             f" N, 90 % below {r['p90_error_n']:.3f} N, bias {r['bias_n']:+.3f} N",
@@ -132,6 +132,7 @@ class GaugeComparison:
         return "\n".join(lines)
 
 
+_NEWTONS = "newtons are assumed: state others with --unit (grams have a gain of 0.01)"
 # Readings and gauge must overlap by this share of the shorter one at any offset that is tried.
 _LEAST_OVERLAP = 0.5
 # Below this correlation the two did not record the same presses. Few presses of other shapes reach

@@ -195,7 +195,17 @@ def read_gauge_file(
     and a force; ``unit``: of the force; by default the one in the column's name, and N where there
     is none.
     """
-    table = _table(path)
+    return gauge_of(path, _table(path), time_column, force_column, unit)
+
+
+def gauge_of(
+    path: str | Path,
+    table: pd.DataFrame,
+    time_column: str | None = None,
+    force_column: str | None = None,
+    unit: str | None = None,
+) -> GaugeRecord:
+    """The record in a frame; ``path`` names it in errors, the rest as :func:`read_gauge_file`."""
     names = [str(name) for name in table.columns]
     time_name = _column(path, names, time_column, _TIME, "time")
     force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...io.files.readings_files import ReadingsFile
+from ...io.files.readings_files import ReadingsFile, frame_rows
 from .comparison import GaugeComparison, TimedForces, compare_with_gauge
-from .file import GaugeRecord, read_gauge_file
+from .file import GaugeRecord, gauge_of, read_gauge_file
 
 if TYPE_CHECKING:
     import pandas
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def score(
     readings: pandas.DataFrame | str | Path,
-    gauge: GaugeRecord | str | Path,
+    gauge: GaugeRecord | pandas.DataFrame | str | Path,
     *,
     sensor: str | Sequence[str] | None = None,
     touch_n: float = 0.5,
@@ -33,8 +33,8 @@ def score(
     ----------
     readings : DataFrame, or str or Path
         As :func:`read` returns them, or a file of readings.
-    gauge : str or Path, or GaugeRecord
-        CSV file with columns of times and forces, which are recognised by their names
+    gauge : str or Path, DataFrame, or GaugeRecord
+        CSV file or frame with columns of times and forces, which are recognised by their names
         (``read_gauge_file`` takes others). It may have any clock, zero and sign.
     sensor : str or sequence of str, optional
         Name of the one that was pressed, where there are several; or the names of those that the
@@ -70,12 +70,18 @@ def score(
         if file.note:
             warnings.warn(f"{readings}: {file.note}", stacklevel=2)
     elif hasattr(readings, "to_dict"):
-        rows = readings.to_dict("records")
+        rows = frame_rows(readings)
     else:
         raise InputError("readings", "must be a pandas frame or a file of readings", readings)
-    if not isinstance(gauge, GaugeRecord | str | Path):
-        raise InputError("gauge", "must be a CSV file or a GaugeRecord", type(gauge).__name__)
-    record = gauge if isinstance(gauge, GaugeRecord) else read_gauge_file(gauge)
+    if isinstance(gauge, GaugeRecord):
+        record = gauge
+    elif isinstance(gauge, str | Path):
+        record = read_gauge_file(gauge)
+    elif hasattr(gauge, "to_dict"):
+        record = gauge_of("gauge", gauge)
+    else:
+        rule = "must be a CSV file, a pandas frame or a GaugeRecord"
+        raise InputError("gauge", rule, type(gauge).__name__)
     return compare_with_gauge(timed_forces(rows, sensor), record, touch_n, offset_s)
 
 

@@ -22,6 +22,13 @@ _FLOATS = frozenset((*NUMBERS, *SURFACE_COLUMNS, "device_time_s"))
 _BATCH_ROWS = 4096
 
 
+def frame_rows(frame: Any) -> list[dict[str, Any]]:
+    """Rows of a pandas frame of readings, flags one text."""
+    if "flags" in frame:  # pandas reads no flags as NaN from a file
+        frame = frame.assign(flags=frame["flags"].fillna(""))
+    return list(frame.to_dict("records"))
+
+
 class ReadingsFile:
     """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
@@ -93,7 +100,10 @@ class ReadingsFile:
                     f"{self._path}: row {number}", f"is no reading ({error})"
                 ) from None
         if self._cut:
-            self.note = f"is cut off behind reading {number}, what follows is lost"
+            self.note = (
+                f"ends behind reading {number} without a regular end: it is still being written, "
+                "or what followed is lost"
+            )
 
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}

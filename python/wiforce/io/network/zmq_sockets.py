@@ -17,14 +17,16 @@ from .zmq_keys import ClientKeys, ServerKeys
 
 
 def endpoint_of(text: str, option: str) -> str:
-    """A ZMQ endpoint from ``PORT`` (on loopback), ``tcp://ADDRESS:PORT`` or ``ipc:///PATH``.
+    """A ZMQ endpoint from ``PORT`` (on loopback), ``[tcp://]ADDRESS:PORT`` or ``ipc:///PATH``.
 
     ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
     """
     if text.startswith("ipc:///"):
         return text
     address, _, port = text.rpartition(":")
-    if address in ("", "tcp://localhost"):
+    if "://" not in address:
+        address = f"tcp://{address or 'localhost'}"
+    if address == "tcp://localhost":
         address = "tcp://127.0.0.1"
     if not address.startswith("tcp://") or address == "tcp://" or not _is_port(port):
         raise InputError(option, "must be a port from 1 to 65535, or tcp://ADDRESS:PORT", text)

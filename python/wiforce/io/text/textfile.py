@@ -116,6 +116,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
         yield part
         if part.exists():
             part.replace(path)
+    except InputError as error:
+        raise error.renamed({str(part): str(path)}) from None
     finally:
         part.unlink(missing_ok=True)
 
