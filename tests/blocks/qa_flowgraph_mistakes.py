@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pmt
 import pytest
+from chain_from_file import Chain
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.io.readings import Reading
@@ -135,6 +136,23 @@ def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(
     (sentence,) = said_of(codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
     assert "every reading is flagged; check " in sentence and "sample_rate_hz" in sentence
     assert said_of(codes, SLOW) == []
+
+
+def test_chain_names_a_press_in_the_whole_reference(tmp_path, monkeypatch):
+    """It gave clear readings before the release, and doubtful ones without a word behind it."""
+    codes = press_codes_of(SLOW, tmp_path)[3125 * 360 :]
+    logged, readings = [], []
+    module = importlib.import_module("gnuradio.wiforce.blocks.chain")
+    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
+    chain = Chain(wiforce.plan(SLOW), readings.append)
+    fold = wiforce.preamble_fold(frame_length=360, item_type="sc16", sample_rate=2.5e6)
+    source, flowgraph = array_source(codes), gr.top_block()
+    chain.connect(flowgraph, source, fold)
+    flowgraph.run()
+    chain.check()
+    assert any(reading.flags == () for reading in readings)  # before the release
+    (sentence,) = logged
+    assert sentence.startswith("force_inversion: arm: it may have been touched while its reference")
 
 
 def test_reader_names_a_press_in_a_part_of_the_reference(tmp_path):

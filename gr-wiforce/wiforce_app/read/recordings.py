@@ -85,22 +85,25 @@ def warn_of_end(capture, reader):
     for name, found in reader.suspicions().items():
         for suspicion in found:
             warn(capture, f"{name}: {suspicion.text}")
-    counts = reader.counts
     receiver = getattr(reader, "receiver", None)  # a followed file's block has said it
-    if receiver is not None and counts.groups and not counts.clear:
+    if receiver is None:
+        return
+    unread = reader.counts.groups and not reader.counts.clear
+    problems = {
+        name: state.lasting_problem or (unread and state.problem)
+        for name, state in receiver.states.items()
+    }
+    for name, problem in problems.items():
+        if problem:
+            warn(capture, describe_doubt(name, problem))
+    if unread and not any(problems.values()):
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         rule = ALL_FLAGGED
         if isinstance(reader, SnapshotReader):
             rule = "every reading is flagged; check clock_hz and packets of the scene, and the "
             rule += "signal level"
-        problems = [
-            describe_doubt(name, state.problem)
-            for name, state in receiver.states.items()
-            if state.problem
-        ]
-        for text in problems or [rule]:
-            warn(capture, text)
+        warn(capture, rule)
 
 
 def warn(path, text):

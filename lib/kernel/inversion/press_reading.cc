@@ -136,7 +136,8 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.transition;
     if (by_state[press_filter::unexplained] > d_limits.doubt)
         found.flags |= d_bits.inconsistent;
-    if (std::max(either, doubtful) > d_limits.doubt)
+    found.doubtful = std::max(either, doubtful) > d_limits.doubt;
+    if (found.doubtful)
         found.flags |= d_bits.ambiguous;
     if (turning > 0.5)
         found.flags |= d_bits.moved;

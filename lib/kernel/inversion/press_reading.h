@@ -62,14 +62,15 @@ public:
 
     //! NaN is unknown. `level` is R against the untouched line, `clear` whether nothing
     //! but the inversion flags the group, `unexplained` whether nothing does but that it
-    //! is most likely no press of the model.
+    //! is most likely no press of the model, `doubtful` whether it is not known which
+    //! phases are those untouched.
     struct reading {
         int touch; // 1, 0 or, where it is unknown, -1
         pair phases_deg, std_deg;
         double force_n, force_std_n, location_mm, location_std_mm;
         std::int64_t flags;
         std::array<complex, 2> level;
-        bool clear = false, unexplained = false;
+        bool clear = false, unexplained = false, doubtful = false;
     };
 
     //! Force and location only where they are `wanted`.

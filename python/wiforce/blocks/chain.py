@@ -18,6 +18,7 @@ from ..estimation.groups import Array, Groups, is_clipped
 from ..estimation.phases.average import SubcarrierAverage
 from ..io.readings import GroupCounts, Reading, as_reading
 from ..planning.plan import Plan
+from ..press.sensor_state import describe_doubt
 from ..receiver.receiver import make_readout
 from . import names
 from .argument_types import Kept, typed
@@ -349,6 +350,7 @@ class force_inversion(ReadingPort, GroupBlock):
         on_reading: Callable[[Reading], None] | None = None,
     ) -> None:
         self.stage = make_readout(plan, tracked)
+        self._doubted: set[str] = set()  # sensors of which it was said
         GroupBlock.__init__(self, "force_inversion", 2 * len(plan.clocks), 0)
         self.open_port(on_reading)
 
@@ -363,11 +365,21 @@ class force_inversion(ReadingPort, GroupBlock):
             rule = "must hold phase_std_deg, which Subcarrier Average adds: degrees, an f64vector"
             raise InputError("tag state", rule)
         self.publish(self.stage.process(groups))
+        self._warn()
         return len(items), groups[:0]
 
     def finish(self) -> None:
         """Give the readings of the last group, which has no later neighbour."""
         self.publish(self.stage.flush())
+        self._warn()
+
+    def _warn(self) -> None:
+        """Say once of a sensor that its untouched phases are not known."""
+        for name, sensor in self.stage.sensors.items():
+            problem = sensor.state.lasting_problem
+            if problem and name not in self._doubted:
+                self._doubted.add(name)
+                gr.log.warn(f"force_inversion: {describe_doubt(name, problem)}")
 
 
 _COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")

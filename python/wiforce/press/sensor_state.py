@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -43,6 +43,7 @@ class SensorState:
         self._make, self._filter = make_filter, make_filter()
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
+        self._doubt_s = self._longest_doubt_s = 0.0
         # Only one end has a reference: a press within it looks like noise around the tag's lines.
         self._one_ended = False
         self._last = -1  # newest group that was taken
@@ -128,6 +129,20 @@ class SensorState:
         either = min(untouched, float(steady["weight"].sum()) - untouched)
         return UNCLEAR if max(doubtful, either) > DOUBT else ""
 
+    def note_doubt(self, doubtful: Sequence[bool], period_s: float) -> None:
+        """Note of each next reading whether it is not known which phases are those untouched."""
+        if not self._doubt_s and True not in doubtful:
+            return
+        for each in doubtful:
+            self._doubt_s = self._doubt_s + period_s if each else 0.0
+            self._longest_doubt_s = max(self._longest_doubt_s, self._doubt_s)
+
+    @property
+    def lasting_problem(self) -> str:
+        """The problem of a second or more of readings since the last tare, also if it is solved."""
+        lasting = self.retuned or self._longest_doubt_s >= PATIENCE_S
+        return (self.problem or UNCLEAR) if lasting else ""
+
     def claim_untouched(self, forced: bool) -> None:
         """The user says that the sensor is untouched in the reference that begins now."""
         self._claim = FORCED if forced else CLAIMED
@@ -186,6 +201,7 @@ class SensorState:
         claim, self._claim = self._claim, None
         if claim is not None:
             self.retuned = False
+            self._doubt_s = self._longest_doubt_s = 0.0
             if self.evidence is not None:
                 self.evidence.reset()
         return claim

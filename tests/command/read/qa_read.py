@@ -259,6 +259,39 @@ def readings(folder, phase_group=None, **tag):
     return list(csv.DictReader(run("read", folder / "air", "--scene", path).stdout.splitlines()))
 
 
+def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
+    """Only the counts of flags said that something was wrong."""
+    press = {"sensor": "arm", "start_s": 0.35, "rise_s": 0.02, "hold_s": 0.8, "force_n": 4.0}
+    tag = {"name": "arm", "model": "line-900mhz", "clock_hz": 670}
+    scene = {
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 360},
+        "phase_group": {"snapshots": 250},
+        "sensors": [tag],
+        "reference_s": 0.3,
+        "simulation": {
+            "truth_model": "line-900mhz",
+            "duration_s": 3.0,
+            "seed": 4,
+            "snr_db": 10,
+            "static_clutter_db": 50,
+            "presses": [press | {"end_force_n": 4.0, "location_mm": 37.0}],
+        },
+    }
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    wiforce.simulate(scene, tmp_path / "whole")
+    codes = np.fromfile(tmp_path / "whole.sigmf-data", "<i2")
+    codes[2 * 3125 * 360 :].tofile(tmp_path / "cut.bin")
+    arguments = "--scene", tmp_path / "scene.yaml", "--datatype", "ci16_le", "-o"
+    done = run_command("read", tmp_path / "cut.bin", *arguments, tmp_path / "cut.csv")
+    warning, counts = done.stderr.splitlines()
+    assert done.returncode == 0 and " 0 usable" not in counts
+    assert warning.endswith(
+        "arm: it may have been touched while its reference was measured or forced; begin "
+        "untouched, or release it and tare"
+    )
+
+
 def test_read_overlapping_pulses_are_flagged_and_not_read(tmp_path):
     rows = readings(tmp_path, tags=[{"sensor": "arm", "clock2_duty": "overlapping"}])
     assert len(rows) == 30

@@ -53,7 +53,7 @@ struct group_reading {
     double interference;
     std::array<double, 2> psi_std_deg;
     std::array<std::complex<double>, 2> level;
-    bool clear, unexplained;
+    bool clear, unexplained, doubtful;
 };
 
 py::array_t<group_reading> read_groups(const press_reading& sensor,
@@ -95,7 +95,8 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
                                          read.std_deg,
                                          read.level,
                                          read.clear,
-                                         read.unexplained };
+                                         read.unexplained,
+                                         read.doubtful };
     }
     return readings;
 }
@@ -279,7 +280,8 @@ void bind_press(py::module& m)
                          psi_std_deg,
                          level,
                          clear,
-                         unexplained);
+                         unexplained,
+                         doubtful);
     m.attr("group_reading") = py::dtype::of<group_reading>();
     py::class_<sensor_settings>(
         m,
