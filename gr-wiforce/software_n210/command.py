@@ -58,7 +58,8 @@ class Console:
         if self._device.status()["streaming_s"] > air.reference_s:
             return {}
         return {
-            "note": "no reader reads yet: once it says that sensors may be pressed, press again"
+            "note": "no reader reads yet, and its reference must be untouched: release it before "
+            "one starts, and press again once it says that sensors may be pressed"
         }
 
     def _release(self, arguments):

@@ -69,6 +69,11 @@ def resampled(samples, ratio):
     return found.astype(np.complex64)
 
 
+def bytes_of(codes):
+    """The samples as a file of 8-bit integers, read as 16-bit integers."""
+    return (codes // 256).astype(np.int8).ravel().view(np.int16).reshape(-1, 2)
+
+
 def noise(codes):
     return (1000 * np.random.default_rng(1).standard_normal(codes.shape)).astype(np.int16)
 
@@ -80,6 +85,9 @@ def test_flowgraph_without_a_mistake_says_nothing(codes):
 MISTAKES = {
     "type": (lambda codes: said_of(codes.ravel().view("<c8")), "integers have that are read as"),
     "scale": (lambda codes: said_of(32768 * as_floats(codes)), "divide integers of 16 bits"),
+    "level": (lambda codes: said_of(10 * as_floats(codes)), "1; lower the level"),
+    "byte order": (lambda codes: said_of(codes.byteswap()), "and the type of the samples"),
+    "swapped": (lambda codes: said_of(codes[:, ::-1].copy()), "I and Q are swapped"),
     "nan": (lambda codes: said_of(np.nan * as_floats(codes)), "NaN or infinite"),
     "silence": (lambda codes: said_of(0 * codes), "all samples are 0"),
     "rate": (
@@ -90,7 +98,13 @@ MISTAKES = {
         lambda codes: said_of(
             codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 1250}]}
         ),
-        "no tag is found at its clock of 1250 Hz",
+        "a tag is found at 1000 Hz, 0.8 times the clock_hz of arm; check clock_hz",
+    ),
+    "other clock": (
+        lambda codes: said_of(
+            codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 1150}]}
+        ),
+        "no tag is found at its clock of 1150 Hz",
     ),
     "frame length": (
         lambda codes: said_of(codes, {**SCENE, "sounding": {"frame_length": 640}}),
@@ -134,7 +148,9 @@ def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(
     (sentence,) = said_of(codes[3125 * 360 :], SLOW)
     assert "arm: it may have been touched while its reference was measured" in sentence
     (sentence,) = said_of(codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
-    assert "every reading is flagged; check " in sentence and "sample_rate_hz" in sentence
+    assert (
+        "a tag is found at 1340 Hz, 2 times the clock_hz of arm; check clock_hz, and " in sentence
+    )
     assert said_of(codes, SLOW) == []
 
 
@@ -216,6 +232,11 @@ def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
     [
         (lambda codes: codes.ravel().view("<c8"), "integers have when they are read as floats"),
         (lambda codes: np.nan * as_floats(codes), "NaN or infinite"),
+        (bytes_of, "the samples are ci8, but are read as ci16_le"),
+        (
+            lambda codes: as_floats(codes).view(np.int16).reshape(-1, 2),
+            "the samples are cf32_le, but are read as ci16_le",
+        ),
         (noise, "only noise or another signal"),
         (lambda codes: resampled(as_floats(codes), 0.8), "0.8 times that of the transmitter"),
     ],
@@ -235,6 +256,12 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     (sentence,) = logged
     assert sentence.startswith("capture_source: ")
     assert cause in sentence or "no sounding frames found" in sentence
+
+
+def test_frame_alignment_says_that_a_stream_is_too_short_for_its_search(codes):
+    """Good frames of 8 ms were called noise."""
+    (sentence,) = said_before(codes[:100_000])
+    assert sentence.endswith("has ended after 0.008 s; frames are searched in 0.115 s")
 
 
 def test_frame_alignment_says_it_after_a_second_and_not_again(codes):

@@ -155,7 +155,8 @@ class SessionMonitor:
                 log.warning(f"at {session.time_s:.1f} s: {event}")
             self._moved, self._ignored = moved, ignored
         if self._saturated and pace.allows("saturation"):
-            log.warning("the receiver is saturated; lower --rx-gain, --tx-gain or --amplitude")
+            gains = "lower --rx-gain, then --tx-gain, until nothing is clipped"
+            log.warning(f"the receiver is saturated; {gains}")
             self._saturated = False
         if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
             self._no_frames_reported = True

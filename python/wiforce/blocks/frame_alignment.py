@@ -225,7 +225,7 @@ class frame_alignment(Kept, gr.basic_block):
 
     def _begin(self) -> None:
         self.search = FrameSearch(self._frames, self._search_frames)
-        self._watch = SearchWatch(self._frames, self._warn)
+        self._watch = SearchWatch(self._frames, self._warn, self.search.wanted)
 
     def _warn(self, sentence: str) -> None:
         gr.log.warn(sentence)

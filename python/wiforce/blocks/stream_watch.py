@@ -23,6 +23,7 @@ from ..estimation.groups import Array
 from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.plan import Plan
+from ..planning.room.findings import Finding, wrong_rate
 from ..press.sensor_state import PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
@@ -89,10 +90,13 @@ class Folded(NamedTuple):
 
 
 class SearchWatch:
-    """Watches samples in which no frames have been found, and reports once why."""
+    """Watches samples in which no frames have been found, and reports once why.
 
-    def __init__(self, waveform: Waveform, report: Callable[[str], None]) -> None:
-        self._waveform, self._report = waveform, report
+    Frames are searched in ``searched`` samples.
+    """
+
+    def __init__(self, waveform: Waveform, report: Callable[[str], None], searched: int) -> None:
+        self._waveform, self._report, self._searched = waveform, report, searched
         self._kept: list[Array] = []
         self._count, self._kept_count, self._said = 0, 0, False
 
@@ -119,7 +123,14 @@ class SearchWatch:
         kept = np.concatenate(self._kept)
         samples = kept if np.iscomplexobj(kept) else samples_of(kept)
         self._kept = []
-        self._report(f"frame_alignment: {search_problem(samples, self._waveform)}")
+        ended = ""
+        if self._count < self._searched:
+            rate_hz = self._waveform.sample_rate_hz
+            ended = (
+                f"the stream has ended after {self._count / rate_hz:.3g} s; frames are searched in "
+                f"{self._searched / rate_hz:.3g} s"
+            )
+        self._report(f"frame_alignment: {search_problem(samples, self._waveform, ended)}")
 
 
 class StreamWatch:
@@ -130,7 +141,8 @@ class StreamWatch:
     every sentence (by default GNU Radio's log), ``frame_offset`` are samples before the first
     frame, ``sampled`` says that groups are those of samples, and not of ratios of two antennas.
     ``said`` holds the sentences so far; ``mean_frame`` returns the mean of the first frames (see
-    ``StreamReader``), ``folded`` what samples were cut into, before any of it is read.
+    ``StreamReader``), ``folded`` what samples were cut into, before any of it is read, and
+    ``findings`` what the survey of the room has found.
     """
 
     def __init__(
@@ -146,6 +158,7 @@ class StreamWatch:
         self._frame_offset, self._sampled = frame_offset, sampled
         self.mean_frame: Callable[[], Array] | None = None
         self.folded: Callable[[], Folded] | None = None
+        self.findings: Callable[[], Sequence[Finding]] = list
         self.said: list[str] = []
         self._quiet = False  # after a sentence, until readings are clear
         self._problem = self._level = ""
@@ -179,7 +192,7 @@ class StreamWatch:
         period_s = self._plan.group_period_s
         self._next = group.index + max(1, round(_LOOKS_S / period_s))
         folded, former = group.folded[group.present], self._problem
-        self._level = level_problem(folded)
+        self._level = level_problem(folded, self._plan.waveform.repetitions)
         self._problem = self._level or snapshots_problem(folded, self._plan.waveform)
         time_s = group.index * period_s
         if not former:
@@ -216,7 +229,7 @@ class StreamWatch:
         """What all of some readings have in common; empty where they are as they should be."""
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
-            return f"{sensor}: the receiver is saturated; lower its gain by 6 dB or more"
+            return f"{sensor}: the receiver is saturated; lower its gain until nothing is clipped"
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
             return describe_doubt(sensor, doubt)
@@ -234,15 +247,20 @@ class StreamWatch:
             return ""
         levels = [reading.snr_db for reading in readings if reading.snr_db is not None]
         if not levels:
+            if rate := self._wrong_rate():
+                return rate
             return (
                 f"{sensor}: no tag is found at its clock of {own.clock_hz:g} Hz; check that it is "
-                "on and near, and clock_hz, clock_tolerance_ppm, frame_length and sample_rate_hz "
-                "of the scene"
+                "on, near and alone at this clock, and clock_hz, clock_tolerance_ppm, frame_length "
+                "and sample_rate_hz of the scene"
             )
         return (
             f"{sensor}: all readings are weak (SNR {max(levels):.0f} dB); raise the transmit gain, "
             "move the antennas closer, or use longer phase groups"
         )
+
+    def _wrong_rate(self) -> str:
+        return wrong_rate(self.findings(), self._plan)
 
     def start(self) -> None:
         """Watch that groups come of the frames that arrive."""
@@ -312,5 +330,7 @@ class StreamWatch:
             for each in plan.sensors:
                 if doubt := problem(each.name):
                     self.say(describe_doubt(each.name, doubt))
+            if rate := self._wrong_rate():
+                self.say(rate)
             if self._readings:
                 self.say(ALL_FLAGGED)

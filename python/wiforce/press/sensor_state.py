@@ -209,7 +209,8 @@ class SensorState:
 
 def describe_doubt(sensor: str, problem: str) -> str:
     """What to do where it is not known which phases are those of the untouched sensor."""
-    return f"{sensor}: {problem}; begin untouched, or release it and tare"
+    other = " (if nobody did, look for another tag with its clock)" if problem == UNCLEAR else ""
+    return f"{sensor}: {problem}{other}; begin untouched, or release it and tare"
 
 
 def describe_silence(sensor: str, since_s: float) -> str:

@@ -204,7 +204,7 @@ def test_read_integers_as_floats_are_refused(press):
     """The commonest mistake with raw files; NumPy's warnings would hide the reason."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(InputError, match=r"check the datatype \(cf32_le\)"):
+        with pytest.raises(InputError, match="are ci16_le, but are read as cf32_le"):
             wiforce.read(press.with_suffix(".sigmf-data"), SCENE, datatype="cf32_le")
 
 

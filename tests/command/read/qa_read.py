@@ -287,8 +287,8 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
     warning, counts = done.stderr.splitlines()
     assert done.returncode == 0 and " 0 usable" not in counts
     assert warning.endswith(
-        "arm: it may have been touched while its reference was measured or forced; begin "
-        "untouched, or release it and tare"
+        "arm: it may have been touched while its reference was measured or forced (if nobody "
+        "did, look for another tag with its clock); begin untouched, or release it and tare"
     )
 
 

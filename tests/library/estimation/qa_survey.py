@@ -467,6 +467,13 @@ def test_survey_frame_slip_is_left_out(slip, at):
     assert with_slip.sources or with_slip.clocks[0].height < 0.1 * found.clocks[0].height
 
 
+def test_survey_of_the_largest_floats_does_not_overflow():
+    """16-bit integers that were opened as floats filled the console with NumPy's warnings."""
+    frames = np.full((1024, 64), 3e38 + 3e38j, np.complex64)
+    with np.errstate(all="raise"):
+        assert without_slip(frames) is frames
+
+
 @pytest.mark.parametrize("static_db", [-200.0, 0.0, 50.0])
 def test_survey_without_slip_is_of_all_snapshots(static_db):
     frames = frames_with(0, COUNT, static_db)

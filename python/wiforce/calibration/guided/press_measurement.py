@@ -29,7 +29,7 @@ _LEFT_OUT, _LOW_BY = 2, 5.0
 _REFUSED = {
     "reference": "the untouched reference is being measured; release the sensor and wait",
     "gap": "samples were lost",
-    "saturated": "the receiver is saturated; lower the gains",
+    "saturated": "the receiver is saturated; lower the gains until nothing is clipped",
     "moved": "the tag or an antenna moved; release the sensor and tare (t)",
     "transition": "the press changed",
 }

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.capture.recordings import Capture
-from ...io.capture.samples import plausible_share
+from ...io.capture.samples import FULL_SCALE, plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
@@ -44,8 +44,18 @@ _FAINT = 0.15
 _LIKE_PREAMBLE = 0.1
 # Frames of one length that may take as long as some of another.
 _FEW_FRAMES = 16
+_SWAPPED = "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
+# Components of samples by the name of their type in SigMF: those that files of radios have.
+_COMPONENTS = {
+    "cf32_le": "<f4",
+    "cf32_be": ">f4",
+    "ci16_le": "<i2",
+    "ci16_be": ">i2",
+    "ci8": "i1",
+    "cu8": "u1",
+}
 # Sample rates of the receiver over the transmitter's that are tried.
-_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
+SAMPLE_RATE_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
 
 def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
@@ -176,10 +186,13 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
             return f"{rule} {waveform.name!r}"
     symbol = symbol_of(waveform)
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
-        return (
-            "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
-        )
-    for ratio in _RATIOS:
+        return _SWAPPED
+    own = "ci16_le" if _are_codes(samples) else "cf32_le"
+    data = _data_of(samples, own)
+    for name, component in _COMPONENTS.items():
+        if name != own and find_frame_period(_read_as(data, component), waveform).likeness > clear:
+            return f"the samples are {name}, but are read as {own}; convert them, or state the type"
+    for ratio in SAMPLE_RATE_RATIOS:
         found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
         if found.samples is not None and found.likeness > clear:
             return (
@@ -189,6 +202,34 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
                 f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
             )
     return ""
+
+
+def _are_codes(samples: Array) -> bool:
+    """Whether samples of full scale 1 are 16-bit integers that were divided by it."""
+    values = samples.view(np.float32)
+    if not np.all(np.abs(values) <= 1):
+        return False
+    codes = values * FULL_SCALE
+    return bool(np.all(codes == np.rint(codes)))
+
+
+def _data_of(samples: Array, datatype: str) -> bytes:
+    """Bytes that gave samples (n,) when they were read as a type."""
+    values = samples.view(np.float32)
+    if datatype == "ci16_le":
+        values = np.rint(values * FULL_SCALE)
+    return values.astype(_COMPONENTS[datatype]).tobytes()
+
+
+def _read_as(data: bytes, component: str) -> Array:
+    """Samples (n,) of bytes by the type of their components; 0 where they are no numbers."""
+    # The likeness of a preamble squares them.
+    with np.errstate(all="ignore"):
+        values = np.frombuffer(data[: len(data) // 8 * 8], component).astype(np.float32)
+        values = np.where(np.isfinite(values * values), values, 0)
+    if component == "u1":
+        values -= 128
+    return values.view(np.complex64)
 
 
 def _other_waveforms(waveform: Waveform) -> Iterator[Waveform]:
@@ -229,8 +270,8 @@ _COHERENT, _FEWEST = 3.0, 16
 _CLEAR, _SHORT_PATHS = 20.0, 0.7
 
 
-def level_problem(samples: Array) -> str:
-    """Improbable values of samples, or of their means, of full scale 1; empty otherwise."""
+def level_problem(samples: Array, averaged: int = 1) -> str:
+    """Improbable values of samples of full scale 1, or of means of so many; empty otherwise."""
     samples = np.ascontiguousarray(samples, np.complex64).ravel()
     if not len(samples):
         return ""
@@ -247,10 +288,14 @@ def level_problem(samples: Array) -> str:
         return "all samples are 0; check that the source delivers a signal"
     level = 10 * math.log10(power)
     if level > _MOST_DBFS:
-        return (
-            f"the samples have {level:.0f} dBFS, full scale being 1; divide integers of 16 bits "
-            "by 32768, or use the type sc16"
-        )
+        sums = averaged * finite.view(np.float32)
+        if np.abs(sums).max() > averaged * FULL_SCALE:
+            change = "check the type of the source, and the input type"
+        elif np.allclose(sums, np.rint(sums)):
+            change = "divide integers of 16 bits by 32768, or use the type sc16"
+        else:
+            change = "lower the level"
+        return f"the samples have {level:.0f} dBFS, full scale being 1; {change}"
     if level < _LEAST_DBFS:
         return (
             f"the samples have {level:.0f} dBFS, less than the noise of a converter; check the "
@@ -273,9 +318,11 @@ def snapshots_problem(folded: Array, waveform: Waveform) -> str:
     if coherent < _COHERENT:
         return _no_frames(waveform)
     if coherent > _CLEAR and _short_paths(mean, waveform) < _SHORT_PATHS:
+        if _short_paths(mean.conj(), waveform) >= _SHORT_PATHS:
+            return _SWAPPED
         return (
             f"frames are received, but not those of the scene ({describe_frames(waveform)}); check "
-            "its waveform, frame length and sample rate"
+            "its waveform, frame length and sample rate, and the type of the samples"
         )
     return ""
 
@@ -308,8 +355,11 @@ def frame_problem(mean_frame: Array, waveform: Waveform, frame_offset: int) -> s
     )
 
 
-def search_problem(samples: Array, waveform: Waveform) -> str:
-    """Why :func:`.frame.find_frame_offset` found no frames of a waveform in samples."""
+def search_problem(samples: Array, waveform: Waveform, ended: str = "") -> str:
+    """Why :func:`.frame.find_frame_offset` found no frames of a waveform in samples.
+
+    Where nothing else is known: that their stream has ``ended``, if that is said.
+    """
     problem = level_problem(samples)
     if problem:
         return problem
@@ -320,7 +370,7 @@ def search_problem(samples: Array, waveform: Waveform) -> str:
             f"frames repeat every {found.samples:.6g} samples, but sounding.frame_length is "
             f"{waveform.frame_length}"
         )
-    return problem or _no_frames(waveform)
+    return problem or ended or _no_frames(waveform)
 
 
 def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -> str:

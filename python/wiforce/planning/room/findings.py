@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import InputError
+from ...estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
 from ...estimation.clocks.tracked_tag import TagClock
 from ...estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ...estimation.room.survey import Survey
@@ -106,6 +107,33 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
             return clock_hz
         avoid_hz += [line * clock_hz for line in STRONG_LINES]
     return None
+
+
+def wrong_rate(found: Sequence[Finding], plan: Plan) -> str:
+    """That a tag is received at a simple multiple of a clock of the scene.
+
+    Samples whose rate is stated r times too high show everything at r times its frequency. Empty
+    where the first and the last strong line of a tag were not found at any such ratio.
+    """
+    rate_hz = 1 / plan.waveform.snapshot_period_s
+    seen_hz = [hertz for finding in found for hertz in (finding.frequency_hz, *finding.lines_hz)]
+    for clock, name in zip(plan.clocks, _names(plan), strict=False):
+        for ratio in sorted(SAMPLE_RATE_RATIOS):  # harmonics of a tag are at higher ones
+            at_hz = [ratio * line * clock.clock_hz for line in (1, STRONG_LINES[-1])]
+            if all(
+                any(
+                    abs(abs(aliased_hz(hertz, rate_hz)) - each)
+                    <= _APART_HZ + hertz * clock.planned_ppm * 1e-6
+                    for each in seen_hz
+                )
+                for hertz in at_hz
+            ):
+                return (
+                    f"a tag is found at {at_hz[0]:.6g} Hz, {ratio:g} times the clock_hz of {name}; "
+                    "check clock_hz, and sample_rate_hz of the scene, which may be "
+                    f"{ratio:g} times that of the samples"
+                )
+    return ""
 
 
 # Regions of raised noise: at least so many bins of the survey, apart by so many line widths.

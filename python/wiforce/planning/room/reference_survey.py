@@ -25,7 +25,8 @@ def without_slip(folded: Array) -> Array:
     blocks = len(folded) // _BLOCK
     if blocks < 4:
         return folded
-    means = folded[: blocks * _BLOCK].reshape(blocks, _BLOCK, -1).mean(axis=1)
+    # Integers that are read as floats may be as large as single precision allows.
+    means = folded[: blocks * _BLOCK].reshape(blocks, _BLOCK, -1).mean(axis=1, dtype=complex)
     # A DC offset of the receiver does not move with the frames.
     sums = np.cumsum(means - means.mean(axis=1, keepdims=True), axis=0)
     # Two constant frames explain most energy when the change between them is where the slip is.
