@@ -111,6 +111,7 @@ def solved_tags(
     time_s: np.ndarray,
     groups: int,
     response: Callable[[np.ndarray], np.ndarray],
+    precision: np.ndarray | None,
     hidden: float,
 ) -> SolvedTags:
     """The tags in packets, and their part in what packets are divided by (:func:`.solve_tags`).
@@ -133,5 +134,6 @@ def solved_tags(
         plan.waveform.averaging_s,
         plan.reference_groups,
         response,
+        precision,
         hidden,
     )

@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..estimation.packets.antenna_noise import without_shared_noise
+from ..estimation.packets.antenna_noise import shared_noise
 from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
 from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, undivided
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
@@ -81,15 +81,20 @@ class SnapshotReader:
         untouched = time_s < scene.reference_s
         hertz = recording.subcarrier_hz
 
-        def solve(channels: PacketChannels, former: _Round | None) -> _Round:
+        def solve(channels: PacketChannels, former: _Round | None, weighted: bool) -> _Round:
             parts = former.solved.parts if former else None
             packets = channels.divide(parts)
             fitted = self._fitted(plan, time_s, packets)
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
             distorted = PacketGroups(_table_of(fitted), time_s, packets, mean, distorted=True)
-            solved = solved_tags(
-                fitted, distorted, packets, time_s, self.groups, channels.response, channels.hidden
-            )
+            precision = None
+            if weighted:
+                known = parts.known if parts else np.zeros(len(time_s), bool)
+                table = _table_of(fitted)
+                noise = shared_noise(packets, channels.shared, known, time_s, table)
+                precision = noise.precision
+            source = fitted, distorted, packets, time_s, self.groups, channels.response
+            solved = solved_tags(*source, precision, channels.hidden)
             change = solved.change_since(parts)
             states, hidden = channels.states, channels.hidden
             kept_db, shared = channels.kept_db, channels.shared
@@ -99,32 +104,39 @@ class SnapshotReader:
             found = fitted, packets, mean, solved, change, least
             return _Round(*found, states, hidden, kept_db, shared)
 
-        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
-        # the tags best is followed, once they are known.
-        channels = PacketChannels(recording.channel, time_s, untouched, hertz, plan.group_period_s)
-        first = solve(channels, None)
-        now = solve(channels, first)
-        finer = PacketChannels(
-            recording.channel, time_s, untouched, hertz, plan.group_period_s, LEAST_STEP
-        )
-        if finer.states.count > first.states.count:
-            other = solve(finer, None)
-            if other.solved.snr > first.solved.snr:
-                other = solve(finer, other)
-                if other.solved.snr > now.solved.snr:
-                    channels, now = finer, other
-        rounds = [now]
-        while len(rounds) < _MOST_ROUNDS and not now.settled and now.solved.snr:
-            now = solve(channels, now)
-            rounds.append(now)
-        now = max(rounds, key=lambda each: (each.settled, each.solved.snr))
+        def settle(weighted: bool) -> _Round:
+            # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What
+            # shows the tags best is followed, once they are known.
+            card = recording.channel, time_s, untouched, hertz, plan.group_period_s
+            channels = PacketChannels(*card)
+            first = solve(channels, None, weighted)
+            now = solve(channels, first, weighted)
+            finer = PacketChannels(*card, LEAST_STEP)
+            if finer.states.count > first.states.count:
+                other = solve(finer, None, weighted)
+                if other.solved.snr > first.solved.snr:
+                    other = solve(finer, other, weighted)
+                    if other.solved.snr > now.solved.snr:
+                        channels, now = finer, other
+            rounds = [now]
+            while len(rounds) < _MOST_ROUNDS and not now.settled and now.solved.snr:
+                now = solve(channels, now, weighted)
+                rounds.append(now)
+            return max(rounds, key=lambda each: (each.settled, each.solved.snr))
+
+        # Noise that subcarriers share is measured well only where tags are known. A wrong weight
+        # leads to another solution, which knows less of the tags, or to none.
+        found = [settle(False)]
+        if found[0].solved.snr and found[0].shared.shape[1]:
+            found.append(settle(True))
+        now = max(found, key=lambda each: (bool(each.solved.snr), each.settled, -each.uncertain))
         self._states, self._kept_db = now.states, now.kept_db
         table = _table_of(now.plan)
         known = now.solved.parts.known
-        packets = without_shared_noise(now.packets, now.shared, known, time_s, table)
+        noise = shared_noise(now.packets, now.shared, known, time_s, table)
+        packets = noise.removed(now.packets)
         self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=now.hidden)
-        ratios = np.hypot(now.solved.uncertain, now.change)
-        self.plan = replace(now.plan, tag_ratios=tuple(ratios.tolist()))
+        self.plan = replace(now.plan, tag_ratios=now.ratios)
 
     @property
     def notes(self) -> list[str]:
@@ -215,6 +227,17 @@ class _Round:
     hidden: float
     kept_db: float
     shared: Array
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """What is unknown of the tags' parts along the static paths."""
+        found: list[float] = np.hypot(self.solved.uncertain, self.change).tolist()
+        return tuple(found)
+
+    @property
+    def uncertain(self) -> float:
+        """The largest of them."""
+        return max(self.ratios, default=np.inf)
 
     @property
     def settled(self) -> bool:

@@ -9,10 +9,12 @@ import pandas as pd
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_noise
-from gnuradio.wiforce.estimation.packets.antenna_noise import without_shared_noise
+from gnuradio.wiforce.estimation.packets.antenna_noise import shared_noise
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
+    _beside_tags,
+    _nearest_mean,
     _without_room,
     _without_tags,
     find_states,
@@ -104,7 +106,8 @@ def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
         wander = size * (rng.normal(size=(len(times_s), 2)) @ [1, 1j])
         static = noise + np.multiply.outer(wander, shared)
         packets = DividedPackets(shared[None], shared[None], static, static.real, state)
-        white = without_shared_noise(packets, shared[:, None], known, times_s, table)
+        found = shared_noise(packets, shared[:, None], known, times_s, table)
+        white = found.removed(packets)
         # Of 20 groups, in which the loud half counts as the median one.
         assert white.combined[0] == pytest.approx(factor * shared, rel=0.25)
 
@@ -187,9 +190,8 @@ def test_own_part_is_solved_where_the_tag_is_strongest_on_a_few_subcarriers():
             gain=np.ones((groups, 2)),
         )
         variance, common = np.full(rises.shape, 1e-6), np.full((groups, 2), 9e-6)
-        found = _Solution(
-            measured, slice(0, 2), rises, variance, common, lambda tag: 1 + tag, 6, 1.0
-        )
+        settings = lambda tag: 1 + tag, 6, None, 1.0
+        found = _Solution(measured, slice(0, 2), rises, variance, common, *settings)
         errors.append(np.abs(found.direct - direct).mean())
         assert errors[-1] < 4 * found.uncertain
     assert np.median(errors) < 0.003
@@ -278,6 +280,20 @@ def test_states_of_the_chains_hold_no_tag_and_no_room():
     assert find_states(flipping.channel, LEAST_STEP).count == 2
     changed = capture_of(60, change_db=-15.0)
     assert find_states(changed.channel, LEAST_STEP).count == 1
+
+
+def test_states_of_packets_are_found_beside_a_tag_that_is_not_known():
+    """A tag that is touched in a single group took packets of one state to another one."""
+    rng = np.random.default_rng(5)
+    means = np.exp(2j * np.pi * rng.random(12)) * np.array([[1.0], [1.15]])
+    label, end = rng.integers(0, 2, 200), rng.integers(0, 4, 200)
+    closed = np.eye(4)[end][:, :2]
+    tag = np.stack([0.09 * means[0], 0.25 * np.exp(2j * np.pi * rng.random(12))])
+    noise = 0.03 * (rng.normal(size=(200, 12, 2)) @ [1, 1j])
+    against = means[label] + closed @ tag + noise
+    first = _nearest_mean(against, means)
+    assert np.count_nonzero(first != label) > 5
+    assert np.array_equal(_beside_tags(against, means, first, closed), label)
 
 
 def test_states_that_only_a_closed_switch_shows_are_a_tag():

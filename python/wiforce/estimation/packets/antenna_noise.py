@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,10 +19,27 @@ _BESIDE = (-2, -1, 1, 2)
 _VALUES = 4096
 
 
-def without_shared_noise(
+@dataclass(frozen=True, eq=False)
+class SharedNoise:
+    """Noise of combinations (C,), of which they share a part.
+
+    ``whiten`` (C, C) transforms them, as row vectors, to ones whose noise is independent;
+    ``precision`` (C, C) is the inverse of its covariance.
+    """
+
+    whiten: Array
+    precision: Array
+
+    def removed(self, packets: DividedPackets) -> DividedPackets:
+        """Packets whose combinations have independent noise, as weights by subcarrier presume."""
+        combined = packets.combined @ self.whiten.astype(packets.combined.dtype)
+        return replace(packets, combined=combined)
+
+
+def shared_noise(
     packets: DividedPackets, shared: Array, known: Array, time_s: Array, table: TimedTable
-) -> DividedPackets:
-    """Packets whose combinations have independent noise, as weights by subcarrier presume.
+) -> SharedNoise:
+    """Noise of the packets' combinations at the tags' lines.
 
     ``shared`` (C, A - 1) is by how much the combinations change with each antenna but one, on all
     subcarriers at once; ``known`` (n,) are packets from which tags are removed completely. Gain and
@@ -32,10 +49,13 @@ def without_shared_noise(
     is transformed to one of covariance D. Both are measured beside the tones.
     """
     parts = _beside_tones(packets.static, packets.state, known, time_s, table)
-    if not shared.shape[1] or not parts:
-        return packets
+    each = np.eye(len(shared))
+    if not parts:
+        return SharedNoise(each, each)
     noise = np.concatenate(parts)
     own = np.maximum(np.mean(np.abs(noise) ** 2, axis=0), 1e-300)
+    if not shared.shape[1]:
+        return SharedNoise(each, each / own)
     for _ in range(2):
         level = np.sqrt(own)
         white, basis = noise / level, np.linalg.qr(shared / level[:, None])[0]
@@ -53,9 +73,8 @@ def without_shared_noise(
     factors = 1 / np.sqrt(np.maximum(powers, 1))
     turned = basis @ vectors
     across = (turned.conj() * (1 - factors)) @ turned.T
-    whiten = np.eye(len(level)) - level[:, None] ** -1 * across * level
-    combined = packets.combined @ whiten.astype(packets.combined.dtype)
-    return replace(packets, combined=combined)
+    whiten = each - level[:, None] ** -1 * across * level
+    return SharedNoise(whiten, (whiten / own) @ whiten.conj().T)
 
 
 def _beside_tones(

@@ -36,6 +36,8 @@ FOREIGN = (
 OWN_SHARE = 0.1
 # Directions in which states are looked for, and packets that these are computed from.
 _DIRECTIONS, _MOST_PACKETS = 3, 4000
+# Turns in which states and tags of a group are fitted at most; three to five are usual.
+_TURNS = 10
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,11 @@ def find_states(
     own = np.unique(own, return_inverse=True)[1]
     label[rows] = own
     label[~known] = _nearest(against, rows, own, np.flatnonzero(~known))
+    if closed is not None and period is not None:
+        means = _means(against[rows], own)
+        for group in np.unique(period[~known]):
+            unknown = np.flatnonzero(~known & (period == group))
+            label[unknown] = _beside_tags(against[unknown], means, label[unknown], closed[unknown])
     return AntennaStates(_ordered(against, label), reference)
 
 
@@ -234,9 +241,34 @@ def _without_tags(against: Array, label: Array, closed: Array) -> Array:
 
 def _nearest(against: Array, rows: Array, label: Array, others: Array) -> Array:
     """State nearest to each of some other packets."""
-    means = np.array([against[rows[label == s]].mean(axis=0) for s in range(label.max() + 1)])
-    distance = [np.linalg.norm(against[others] - mean, axis=1) for mean in means]
-    return np.argmin(distance, axis=0)
+    return _nearest_mean(against[others], _means(against[rows], label))
+
+
+def _means(against: Array, label: Array) -> Array:
+    """Mean of the packets (n, C) of each state, (states, C)."""
+    return np.array([against[label == state].mean(axis=0) for state in range(label.max() + 1)])
+
+
+def _nearest_mean(against: Array, means: Array) -> Array:
+    """State of each packet (n, C) whose mean is nearest."""
+    distance = [np.linalg.norm(against - mean, axis=1) for mean in means]
+    return np.asarray(np.argmin(distance, axis=0))
+
+
+def _beside_tags(against: Array, means: Array, label: Array, closed: Array) -> Array:
+    """State of the packets of a group (n, C), of whose tags little is known.
+
+    Tags and states are fitted in turns: a wrong state would be taken for a part of the tag, and the
+    tag for a step between states.
+    """
+    inverse = np.linalg.pinv(closed, rcond=1e-6)
+    for _ in range(_TURNS):
+        tag = closed @ (inverse @ (against - means[label]))
+        new = _nearest_mean(against - tag, means)
+        if np.array_equal(new, label):
+            break
+        label = new
+    return label
 
 
 def _without_room(against: Array, label: Array) -> Array:

@@ -61,6 +61,7 @@ def solve_tags(
     window_s: float,
     reference_groups: int,
     response: Callable[[Array], Array],
+    precision: Array | None,
     hidden: float = 1.0,
 ) -> SolvedTags:
     """Solve for the tags' parts along the static paths.
@@ -69,6 +70,8 @@ def solve_tags(
     start of the first group; a channel estimate averages ``window_s``, and tags are untouched in
     the first ``reference_groups``. ``response`` gives what packets are divided by because of tags
     (n, K) along the static paths, of which ``hidden`` is the expected power over that of the rest.
+    ``precision`` (C, C) is the inverse of the covariance of the combinations' noise; None for noise
+    of each combination alone, as ``groups`` state it.
     """
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)
@@ -91,7 +94,8 @@ def solve_tags(
         rises = np.array([each.rise[own] for each in found])
         spread = np.array([each.variance[own] for each in found])
         common = np.array([each.common[own] for each in found])
-        solved = _Solution(groups, own, rises, spread, common, response, reference_groups, hidden)
+        measured = groups, own, rises, spread, common
+        solved = _Solution(*measured, response, reference_groups, precision, hidden)
         direct[tag], combined[tag] = solved.direct, solved.combined
         uncertain.append(solved.uncertain)
         changes = _changes(groups.index, solved.reflection)
@@ -169,13 +173,16 @@ class _Solution:
         common: Array,
         response: Callable[[Array], Array],
         reference_groups: int,
+        precision: Array | None,
         hidden: float,
     ) -> None:
         self._hidden = hidden
         self._index, self._ends, self._response = groups.index, groups.ends[:, own], response
         self._rises, self._precise = rises, 1 / np.maximum(variance, 1e-300)
         self._common = common
-        self._weight = 1 / groups.noise.mean(axis=0)
+        if precision is None:
+            precision = np.diag(1 / groups.noise.mean(axis=0))
+        self._precision = precision
         self._noise = np.median(groups.gain[:, own] * groups.noise.mean(axis=1)[:, None], axis=0)
         untouched = groups.index < reference_groups
         self._untouched = untouched if untouched.any() else np.arange(len(untouched)) == 0
@@ -200,8 +207,10 @@ class _Solution:
             bend = self._response(part.reshape(-1, part.shape[2])).reshape(part.shape)
             straight = self._ends * np.repeat(bend, self._wide, axis=2)
             self.combined = straight[self._untouched, 0].mean(axis=0)
-            energy = np.sum(self._weight * np.abs(self.combined) ** 2)
-            self.reflection = straight @ (self._weight * self.combined.conj()) / max(energy, 1e-300)
+            weights = self._precision @ self.combined.conj()
+            energy = max(float((self.combined @ weights).real), 1e-300)
+            self._share = self.combined * weights / energy
+            self.reflection = straight @ (weights / energy)
 
     def _compare(self) -> None:
         """Groups that a press does not change, and the power to expect of U."""
@@ -255,8 +264,7 @@ class _Solution:
         ``by`` (G, 2, K), ``turns`` (G, 2, K).
         """
         reflection, part = self.reflection[self._steady][:, :, None], self._part()[self._steady]
-        share = (self._weight * np.abs(self.combined) ** 2).reshape(-1, self._wide).sum(axis=1)
-        share = share / max(float(share.sum()), 1e-300)
+        share = self._share.reshape(-1, self._wide).sum(axis=1)
         # Of the ratio v = R b(1) / b(R) that is measured, with the response b(R) = 1 + R M U.
         along = self.direct @ self._follows
         touched, untouched = share / (1 + reflection * along), share / (1 + along)
