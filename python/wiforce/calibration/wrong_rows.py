@@ -103,6 +103,7 @@ def find_untouched_scatter(data: CarrierData, carrier: Carrier) -> list[str]:
     Returns list of str: a sentence each. Every reading is a change against their mean.
     """
     found = []
+    rows = sum(map(len, data.untouched_rows_deg))  # each may be the wrong one
     for port, phases in enumerate(data.untouched_rows_deg):
         if len(phases) < 2 or data.untouched_deg is None:
             continue
@@ -110,7 +111,7 @@ def find_untouched_scatter(data: CarrierData, carrier: Carrier) -> list[str]:
         noise = max(carrier.noise_deg[port], ROUNDED_DEG)
         excess = float(np.sum(beside**2)) / (len(phases) - 1) / noise**2
         ratio = (len(phases) - 1) / 2 * (excess - 1 - np.log(max(excess, 1.0)))
-        if excess > 1 and is_better(ratio, len(data.untouched_rows_deg)):
+        if excess > 1 and is_better(ratio, rows):
             found.append(
                 f"untouched phases of port {port + 1} differ by {np.ptp(beside):.1f} deg, where "
                 f"those of presses scatter by {noise:.2g} deg: is each right, and were cables "
