@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What real cards add to channel snapshots: flips, strong tags, other senders, poor time stamps."""
 
-import warnings
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
+from card_rooms import (
+    FORCE_N,
+    LOCATION_MM,
+    capture_of,
+    quietly_read,
+    readings_of,
+    readings_of_rooms,
+    scene_of,
+)
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_noise
 from gnuradio.wiforce.estimation.packets.antenna_noise import shared_noise
@@ -35,45 +42,6 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 from gnuradio.wiforce.signal.timed_weights import timed_table
 from packet_simulator import PacketCapture, PacketTag, card_settings
-
-PERIOD_S = 0.25
-FORCE_N, LOCATION_MM = 4, 35
-
-
-def scene_of():
-    return {
-        "packets": {"interval_s": PERIOD_S / 225},
-        "radio": {"center_frequency_hz": 2.44e9},
-        "phase_group": {"snapshots": 225},
-        "reference_s": 2.5,
-        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
-    }
-
-
-def capture_of(line_db, snr_db=30.0, **more):
-    """4 N at 35 mm on a tag whose first line is some dB below the direct path."""
-    static = 0.225 * 10 ** (line_db / 20)
-    settings = {"seed": 5, "subcarriers": 16, "duration_s": 7.0, "touched_s": (3.0, 7.0)}
-    settings["gain_db"] = (0.0, 0.5)
-    noise = static * 10 ** (-snr_db / 20)
-    return PacketCapture([PacketTag(134.0)], static=static, noise=noise, **(settings | more))
-
-
-def quietly_read(path, scene):
-    """Readings of a file, whose warnings are not looked at."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return wiforce.read(path, scene)
-
-
-def readings_of(capture, folder):
-    """Readings, those of steady touches, and their errors over standard deviations."""
-    capture.save(folder / "p.npz")
-    readings = quietly_read(folder / "p.npz", scene_of())
-    steady = readings[(readings["time_s"] > 3.25) & (readings["time_s"] < 6.75)]
-    clear = steady[steady["flags"] == ""]
-    stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
-    return readings, steady, clear, stds.to_numpy()
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -110,13 +78,6 @@ def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
         white = found.removed(packets)
         # Of 20 groups, in which the loud half counts as the median one.
         assert white.combined[0] == pytest.approx(factor * shared, rel=0.25)
-
-
-def readings_of_rooms(line_db, seeds, folder, **effects):
-    """Steady and clear readings in several rooms, and errors over standard deviations."""
-    rooms = [readings_of(capture_of(line_db, seed=seed, **effects), folder) for seed in seeds]
-    _, steady, clear, stds = zip(*rooms, strict=True)
-    return pd.concat(steady), pd.concat(clear), np.concatenate(stds)
 
 
 STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0}
@@ -230,46 +191,6 @@ def test_packets_of_another_sender_are_left_out_and_counted(tmp_path):
     (note,) = [note for note in reader.notes if "another sender" in note]
     count = int(note.split()[2])
     assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)
-
-
-STAMPED = 29, (5, 6, 7)
-
-
-@pytest.fixture(scope="module")
-def exact(tmp_path_factory):
-    """Steady readings with exact time stamps."""
-    return readings_of_rooms(*STAMPED, tmp_path_factory.mktemp("exact"))[0]
-
-
-@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-4}, {"stamp_s": 1e-4}])
-def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_path):
-    """They refused the whole file, with an infinite ratio of the tag."""
-    steady, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
-    assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
-    assert stds.max() < 4
-    # Standard deviations of the force also contain the drift that ten groups of reference allow.
-    assert (steady["snr_db"].to_numpy() < exact["snr_db"].to_numpy() + 0.1).all()
-    assert steady["snr_db"].mean() < exact["snr_db"].mean() - 0.1
-
-
-@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-3}, {"stamp_s": 1e-3}])
-def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, tmp_path):
-    """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
-    _, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
-    assert (clear["touch"] == 1).all() and stds.max(initial=0) < 4
-
-
-def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
-    """The file was refused; an Intel 5300 does this within 90 s."""
-    capture = capture_of(35, duration_s=12.0, touched_s=(3.0, 12.0), clock_back_s=5.0)
-    readings, *_ = readings_of(capture, tmp_path)
-    recording = open_snapshots(tmp_path / "p.npz")
-    assert recording.clock_steps == 1 and recording.span_s > 40
-    assert any("stepped back once" in note for note in recording.notes)
-    later = readings[readings["time_s"] > 37.5]
-    clear = later[later["flags"] == ""]
-    assert len(clear) > 0.5 * len(later) > 5
-    assert (np.abs(clear["force_n"] - FORCE_N) < 4 * clear["force_std_n"]).all()
 
 
 def test_states_of_the_chains_hold_no_tag_and_no_room():

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulated files of a card that receives a tag, and their readings."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+from gnuradio import wiforce
+from packet_simulator import PacketCapture, PacketTag
+
+PERIOD_S = 0.25
+FORCE_N, LOCATION_MM = 4, 35
+
+
+def scene_of():
+    return {
+        "packets": {"interval_s": PERIOD_S / 225},
+        "radio": {"center_frequency_hz": 2.44e9},
+        "phase_group": {"snapshots": 225},
+        "reference_s": 2.5,
+        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
+    }
+
+
+def capture_of(line_db, snr_db=30.0, **more):
+    """4 N at 35 mm on a tag whose first line is some dB below the direct path."""
+    static = 0.225 * 10 ** (line_db / 20)
+    settings = {"seed": 5, "subcarriers": 16, "duration_s": 7.0, "touched_s": (3.0, 7.0)}
+    settings["gain_db"] = (0.0, 0.5)
+    noise = static * 10 ** (-snr_db / 20)
+    return PacketCapture([PacketTag(134.0)], static=static, noise=noise, **(settings | more))
+
+
+def quietly_read(path, scene):
+    """Readings of a file, whose warnings are not looked at."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return wiforce.read(path, scene)
+
+
+def readings_of(capture, folder):
+    """Readings, those of steady touches, and their errors over standard deviations."""
+    capture.save(folder / "p.npz")
+    readings = quietly_read(folder / "p.npz", scene_of())
+    steady = readings[(readings["time_s"] > 3.25) & (readings["time_s"] < 6.75)]
+    clear = steady[steady["flags"] == ""]
+    stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
+    return readings, steady, clear, stds.to_numpy()
+
+
+def readings_of_rooms(line_db, seeds, folder, **effects):
+    """Steady and clear readings in several rooms, and errors over standard deviations."""
+    rooms = [readings_of(capture_of(line_db, seed=seed, **effects), folder) for seed in seeds]
+    _, steady, clear, stds = zip(*rooms, strict=True)
+    return pd.concat(steady), pd.concat(clear), np.concatenate(stds)
