@@ -231,6 +231,8 @@ def _without_incomplete(data):
 
 def _verdict(sensor, model, suspected):
     """What the sensor is good for and what speaks against it, first of all."""
+    from gnuradio.wiforce.calibration.validation import shift_per_degree
+
     for text in suspected:
         yield f"not to be trusted: {text}"
     span = " and ".join(f"{place:g}" for place in model.location_span_mm)
@@ -243,7 +245,11 @@ def _verdict(sensor, model, suspected):
     for each in sensor.verdict(model):
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
         yield f"verdict{at}, as standard deviations:"
-        yield from (f"  {line}" for line in [*str(each).splitlines(), f"ruler: {ruler}"])
+        force_n, location_mm = shift_per_degree(model, each.frequency_hz)
+        shift = f"each degree that one is off shifts readings by {force_n:.2g} N"
+        untouched = f"untouched phases: {shift} and {location_mm:.2g} mm"
+        lines = [*str(each).splitlines(), untouched, f"ruler: {ruler}"]
+        yield from (f"  {line}" for line in lines)
     yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))
     yield ""
 

@@ -132,9 +132,7 @@ class Verdict:
     ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
     the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
     former; ``flagged``: share of the span in which readings are flagged, and ``most_flagged`` the
-    flag of most of them; ``shift_per_degree``: median change of force (N) and location (mm) where
-    the untouched phase of a port is off by a degree, which nothing shows up to some 20 degrees;
-    ``unusable``: why no force is read, empty where it is.
+    flag of most of them; ``unusable``: why no force is read, empty where it is.
     """
 
     frequency_hz: float
@@ -145,7 +143,6 @@ class Verdict:
     limit: str
     flagged: float
     most_flagged: str
-    shift_per_degree: tuple[float, float]
     unusable: str = ""
 
     def __str__(self) -> str:
@@ -162,12 +159,7 @@ class Verdict:
             lines.insert(0, self.unusable)
         if 0 < self.flagged < 1:
             lines.append(f"left out: {self.flagged:.0%} of this span, flagged {self.most_flagged}")
-        force_n, location_mm = self.shift_per_degree
-        untouched = (
-            f"untouched phases: each degree that one is off shifts readings by {force_n:.2g} N and "
-            f"{location_mm:.2g} mm"
-        )
-        return "\n".join([*lines, untouched, "not included: the noise of a radio"])
+        return "\n".join([*lines, "not included: the noise of a radio"])
 
 
 def verdict(model: CurveModel) -> list[Verdict]:
@@ -209,13 +201,15 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
         limit,
         flagged,
         most_flagged,
-        shift_per_degree(model, frequency_hz),
         _why_unusable(model, found, flagged, most_flagged),
     )
 
 
 def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, float]:
-    """Median change of force (N) and location (mm) where port 1's phase is off by a degree."""
+    """Median change of force (N) and location (mm) where port 1's phase is off by a degree.
+
+    As that of the untouched sensor may be: nothing shows it up to some 20 degrees.
+    """
     force_n, location_mm = np.meshgrid(
         np.linspace(*model.force_span_n, 5), np.linspace(*model.location_span_mm, 5)
     )
