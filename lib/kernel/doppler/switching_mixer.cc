@@ -15,8 +15,9 @@ namespace {
 
 // Columns that are summed at a time, in registers, and snapshots of which they fit into
 // the smallest cache (16 kB), for all tags.
-constexpr std::size_t width = 16, vectors = 4, stretch = 128;
 using four = double __attribute__((vector_size(32)));
+constexpr std::size_t width = 16, vectors = width * sizeof(double) / sizeof(four),
+                      stretch = 128;
 
 int columns_of(const std::vector<double>& weights, const std::vector<double>& times_s)
 {

@@ -42,7 +42,6 @@ DeviceTime = tuple[int, float]
 # Share of a device's range at which gains begin: the software N210 then receives peaks of -10 dBFS.
 _FIRST_GAIN = 1 / 3
 _RATE_TOLERANCE = 1e-6
-_LOST_STATUS = 1  # exit status
 
 
 def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
@@ -267,8 +266,8 @@ class DeviceWatch:
                 "usrp: the device is lost, it does not answer; check its cable and its power, and "
                 "start the program again"
             )
-            # Otherwise the program ends with a trace of memory addresses when it is stopped.
-            exit_on_terminate(_LOST_STATUS)
+            # An exit status; else the program ends with a trace of memory addresses when stopped.
+            exit_on_terminate(1)
 
 
 class timed_frames(Kept, gr.sync_block):
