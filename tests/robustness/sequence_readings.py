@@ -243,7 +243,7 @@ class Score:
         return self.counts[what] / max(self.counts[of], 1)
 
     def row(self):
-        """What docs/data/press_sequences.csv says of a family."""
+        """Shares that are read, in percent, and counts, for --csv."""
         shares = [100 * self.share(f"{what}, read", what) for what in ("pressed", "untouched")]
         counts = self.counts["unflagged"], len(self.wrong), len(self.far)
         return ",".join([f"{share:.1f}" for share in shares] + [str(count) for count in counts])

@@ -27,7 +27,7 @@ _SEEN_STDS = 8.0
 # Shapes over the subcarriers that packets have: that of the room, and two that cards add (an Intel
 # AX200, whose SNR of 26 dB with one of them is 31 dB with two, and stays so with more).
 _SHAPES = 3
-# Information q_1 of a group (docs/estimation.md, the bound).
+# Information q_1 of a group (docs/theory.md, formulas).
 _INFORMATION = 0.158
 
 
