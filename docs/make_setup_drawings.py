@@ -74,10 +74,13 @@ def tag():
     yield from antenna(515, 160)
     yield box(445, 160, 140, 100)
     yield label(515, 180, "two RF switches", size=13)
-    yield line((515, 188), (515, 200))
-    for x, color, name in ((480, END1, "switch 1"), (550, END2, "switch 2")):
-        yield line((515, 200), (x, 218), color=color)
-        yield element("circle", cx=x, cy=220, r=4, fill=color)
+    yield line((480, 202), (480, 194), (550, 194), (550, 202))
+    yield line((515, 187), (515, 194))
+    # Never both are closed.
+    for x, color, name, aside in ((480, END1, "switch 1", 0), (550, END2, "switch 2", 11)):
+        yield line((x, 204), (x + aside, 219 - aside / 3), color=color)
+        for y in (204, 222):
+            yield element("circle", cx=x, cy=y, r=3, fill=color)
         yield label(x, 250, name, color, 13)
 
 

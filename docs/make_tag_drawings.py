@@ -75,7 +75,7 @@ def switch(y, name, color, port, pin):
     yield wire((422, y + 34), (500, y + 34))
     yield from resistor(500, y + 34, f"R{port}", "50 ohm")
     yield draw.line((422, y), (680, y), color=color, width=2.5)
-    yield draw.label(600, y - 8, f"port {port}", color, 13)
+    yield draw.label(565, y - 8, f"J{port + 3}, cable, J{port + 1}: port {port}", color, 13)
     yield wire((360, y + 58), (360, y + 74), (pin, y + 74), color=color)
     yield draw.label(366, y + 70, "CTRL", draw.FAINT, 11, "start")
 
@@ -85,6 +85,7 @@ def schematic():
     yield from draw.antenna(60, 190)
     yield wire((60, 190), (130, 190))
     yield draw.label(60, 124, "antenna, 50 ohm", draw.FAINT, 12)
+    yield draw.label(95, 182, "J1", size=12)
     yield from part(130, 155, 110, 70, "U4", "splitter, 2 ways")
     for y in (90, 290):
         side = 172 if y < 190 else 208
@@ -253,7 +254,7 @@ def board(x, y):
         yield to_scale(x + 26.4, side + sign * 1.9 - 0.35, 1.2, 0.7, fill="#ffffff")
         yield named(x + 28.9, side + sign * 1.9 + 0.5, f"C{end}", 11)
         yield named(x + 21.2, row + sign * 2.0 + 0.5, f"R{end}", 11)
-        yield named(x + 34, row + sign * 3 + 0.5, f"to J{end + 1}", 11)
+        yield named(x + 33, row + sign * 3 + 0.5, f"J{end + 3}, to J{end + 1}", 11)
     yield to_scale(x + 8.4, middle - 0.8, 3.2, 1.6, fill="#ffffff")
     yield named(x + 13.2, middle + 0.5, "U4")
     yield to_scale(x + 0.5, middle - 1.5, 3, 3, fill="#ffffff")
@@ -268,7 +269,7 @@ def board(x, y):
     yield named(x + 27, middle + 0.5, "Y1")
     note = f"traces {strip:.1f} mm wide: 50 ohm on {BOARD_HEIGHT_MM:g} mm of FR-4; the two arms"
     yield named(x, y + height + 2, note, color=draw.FAINT, anchor="start")
-    note = "and the two cables to J2, J3 are equally long. Other side: ground, BT1, supply by vias"
+    note = "and the two cables to J2 and J3 are equally long. Other side: ground, BT1, supply by vias"
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
