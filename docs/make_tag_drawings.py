@@ -269,7 +269,7 @@ def board(x, y):
     yield named(x + 27, middle + 0.5, "Y1")
     note = f"traces {strip:.1f} mm wide: 50 ohm on {BOARD_HEIGHT_MM:g} mm of FR-4; the two arms"
     yield named(x, y + height + 2, note, color=draw.FAINT, anchor="start")
-    note = "and the two cables to J2 and J3 are equally long. Other side: ground, BT1, supply by vias"
+    note = "and the cables to J2 and J3 are equally long. Other side: ground, BT1, supply by vias"
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
