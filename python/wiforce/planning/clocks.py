@@ -9,7 +9,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..estimation.clocks.likelihood import PHASE_MARGIN, own_lines, phase_margin
@@ -26,83 +25,12 @@ from ..signal.lines import (
     lamp_distances_hz,
     tag_lines,
 )
-from ..signal.switching import harmonics
+from ..signal.switching import harmonics, switch_averages
 from ..signal.timed_weights import clutter_at, timed_lines
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
 from .loss import BANDS_HZ, end_variances, typical_times_s
 from .plan import Plan
-
-Pulses = Sequence[tuple[float, float]]
-
-
-def double_rate_pulses(duty1: float = 0.25, duty2: float = 0.25) -> tuple[Pulses, Pulses]:
-    """On-intervals of switch 1 and 2, in cycles of fs: the scheme of the WiForce paper.
-
-    Clock 2 at twice the frequency, its pulses midway between those of clock 1. Refuses duty cycles
-    outside (0, 1), and pulses that overlap.
-    """
-    _check_duties(duty1, duty2)
-    if duty1 / 2 + duty2 / 4 > 1 / 4:
-        rule = "2 duty1 + duty2 must be at most 1: the two switches are never on together"
-        raise InputError("duty2", rule, duty2)
-    return (_pulse(0.0, duty1),), (_pulse(0.25, duty2 / 2), _pulse(0.75, duty2 / 2))
-
-
-def one_rate_pulses(
-    duty1: float = 0.25, duty2: float = 0.25, delay: float = 0.5
-) -> tuple[Pulses, Pulses]:
-    """On-intervals of switch 1 and 2 of clocks at fs, the second later by ``delay`` cycles.
-
-    The ends share all lines; they differ in how a line's phase depends on its number. Refuses
-    parameters outside (0, 1), and pulses that overlap.
-    """
-    _check_duties(duty1, duty2)
-    if not 0 < delay < 1:
-        raise InputError("delay", "must lie between 0 and 1 cycle", delay)
-    if min(delay, 1 - delay) < (duty1 + duty2) / 2:
-        rule = "must be (duty1 + duty2) / 2 or more: the two switches are never on together"
-        raise InputError("delay", rule, delay)
-    return (_pulse(0.0, duty1),), (_pulse(delay, duty2),)
-
-
-def _check_duties(*duties: float) -> None:
-    for i, duty in enumerate(duties):
-        if not 0 < duty < 1:
-            raise InputError(f"duty{i + 1}", "must lie between 0 and 1", duty)
-
-
-def _pulse(center: float, width: float) -> tuple[float, float]:
-    return center - width / 2, center + width / 2
-
-
-def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.0) -> np.ndarray:
-    """Fourier coefficients of one switch at harmonics m of fs, averaged over fs Ta cycles.
-
-    c[m] = sum over pulses of width sinc(m width) exp(-j 2 pi m center), times sinc(m fs Ta).
-    """
-    m = np.asarray(m)
-    total = np.zeros(m.shape, complex)
-    for on, off in pulses:
-        total += (off - on) * np.sinc(m * (off - on)) * np.exp(-1j * np.pi * m * (on + off))
-    return total * np.sinc(m * averaging_cycles)
-
-
-def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> np.ndarray:
-    """Part (n,) of windows of fs Ta, centred at cycles of the clock, in which a switch is on."""
-    cycles = np.asarray(cycles, float)
-    total = np.zeros(cycles.shape)
-    for on, off in pulses:
-        start, end = (cycles + side * window_cycles / 2 - on for side in (-1, 1))
-        total += _on_time(end, off - on) - _on_time(start, off - on)
-    return total / window_cycles
-
-
-def _on_time(cycles: np.ndarray, width: float) -> np.ndarray:
-    """How long a pulse that begins each cycle has been on since cycle 0, in cycles."""
-    whole = np.floor(cycles)
-    return whole * width + np.minimum(cycles - whole, width)
-
 
 # Lines of two tags: strong lines at the same number, or at numbers 1:2 and 1:4. Other pairs of
 # lines 1, 2 and 4 are multiples of these.
@@ -132,7 +60,6 @@ class LineTable:
     clocks_hz: np.ndarray
     waveform: Waveform
     group_length: int
-    pulses: tuple[Pulses, Pulses]
     tolerance_ppm: float
 
     @cached_property
@@ -140,8 +67,7 @@ class LineTable:
         """Of the lines, for waveforms of unit power; shape (C, 2, harmonics)."""
         m = np.arange(1, _HARMONICS + 1)
         averaged = self.clocks_hz[:, None] * self.waveform.averaging_s
-        lines = np.stack([np.abs(line_coefficients(p, m)) for p in self.pulses])
-        lines = lines * np.abs(np.sinc(averaged * m))[:, None, :]
+        lines = np.abs(harmonics(m)).T * np.abs(np.sinc(averaged * m))[:, None, :]
         return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
 
     def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
@@ -303,26 +229,22 @@ def assess_clocks(
     clocks_hz: Sequence[float],
     waveform: Waveform,
     group_length: int,
-    pulses: tuple[Pulses, Pulses] | None = None,
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
 ) -> ClockReport:
     """How well the ends of tags with given clocks can be separated.
 
-    ``pulses`` are the on-intervals of the two switches, the paper's by default. Clocks may be off
-    by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of anything that moves.
+    Clocks may be off by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of
+    anything that moves.
     """
-    pulses = double_rate_pulses() if pulses is None else pulses
-    lines = _lines(clocks_hz, waveform, group_length, pulses, tolerance_ppm)
-    information = worst_information(
-        clocks_hz, waveform, group_length, pulses, tolerance_ppm, clutter_hz
-    )
+    lines = _lines(clocks_hz, waveform, group_length, tolerance_ppm)
+    information = worst_information(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
     ends = []
     for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
-        ideal = _ideal_information(pulses[end - 1], clocks_hz[tag] * waveform.averaging_s)
+        ideal = _ideal_information(clocks_hz[tag] * waveform.averaging_s)[end - 1]
         loss_db = 10 * np.log10(ideal / max(q, 1e-12))
         ends.append(End(tag, end, float(q), float(loss_db), lines[tag, end]))
-    margins = tuple(_phase_margin(pulses, f * waveform.averaging_s) for f in clocks_hz)
+    margins = tuple(_phase_margin(f * waveform.averaging_s) for f in clocks_hz)
     return ClockReport(tuple(ends), margins)
 
 
@@ -330,7 +252,6 @@ def _lines(
     clocks_hz: Sequence[float],
     waveform: Waveform,
     group_length: int,
-    pulses: tuple[Pulses, Pulses],
     tolerance_ppm: float,
 ) -> dict[tuple[int, int], tuple[Line, ...]]:
     """Lines of every (tag, end) at positive harmonics, and which others share them."""
@@ -339,8 +260,8 @@ def _lines(
     found: list[tuple[int, int, Line]] = []
     for tag, clock_hz in enumerate(clocks_hz):
         m = np.arange(1, _HIGHEST_HARMONIC + 1)
-        for end in (1, 2):
-            level = np.abs(line_coefficients(pulses[end - 1], m, clock_hz * waveform.averaging_s))
+        levels = np.abs(harmonics(m, clock_hz * waveform.averaging_s))
+        for end, level in zip((1, 2), levels.T, strict=True):
             level_db = 20 * np.log10(np.maximum(level / level.max(), 1e-9))
             for i in np.flatnonzero(level_db >= _WEAKEST_LINE_DB):
                 frequency = float(m[i] * clock_hz)
@@ -360,17 +281,16 @@ def _lines(
     return result
 
 
-def _ideal_information(pulses: Pulses, averaging_cycles: float) -> float:
-    """Power of one switch's averaged waveform about its mean."""
-    m = np.arange(1, 4 * _HIGHEST_HARMONIC)
-    return float(2 * np.sum(np.abs(line_coefficients(pulses, m, averaging_cycles)) ** 2))
+def _ideal_information(averaging_cycles: float) -> np.ndarray:
+    """Power (2,) of each switch's averaged waveform about its mean."""
+    lines = harmonics(np.arange(1, 4 * _HIGHEST_HARMONIC), averaging_cycles)
+    return np.asarray(2 * np.sum(np.square(lines), axis=0))
 
 
 def worst_information(
     clocks_hz: Sequence[float],
     waveform: Waveform,
     group_length: int,
-    pulses: tuple[Pulses, Pulses],
     tolerance_ppm: float,
     clutter_hz: float,
 ) -> np.ndarray:
@@ -390,8 +310,8 @@ def worst_information(
         for tag, clock_hz in enumerate(clocks_hz):
             error = tolerance_ppm * 1e-6 * ((some + tag) % 3 - 1)
             cycles = np.multiply.outer(clock_hz * (1 + error), times_s) + phases[some, tag, None]
-            columns += [switch_waveform(p, cycles, clock_hz * averaging_s) for p in pulses]
-        waveforms = np.stack(columns, axis=-1)
+            columns.append(switch_averages(2 * np.pi * cycles, np.pi * clock_hz * averaging_s))
+        waveforms = np.concatenate(columns, axis=-1)
         waveforms -= clutter @ (clutter.T @ waveforms)
         found = _unexplained(waveforms) / group_length
         worst = np.minimum(worst, found.min(axis=0))
@@ -407,11 +327,10 @@ def _unexplained(waveforms: np.ndarray) -> np.ndarray:
     return scale**2 / inverse
 
 
-def _phase_margin(pulses: tuple[Pulses, Pulses], averaging_cycles: float) -> float:
+def _phase_margin(averaging_cycles: float) -> float:
     """``phase_margin`` of all lines of a tag."""
     m = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
-    spectra = np.stack([line_coefficients(p, m, averaging_cycles) for p in pulses], axis=1)
-    return phase_margin(spectra, m)
+    return phase_margin(harmonics(m, averaging_cycles), m)
 
 
 @dataclass(frozen=True)
@@ -570,7 +489,7 @@ def propose_clocks(
     Candidates are ``near_hz`` and multiples of 5 Hz, or of half a bin where that is less. As far as
     the distances of lines decide, as many tags as can be found among them are found.
     """
-    settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
+    settings = waveform, group_length, tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)
     candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm, near_hz)
     apart_hz = np.multiply.outer(candidates, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
@@ -656,7 +575,7 @@ def _clocks_on_grid(scene: Scene, count: int, tolerance_ppm: float) -> tuple[lis
         except InputError:
             if clutter_hz in (0.0, stated_hz):
                 raise
-    report = assess_clocks(clocks_hz, waveform, group_length, None, tolerance_ppm, clutter_hz)
+    report = assess_clocks(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
     return clocks_hz, report.worst_loss_db
 
 
@@ -675,15 +594,15 @@ class _Search:
         self,
         candidates: np.ndarray,
         taken: Sequence[float],
-        settings: tuple[Waveform, int, tuple[Pulses, Pulses], float, float],
+        settings: tuple[Waveform, int, float, float],
         mains_hz: Sequence[float],
         near_hz: Sequence[float] = (),
     ) -> None:
-        waveform, group_length, pulses, tolerance_ppm, self._clutter_hz = settings
+        waveform, group_length, tolerance_ppm, self._clutter_hz = settings
         self._settings, self._candidates, self._near_hz = settings, candidates, near_hz
         self._taken = [float(hz) for hz in taken]
         self._clocks = np.r_[candidates, self._taken]
-        self._lines = LineTable(self._clocks, waveform, group_length, pulses, tolerance_ppm)
+        self._lines = LineTable(self._clocks, waveform, group_length, tolerance_ppm)
         self._distances_hz = line_distances_hz(candidates[:, None], self._clocks, tolerance_ppm)
         self._lamps_hz = np.array([lamp_distances_hz(hz, mains_hz).min() for hz in candidates])
         # The highest octave, where most fit.

@@ -53,7 +53,7 @@ def test_propose_clocks_sixteen_tags_keep_strong_lines_two_bins_apart(group_leng
     assert len(set(clocks)) == 16
     assert line_gap_hz(clocks, tolerance_ppm) >= 2 * bin_hz(group_length)
     assert max(clocks) * 4 <= 0.9 * 0.5 / WAVEFORM.snapshot_period_s
-    assert assess_clocks(clocks, WAVEFORM, group_length, None, tolerance_ppm).worst_loss_db < 1.5
+    assert assess_clocks(clocks, WAVEFORM, group_length, tolerance_ppm).worst_loss_db < 1.5
     assert took_s < 30  # 2 s on an idle core
 
 
@@ -132,10 +132,10 @@ def test_most_that_fit_equals_exhaustive_search(seed):
 @pytest.mark.parametrize("bins", [1.0, 2.0, 4.0])
 def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
     """The claim behind the search: lower octaves make room for no further tag."""
-    from gnuradio.wiforce.planning.clocks import _candidates, _Search, double_rate_pulses
+    from gnuradio.wiforce.planning.clocks import _candidates, _Search
 
     grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
-    search = _Search(grid, [], (WAVEFORM, 250, double_rate_pulses(), 100.0, 0.0), ())
+    search = _Search(grid, [], (WAVEFORM, 250, 100.0, 0.0), ())
     most = search.fitting(bins * bin_hz(250))
     conflicts = line_distances_hz(grid[:, None], grid, 100.0) < bins * bin_hz(250)
     rng = np.random.default_rng(1)
