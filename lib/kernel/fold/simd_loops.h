@@ -122,6 +122,8 @@ inline void accumulate_tile(const float* snapshots,
             tile[r][c] = *reinterpret_cast<const lanes*>(sums + r * width + c * LANES);
     }
     for (int n = 0; n < count; n++) {
+        // A column is a line of each snapshot, which the processor does not expect.
+        __builtin_prefetch(snapshots + n * width + CACHE_LINE / sizeof(float));
         lanes difference[COLUMNS];
         for (int c = 0; c < COLUMNS; c++)
             difference[c] =

@@ -16,6 +16,7 @@
 #include "tag_values.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -361,6 +362,20 @@ static py::object kept_with(std::shared_ptr<gr::basic_block> block, py::object o
     return result;
 }
 
+// Keeps what Python knows of this thread until it is released: made anew for each call of
+// a block, it takes longer than the call.
+static void keep_thread_state(bool kept)
+{
+    thread_local bool is_kept = false;
+    if (kept == std::exchange(is_kept, kept))
+        return;
+    py::gil_scoped_acquire lock;
+    if (kept)
+        lock.inc_ref();
+    else
+        lock.dec_ref();
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
@@ -391,6 +406,10 @@ PYBIND11_MODULE(wiforce_python, m)
           "owner"_a,
           "A block for a flowgraph, which keeps a Python object as long as it keeps the "
           "block.");
+    m.def("keep_thread_state",
+          &keep_thread_state,
+          "kept"_a,
+          "Whether the calling thread's Python state outlives the call.");
     m.def("input_has_ended",
           &input_has_ended,
           "block"_a,

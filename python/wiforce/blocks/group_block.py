@@ -15,7 +15,7 @@ from gnuradio import gr
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..io.readings import Reading
-from ..wiforce_python import collected_groups, input_has_ended
+from ..wiforce_python import collected_groups, input_has_ended, keep_thread_state
 from . import names
 from .argument_types import Kept
 
@@ -166,8 +166,15 @@ class GroupBlock(Kept, gr.basic_block):
         self.failure = error
         gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
 
+    # GNU Radio calls both in the block's thread.
+
     def start(self) -> bool:
+        keep_thread_state(True)
         self._flushed = False
+        return True
+
+    def stop(self) -> bool:
+        keep_thread_state(False)
         return True
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
@@ -338,7 +345,7 @@ class ReadingPort:
 
     def stop(self) -> bool:
         self.end()
-        return True
+        return bool(super().stop())  # type: ignore[misc]
 
     def end(self) -> None:
         """Read the groups held back; called by hand where the flowgraph cannot be stopped."""
