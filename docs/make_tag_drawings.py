@@ -6,8 +6,7 @@ build/run python3 docs/make_tag_drawings.py
 """
 
 import make_setup_drawings as draw
-import numpy as np
-from gnuradio.wiforce.sensor.microstrip import Microstrip, wide_ground_impedance_ohm
+from gnuradio.wiforce.sensor.microstrip import Microstrip
 
 LINE = Microstrip()
 # Board of the layout: FR-4 of 0.8 mm, its permittivity at 1 to 3 GHz (IPC-4101, usual laminates).
@@ -148,9 +147,8 @@ TRACE_MM = 0.3  # of slow signals
 
 def trace_width_mm():
     """Width of a trace of 50 ohm on the board."""
-    ratio = np.linspace(0.5, 5, 4001)
-    ohm = wide_ground_impedance_ohm(ratio, BOARD_PERMITTIVITY)
-    return float(np.interp(-50, -ohm, ratio)) * BOARD_HEIGHT_MM
+    line = Microstrip(1.0, ground_mm=1000.0, permittivity=BOARD_PERMITTIVITY).matched()
+    return BOARD_HEIGHT_MM / line.height_mm
 
 
 def to_scale(x, y, width, height, **style):

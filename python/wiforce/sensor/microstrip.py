@@ -37,19 +37,6 @@ def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> n
     return np.asarray(found)
 
 
-def wide_ground_impedance_ohm(width_to_height: ArrayLike, permittivity: float = 1.0) -> np.ndarray:
-    """Characteristic impedance of a trace over a wide ground; ``permittivity`` is that of the gap.
-
-    Hammerstad and Jensen, equations 1 and 2: within 0.03 % in air.
-    """
-    u = np.asarray(width_to_height, float)
-    f = 6 + (2 * np.pi - 6) * np.exp(-((30.666 / u) ** 0.7528))
-    air = np.log(f / u + np.sqrt(1 + (2 / u) ** 2)) / (
-        2 * np.pi * _VACUUM_PERMITTIVITY * SPEED_OF_LIGHT_M_S
-    )
-    return np.asarray(air / np.sqrt(effective_permittivity(u, permittivity)))
-
-
 def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) -> float:
     """Characteristic impedance of two parallel strips in air, one of them the ground.
 
