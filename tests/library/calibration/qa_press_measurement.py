@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measurements of a guided calibration are stored only when the press held still."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,8 +33,7 @@ def test_press_that_holds_still_gives_mean_phases_and_their_error(sensor):
 
 def test_press_near_the_wrap_of_the_angle_keeps_its_mean(sensor):
     readings = [
-        dataclasses.replace(each, phase1_deg=(179.9, -179.9)[i % 2])
-        for i, each in enumerate(sensor.readings())
+        replace(each, phase1_deg=(179.9, -179.9)[i % 2]) for i, each in enumerate(sensor.readings())
     ]
     press = measure_press(readings, 40.0, 3.0, LARGEST_DEG)
     assert abs(abs(press.phase_deg[0]) - 180) < 0.01
@@ -56,28 +55,28 @@ def test_press_that_slips_is_refused(sensor, slips_mm):
         measure_press(sensor.readings(), 40.0, 3.0, LARGEST_DEG)
 
 
-def test_press_that_slips_at_its_end_is_refused(sensor):
-    readings = sensor.readings()
-    last = readings[-1]
-    readings[-1] = dataclasses.replace(last, phase1_deg=last.phase1_deg + 3)
-    with pytest.raises(InputError, match="port 1 changed by 3"):
-        measure_press(readings, 40.0, 3.0, LARGEST_DEG)
-
-
-def test_press_that_fades_is_refused(sensor):
-    readings = [
-        dataclasses.replace(each, phase2_deg=each.phase2_deg - 0.15 * i)
-        for i, each in enumerate(sensor.readings())
-    ]
-    with pytest.raises(InputError, match="port 2 changed by 1"):
-        measure_press(readings, 40.0, 3.0, LARGEST_DEG)
-
-
-def test_press_that_is_released_is_refused(sensor):
-    readings = sensor.readings()
-    readings[-3:] = [dataclasses.replace(each, touch=0) for each in readings[-3:]]
-    with pytest.raises(InputError, match="must be touched; no touch in 3 of 14 readings"):
-        measure_press(readings, 40.0, 3.0, LARGEST_DEG)
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        (lambda r: [*r[:-1], replace(r[-1], phase1_deg=r[-1].phase1_deg + 3)], "1 changed by 3"),
+        (
+            lambda r: [replace(x, phase2_deg=x.phase2_deg - 0.15 * i) for i, x in enumerate(r)],
+            "port 2 changed by 1",
+        ),
+        (
+            lambda r: [*r[:-3], *(replace(x, touch=0) for x in r[-3:])],
+            "must be touched; no touch in 3 of 14 readings",
+        ),
+        (
+            lambda r: [*r[:4], replace(r[4], touch=None, phase1_deg=None), *r[5:]],
+            "the tag was not in 1 of 14 readings",
+        ),
+        (lambda r: r[5:10], "must have at least 8 readings, got 5"),
+    ],
+)
+def test_press_that_slips_fades_ends_or_is_not_received_is_refused(sensor, change, rule):
+    with pytest.raises(InputError, match=rule):
+        measure_press(change(sensor.readings()), 40.0, 3.0, LARGEST_DEG)
 
 
 def test_untouched_sensor_that_is_touched_is_refused(sensor):
@@ -103,15 +102,6 @@ def test_untouched_sensor_with_a_disturbed_reference_is_refused(sensor):
     sensor.force_n, sensor.flags = 0.0, ("inconsistent",)
     with pytest.raises(InputError, match="reference was disturbed"):
         measure_untouched(sensor.readings(), LARGEST_DEG)
-
-
-def test_press_of_a_tag_that_is_not_received_is_refused(sensor):
-    readings = sensor.readings()
-    readings[4] = dataclasses.replace(readings[4], touch=None, phase1_deg=None, phase2_deg=None)
-    with pytest.raises(InputError, match="the tag was not in 1 of 14 readings"):
-        measure_press(readings, 40.0, 3.0, LARGEST_DEG)
-    with pytest.raises(InputError, match="must have at least 8 readings, got 5"):
-        measure_press(readings[5:10], 40.0, 3.0, LARGEST_DEG)
 
 
 def test_press_whose_phases_scatter_is_refused():

@@ -90,10 +90,8 @@ def test_open_capture_raw_file_needs_datatype_only(tmp_path):
     [
         ({"datatype": "ci8"}, "core:datatype must be one of"),
         ({"core:sample_rate": None}, "core:sample_rate must be a positive number"),
-        ({"core:sample_rate": -1.0}, "x.sigmf-meta"),
         ({"core:num_channels": 2}, "core:num_channels must be 1"),
         ({"samples": 0}, "is empty"),
-        ({"captures": [{"core:sample_start": 5}, {"core:sample_start": 1}]}, "x.sigmf-meta"),
         (
             {
                 "captures": [
@@ -112,37 +110,12 @@ def test_open_capture_invalid_metadata_names_file_and_rule(tmp_path, changes, ru
     assert rule in str(refusal.value) and "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"global": 3}', "null", '{"global": {}}', "\xff"])
-def test_open_capture_metadata_not_sigmf_raises(tmp_path, text):
-    stem = write(tmp_path)
-    (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputError, match="x.sigmf-meta"):
-        open_capture(stem)
-
-
 def test_open_capture_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match="none.sigmf-meta: no such file"):
         open_capture(tmp_path / "none")
     stem = write(tmp_path)
     (tmp_path / "x.sigmf-data").unlink()
     with pytest.raises(InputError, match="x.sigmf-data: no such file"):
-        open_capture(stem)
-
-
-def test_open_capture_missing_metadata_key_is_named(tmp_path):
-    stem = write(tmp_path)
-    (tmp_path / "x.sigmf-meta").write_text("{}")
-    with pytest.raises(InputError, match="is not valid SigMF .key 'global' is missing"):
-        open_capture(stem)
-
-
-def test_open_capture_wrong_type_of_metadata_is_named(tmp_path):
-    stem = write(tmp_path)
-    meta = tmp_path / "x.sigmf-meta"
-    content = json.loads(meta.read_text())
-    content["global"]["core:sample_rate"] = "fast"
-    meta.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="global: core:sample_rate: is not valid SigMF .'fast'"):
         open_capture(stem)
 
 
@@ -286,7 +259,7 @@ def test_read_metadata_valid_file_is_returned_as_it_is(tmp_path):
     assert read_metadata(tmp_path / "x.sigmf-meta") == (FIELDS, CAPTURES)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "\xff", "[" * 100_000, '{"global": NaN}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "\xff", "[" * 100_000, '{"global": NaN}'])
 def test_read_metadata_not_an_object_is_refused(tmp_path, text):
     (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match="x.sigmf-meta: "):

@@ -20,11 +20,12 @@ T = FRAME / RATE
 QUIET = {"static_clutter_db": None, "snr_db": 120, "duration_s": 10, "adc_bits": None}
 
 
-def channel_of(tags_on=True, sensor=(), **simulation):
+def channel_of(tags_on=True, environment=None, **simulation):
     """The channel of a scene with one sensor, without anything else unless stated."""
     scene = load_scene(
         {
-            "sensors": [{"name": "arm", "model": "line-900mhz"} | dict(sensor)],
+            "sensors": [{"name": "arm", "model": "line-900mhz"}],
+            "environment": environment or {},
             "simulation": QUIET | simulation,
         }
     )
@@ -88,6 +89,14 @@ EFFECTS = {
     "beam": {"tags": [{"beam": {"creep": 0.5, "creep_s": 0.01}}], "presses": [PRESS]},
     "hand": {"tags": [{"hand": {"level_db": 0}}], "presses": [PRESS]},
     "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
+    "room": {
+        "moving_clutter_db": 30,
+        "tag_coherence_hz": 2e6,
+        "carrier_offset_hz": 500.0,
+        "phase_noise_hz": 1.0,
+        "presses": [PRESS],
+        "environment": {"reader_clock": "free", "moving_clutter_hz": 60},
+    },
 }
 
 
@@ -112,9 +121,12 @@ def test_effect_any_division_of_stream_gives_same_samples(name):
     assert np.abs(without.process(sent, start) - expected).max() > 1e-4  # it does something
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "room"])
 def test_effect_is_the_same_wherever_the_stream_starts(name):
-    """A host of the software N210 that starts late must meet the scene where it is by then."""
+    """A host of the software N210 that starts late must meet the scene where it is by then.
+
+    The phase of two free oscillators is drawn as it comes, like the receiver's noise.
+    """
     sent = np.tile(frame(), 60).astype(np.complex64)
     start, later = 6_249_600, 6_249_600 + 30 * FRAME
     early, late = (channel_of(**{"snr_db": 10} | EFFECTS[name]) for _ in range(2))
@@ -155,16 +167,6 @@ def test_bursts_have_stated_share_level_and_durations(share, level_db):
     assert 0.3e-3 - 1e-5 < durations.min() / RATE < 0.4e-3
     # Two bursts with a short pause between them count as one here.
     assert 1e-3 < np.median(durations) / RATE < 1.3e-3 / (1 - share)
-
-
-def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
-    """A snapshot is hit by any overlap, so more snapshots are hit than the share of time."""
-    channel = channel_of(False, bursts={}, snr_db=10)
-    h = snapshots(channel, 12_000)
-    power = np.mean(np.abs(h) ** 2, axis=1) / (tag_line() ** 2 / 10)
-    hit = np.mean(power > 3)
-    bursts_per_s = 0.2 / 1.15e-3
-    assert hit == pytest.approx(0.2 + bursts_per_s * 256 / RATE, rel=0.12)
 
 
 def test_bursts_reach_both_antennas_at_once():
