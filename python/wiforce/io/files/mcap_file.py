@@ -4,7 +4,6 @@
 import math
 import os
 import struct
-import threading
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,7 @@ from ..ros_messages import (
     reading_messages,
     topics_of,
 )
-from ..text.textfile import check_output
-from .output_file import OutputFile, ReadingsOutput
+from .output_file import EndedOutput, OutputFile
 
 _MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -106,23 +104,21 @@ def _utc_s(stamp: Any) -> float | None:
 # A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
 # process that is killed loses. Larger ones compress better, and their index takes less memory.
 _CHUNK_BYTES = 8_192
-# Enough for the last chunk and the index of some twelve hours of one sensor.
-_RESERVE_BYTES = 4_000_000
-_KEPT = "all messages but those of the last seconds are kept"
 
 
-class McapWriter(ReadingsOutput):
+class McapWriter(EndedOutput):
     """Writes readings and health to an MCAP file; may be used by several threads.
 
-    The former content of a file is kept until :meth:`begin` or the first reading. As a context
-    manager it ends the file, also after an error. ``inputs`` are files that must not be written to,
-    ``metadata`` is stored as ``gr-wiforce``, ``sensors`` are those known before the first reading;
-    two must not have the same topics.
+    As a context manager it ends the file, also after an error. ``metadata`` is stored as
+    ``gr-wiforce``, ``sensors`` are those known before the first reading; two must not have the same
+    topics.
 
     Messages are logged at the time of their header, so that the time axis of a viewer is that of
     the measurement. Where UTC is not known, that of the previous message counts and, in a file
     without any, the time of the reading, from 1970 on.
     """
+
+    _items, _kept = "messages", "all messages but those of the last seconds are kept"
 
     def __init__(
         self,
@@ -131,36 +127,24 @@ class McapWriter(ReadingsOutput):
         metadata: Mapping[str, str] | None = None,
         sensors: Iterable[str] = (),
     ) -> None:
-        check_output(path, inputs)
         self._sensors = dict.fromkeys(sensors)
+        super().__init__(path, inputs, "MCAP")
         topics_of(self._sensors)
-        if Path(path).exists() and not Path(path).is_file():
-            raise InputError(path, "MCAP needs a regular file")
         self._library = optional_module("mcap_ros2.writer", path)
-        self._path, self._metadata = path, dict(metadata or {})
-        self._lock = threading.Lock()
-        self._file: OutputFile | None = None
-        self._writer: Any = None
+        self._metadata = dict(metadata or {})
         self._schemas: dict[str, Any] = {}
-        self._failure: OutputError | None = None
-        self._ended = False
         self._utc_ns: int | None = None
 
-    def begin(self) -> "McapWriter":
-        """Replace the content of the file, unless that has been done.
+    def _writer_of(self, file: OutputFile) -> Any:
+        writer = self._library.Writer(file, chunk_size=_CHUNK_BYTES)
+        for name in (READING, WRENCH, DIAGNOSTICS):
+            self._schemas[name] = writer.register_msgdef(name, complete_definition(name))
+        if self._metadata:
+            writer.add_metadata("gr-wiforce", self._metadata)
+        return writer
 
-        Refuses a file that another process is writing to; OutputError when it cannot be written to.
-        """
-        with self._lock:
-            if self._file is None:
-                self._file = OutputFile(self._path, kept=_KEPT, reserve_bytes=_RESERVE_BYTES)
-                self._writer = self._library.Writer(self._file, chunk_size=_CHUNK_BYTES)
-                for name in (READING, WRENCH, DIAGNOSTICS):
-                    text = complete_definition(name)
-                    self._schemas[name] = self._writer.register_msgdef(name, text)
-                if self._metadata:
-                    self._writer.add_metadata("gr-wiforce", self._metadata)
-        return self
+    def _write_end(self) -> None:
+        self._writer.finish()
 
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row; no two sensors may have the same topics."""
@@ -183,58 +167,14 @@ class McapWriter(ReadingsOutput):
             except OutputError:
                 pass
 
-    def close(self) -> None:
-        """Write the last messages and the index, or raise OutputError."""
-        self.begin()
-        self._end()
-        if self._failure is not None:
-            raise self._failure
-
-    def _abandon(self) -> None:
-        if self._writer is None:
-            return
-        try:
-            self._end()
-        except OutputError:
-            pass  # the first error counts
-
     def _put(self, message: RosMessage, else_ns: int) -> None:
         with self._lock:
-            if self._failure is not None:
-                raise self._failure
-            if self._ended:
+            if self._ended and self._failure is None:
                 return
             self._utc_ns = message.stamp_ns or self._utc_ns
             time_ns = else_ns if self._utc_ns is None else self._utc_ns
             schema, sequence = self._schemas[message.type], self.rows
-            try:
+            with self._writing():
                 self._writer.write_message(
                     message.topic, schema, message.fields, time_ns, time_ns, sequence
                 )
-            except OutputError as error:
-                self._failure = error
-                raise
-            if self._file is not None and self._file.reserve_used:
-                self._end_on_full_disk()
-
-    def _end_on_full_disk(self) -> None:
-        rule = "cannot be written further (disk full); all messages until then are kept"
-        self._failure = OutputError(self._path, rule)
-        self._finish()
-        raise self._failure
-
-    def _end(self) -> None:
-        with self._lock:
-            self._finish()
-
-    def _finish(self) -> None:
-        if self._ended or self._file is None:
-            return
-        self._ended = True
-        try:
-            if self._failure is None or self._file.reserve_used:
-                self._writer.finish()
-        except OutputError as error:
-            self._failure = error
-        finally:
-            self._file.close()

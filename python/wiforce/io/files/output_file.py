@@ -5,13 +5,16 @@ import errno
 import fcntl
 import os
 import tempfile
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
 from ...errors import InputError, OutputError
 from ..readings import Reading
+from ..text.textfile import check_output
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -178,3 +181,84 @@ class ReadingsOutput:
     def _abandon(self) -> None:
         """End the file after an error, which counts rather than any of its own."""
         raise NotImplementedError
+
+
+# Enough for what waits and the end of an MCAP file of half a day, or a Parquet file of two.
+_RESERVE_BYTES = 4_000_000
+Ended = TypeVar("Ended", bound="EndedOutput")
+
+
+class EndedOutput(ReadingsOutput):
+    """A file that needs an end, for which space is held on the disk; for several threads.
+
+    The former content is kept until the first row, :meth:`begin` or :meth:`close`. ``kind`` names
+    the format in messages, ``inputs`` are files that must not be written to. Derived classes make
+    the writer of their format, and let it write the end.
+    """
+
+    _items, _kept = "", ""  # what is kept of a file on a full disk, and of one without its end
+
+    def __init__(self, path: str | Path, inputs: Iterable[str | Path], kind: str) -> None:
+        check_output(path, inputs)
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(path, f"{kind} needs a regular file")
+        self._path = path
+        self._writer: Any = None
+        self._failure: OutputError | None = None
+        self._lock, self._ended = threading.RLock(), False
+
+    def _writer_of(self, file: OutputFile) -> Any:
+        raise NotImplementedError
+
+    def _write_end(self) -> None:
+        raise NotImplementedError
+
+    def begin(self: Ended) -> Ended:
+        """Replace the content of the file, unless done; errors as of :class:`OutputFile`."""
+        with self._lock:
+            if self._file is None:
+                self._file = OutputFile(self._path, kept=self._kept, reserve_bytes=_RESERVE_BYTES)
+                self._writer = self._writer_of(self._file)
+        return self
+
+    def close(self) -> None:
+        """Write what waits and the end of the file, or raise OutputError."""
+        self.begin()
+        self._abandon()
+        if self._failure is not None:
+            raise self._failure
+
+    def _abandon(self) -> None:
+        with self._lock:
+            if self._ended or self._file is None:
+                return
+            self._ended = True
+            try:
+                if self._writer is not None:  # the disk may have been full from the start
+                    self._write_end()
+            except OutputError as error:
+                self._failure = error
+            finally:
+                self._file.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Write within this: it raises the failure of a former call, and ends a full disk's file.
+
+        OutputError in both cases.
+        """
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            try:
+                yield
+            except OutputError as error:
+                self._failure = error
+                raise
+            if self._file is not None and self._file.reserve_used:
+                rule = (
+                    f"cannot be written further (disk full); all {self._items} until then are kept"
+                )
+                self._failure = OutputError(self._path, rule)
+                self._abandon()
+                raise self._failure
