@@ -42,6 +42,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_inversion(m);
     bind_phases(m);
     bind_press(m);
+    bind_press_groups(m);
     bind_recordings(m);
     bind_screening(m);
     bind_separation(m);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "press_groups.h"
+#include "kernels.h"
 
 #include <kernel/inversion/press_reading.h>
 #include <kernel/press/press_filter.h>
+#include <kernel/press/sensor_groups.h>
 
 #include <pybind11/stl.h>
 
@@ -114,17 +115,6 @@ void bind_press(py::module& m)
         "std"_a,
         "contact_np"_a,
         "Whether amplitudes distinguish a turn of the tag from a press (off_states.h).");
-    PYBIND11_NUMPY_DTYPE(press_observation,
-                         time_s,
-                         phase,
-                         amplitude,
-                         variance,
-                         common_variance,
-                         receiver_phase,
-                         receiver_amplitude,
-                         receiver_variance,
-                         retuned,
-                         untouched);
     PYBIND11_NUMPY_DTYPE(
         press_filter::average_of_groups, phase, amplitude, variance, weight);
     PYBIND11_NUMPY_DTYPE(press_filter::outcome,
@@ -212,7 +202,6 @@ void bind_press(py::module& m)
             "amplitude"_a,
             "By how much both phases (rad) and amplitudes (Np) of all groups are larger\n"
             "than against the former reference.");
-    m.attr("press_observation") = py::dtype::of<press_observation>();
     m.attr("press_outcome") = py::dtype::of<outcome>();
     const press_parameters defaults;
     m.attr("press_parameters") = py::array_t<press_parameters>(1, &defaults);
@@ -256,16 +245,6 @@ void bind_press(py::module& m)
              "wanted"_a,
              "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
              "(G,), of\nsensor_groups. wanted: whether force and location are.");
-    PYBIND11_NUMPY_DTYPE(sensor_group,
-                         group,
-                         flags,
-                         snr_db,
-                         interference,
-                         common_variance,
-                         readable,
-                         overlapping,
-                         disturbed);
-    m.attr("sensor_group") = py::dtype::of<sensor_group>();
     PYBIND11_NUMPY_DTYPE(group_reading,
                          touch,
                          force_n,
@@ -283,32 +262,4 @@ void bind_press(py::module& m)
                          unexplained,
                          doubtful);
     m.attr("group_reading") = py::dtype::of<group_reading>();
-    py::class_<sensor_settings>(
-        m,
-        "sensor_groups",
-        "What the stages before the press filter say of a sensor's groups.\n\nbits: of "
-        "reference, gap, saturated, moved, inconsistent. claimed: probability that the\n"
-        "sensor is untouched in its reference. least_snr_db: below which something is\n"
-        "received on the tag's own lines, as it is where it is in_lamps.")
-        .def(
-            py::init([](double period_s,
-                        const std::array<std::int64_t, 5>& bits,
-                        double claimed,
-                        double least_snr_db,
-                        bool in_lamps) {
-                return sensor_settings{ period_s, bits, claimed, least_snr_db, in_lamps };
-            }),
-            "period_s"_a,
-            "bits"_a,
-            "claimed"_a,
-            "least_snr_db"_a = -std::numeric_limits<double>::infinity(),
-            "in_lamps"_a = false)
-        .def("of",
-             &groups_of_sensor,
-             "groups"_a,
-             "sensor"_a,
-             "receiver"_a,
-             "Observations for the filter, whose phases are NaN where a group cannot be "
-             "read,\nand what else is known of the groups, (G,) each.\n\ngroups: arrays "
-             "by name, as in Groups. receiver: (G, 3), of receiver_steps.");
 }

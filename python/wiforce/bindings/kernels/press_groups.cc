@@ -1,55 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "press_groups.h"
+#include "kernels.h"
 
-#include <kernel/press/press_filter.h>
+#include <kernel/press/sensor_groups.h>
 
-#include <algorithm>
-#include <cmath>
-#include <complex>
-#include <limits>
-#include <optional>
-#include <string>
+#include <pybind11/stl.h>
+
+#include <list>
 
 namespace py = pybind11;
-using gr::wiforce::kernel::press_observation;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
 
 namespace {
 
-// R of an end that was not received is 0, and has no logarithm.
-constexpr double least_ratio = std::numeric_limits<double>::min();
-
-double squared_rad(double degrees)
-{
-    const double rad = degrees * (M_PI / 180);
-    return rad * rad;
-}
-
-// Rows of an array of a batch, of all sensors or of groups as a whole.
-template <class T>
-class rows
-{
-public:
-    rows(const py::dict& groups, const char* name, py::ssize_t count, py::ssize_t columns)
-        : d_values(groups[name].cast<array<T>>()), d_columns(columns)
-    {
-        if (d_values.size() != count * columns)
-            throw std::invalid_argument(std::string(name) + " must have " +
-                                        std::to_string(count) + " x " +
-                                        std::to_string(columns) + " values");
-    }
-    const T* operator[](py::ssize_t row) const
-    {
-        return d_values.data() + row * d_columns;
-    }
-
-private:
-    const array<T> d_values;
-    const py::ssize_t d_columns;
-};
-
-} // namespace
-
-py::tuple groups_of_sensor(const sensor_settings& by,
+py::tuple groups_of_sensor(const sensor_groups& by,
                            const py::dict& groups,
                            py::ssize_t sensor,
                            const array<double>& receiver)
@@ -57,72 +21,95 @@ py::tuple groups_of_sensor(const sensor_settings& by,
     const auto ratios = groups["ratios"].cast<complex_array>();
     if (ratios.ndim() != 2 || sensor < 0 || 2 * sensor + 1 >= ratios.shape(1))
         throw std::invalid_argument("ratios must have shape (G, 2S)");
-    const py::ssize_t count = ratios.shape(0), ends = ratios.shape(1), end = 2 * sensor;
+    const py::ssize_t count = ratios.shape(0), ends = ratios.shape(1), tags = ends / 2;
     require_shape(receiver, { count, 3 }, "receiver must have shape (G, 3)");
-    const rows<std::int64_t> index(groups, "index", count, 1),
-        missing(groups, "missing", count, 1);
-    const rows<bool> saturated(groups, "saturated", count, 1),
-        retuned(groups, "retuned", count, 1), in_tare(groups, "in_tare", count, 1),
-        in_reference(groups, "in_reference", count, ends),
-        late(groups, "late_reference", count, ends),
-        reshaped(groups, "reshaped", count, ends),
-        locked(groups, "locked", count, ends / 2),
-        overlapping(groups, "overlapping", count, ends / 2);
-    const rows<double> std_deg(groups, "phase_std_deg", count, ends),
-        common_deg(groups, "common_std_deg", count, 1),
-        interference(groups, "interference", count, 1);
-    std::optional<rows<double>> snr_db;
-    std::optional<rows<bool>> disturbed;
-    if (groups.contains("snr_db"))
-        snr_db.emplace(groups, "snr_db", count, ends);
-    if (groups.contains("disturbed"))
-        disturbed.emplace(groups, "disturbed", count, ends / 2);
-    const auto either = [end](const bool* row) { return row[end] || row[end + 1]; };
-    py::array_t<press_observation> observations(count);
+    std::list<py::array> kept;
+    const auto rows = [&](const char* name, py::ssize_t columns, auto kind) {
+        const auto values = groups[name].cast<array<decltype(kind)>>();
+        if (values.size() != count * columns)
+            throw std::invalid_argument(std::string(name) + " must have " +
+                                        std::to_string(count) + " x " +
+                                        std::to_string(columns) + " values");
+        kept.push_back(values);
+        return values.data();
+    };
+    stage_arrays of{};
+    of.groups = count;
+    of.sensors = tags;
+    of.ratios = ratios.data();
+    of.phase_std_deg = rows("phase_std_deg", ends, double());
+    of.snr_db = groups.contains("snr_db") ? rows("snr_db", ends, double()) : nullptr;
+    of.in_reference = rows("in_reference", ends, bool());
+    of.late_reference = rows("late_reference", ends, bool());
+    of.reshaped = rows("reshaped", ends, bool());
+    of.locked = rows("locked", tags, bool());
+    of.overlapping = rows("overlapping", tags, bool());
+    of.disturbed =
+        groups.contains("disturbed") ? rows("disturbed", tags, bool()) : nullptr;
+    of.index = rows("index", 1, std::int64_t());
+    of.missing = rows("missing", 1, std::int64_t());
+    of.saturated = rows("saturated", 1, bool());
+    of.retuned = rows("retuned", 1, bool());
+    of.in_tare = rows("in_tare", 1, bool());
+    of.common_std_deg = rows("common_std_deg", 1, double());
+    of.interference = rows("interference", 1, double());
+    py::array_t<press_observation> seen(count);
     py::array_t<sensor_group> known(count);
-    for (py::ssize_t row = 0; row < count; row++) {
-        const std::complex<double>* const pair = ratios.data(row, end);
-        const double* const std = std_deg[row] + end;
-        const double* const step = receiver.data(row, 0);
-        press_observation& seen = observations.mutable_data()[row] = {};
-        sensor_group& of = known.mutable_data()[row];
-        of.group = *index[row];
-        of.interference = *interference[row];
-        of.common_variance = squared_rad(*common_deg[row]);
-        of.overlapping = overlapping[row][sensor];
-        of.readable = locked[row][sensor] && !of.overlapping;
-        of.snr_db = std::numeric_limits<double>::quiet_NaN();
-        if (snr_db) {
-            const double *const snr = (*snr_db)[row] + end, sum = snr[0] + snr[1];
-            of.snr_db = std::isnan(sum) ? sum : std::min(snr[0], snr[1]);
-        }
-        of.disturbed = by.in_lamps || (disturbed && (*disturbed)[row][sensor]) ||
-                       of.snr_db < by.least_snr_db;
-        const bool is_late = either(late[row]), learns = either(in_reference[row]);
-        const bool raised[] = { learns || *in_tare[row],
-                                *missing[row] > 0,
-                                *saturated[row],
-                                either(reshaped[row]),
-                                of.overlapping || is_late };
-        of.flags = 0;
-        for (std::size_t i = 0; i < by.bits.size(); i++)
-            of.flags |= raised[i] ? by.bits[i] : 0;
-        seen.time_s = (of.group + 0.5) * by.period_s;
-        for (int e = 0; e < 2; e++) {
-            seen.phase[e] = std::arg(pair[e]);
-            seen.amplitude[e] = std::log(std::max(std::abs(pair[e]), least_ratio));
-            seen.variance[e] = squared_rad(std[e]);
-            of.readable &= pair[e] != 0.0 && std::isfinite(seen.amplitude[e]) &&
-                           std::isfinite(seen.variance[e]);
-        }
-        seen.common_variance = of.common_variance;
-        seen.receiver_phase = step[0];
-        seen.receiver_amplitude = step[1];
-        seen.receiver_variance = step[2];
-        seen.retuned = *retuned[row];
-        seen.untouched = learns && !is_late ? by.claimed : 0.0;
-        if (!of.readable)
-            seen.phase.fill(std::numeric_limits<double>::quiet_NaN());
-    }
-    return py::make_tuple(observations, known);
+    by.of(of, sensor, receiver.data(), seen.mutable_data(), known.mutable_data());
+    return py::make_tuple(seen, known);
+}
+
+} // namespace
+
+void bind_press_groups(py::module& m)
+{
+    PYBIND11_NUMPY_DTYPE(press_observation,
+                         time_s,
+                         phase,
+                         amplitude,
+                         variance,
+                         common_variance,
+                         receiver_phase,
+                         receiver_amplitude,
+                         receiver_variance,
+                         retuned,
+                         untouched);
+    m.attr("press_observation") = py::dtype::of<press_observation>();
+    PYBIND11_NUMPY_DTYPE(sensor_group,
+                         group,
+                         flags,
+                         snr_db,
+                         interference,
+                         common_variance,
+                         readable,
+                         overlapping,
+                         disturbed);
+    m.attr("sensor_group") = py::dtype::of<sensor_group>();
+    py::class_<sensor_groups>(
+        m,
+        "sensor_groups",
+        "What the stages before the press filter say of a sensor's groups.\n\nbits: of "
+        "reference, gap, saturated, moved, inconsistent. claimed: probability that the\n"
+        "sensor is untouched in its reference. least_snr_db: below which something is\n"
+        "received on the tag's own lines, as it is where it is in_lamps.")
+        .def(py::init([](double period_s,
+                         const std::array<std::int64_t, 5>& bits,
+                         double claimed,
+                         double least_snr_db,
+                         bool in_lamps) {
+                 return sensor_groups{ period_s, bits, claimed, least_snr_db, in_lamps };
+             }),
+             "period_s"_a,
+             "bits"_a,
+             "claimed"_a,
+             "least_snr_db"_a = -std::numeric_limits<double>::infinity(),
+             "in_lamps"_a = false)
+        .def("of",
+             &groups_of_sensor,
+             "groups"_a,
+             "sensor"_a,
+             "receiver"_a,
+             "Observations for the filter, whose phases are NaN where a group cannot be "
+             "read,\nand what else is known of the groups, (G,) each.\n\ngroups: arrays "
+             "by name, as in Groups. receiver: (G, 3), of receiver_steps.");
 }
