@@ -6,18 +6,18 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 
 
 def summary(phase_deg, force_n, location_mm):
-    """Medians, 90th percentiles and phase rms of errors; empty without readings."""
+    """Medians, 90th percentiles, phase rms and number of errors; empty without readings."""
     if not len(phase_deg):
         return {}
     found = {
         "phase_deg": float(np.median(np.abs(phase_deg))),
         "phase_rms_deg": float(np.sqrt(np.mean(phase_deg**2))),
+        "read": len(force_n),
     }
     for name, error in (("force_n", force_n), ("location_mm", location_mm)):
         if len(error):
             found[name] = float(np.median(np.abs(error)))
             found[f"{name}_90"] = float(np.percentile(np.abs(error), 90))
-            found[f"{name}_errors"] = np.abs(error).tolist()
     return found
 
 

@@ -89,7 +89,7 @@ def _errors(sensor):
         name: {key: sensor["methods"][method].get(key) for key in kept}
         for name, method in (("ours", "ours"), ("paper", CORRECTED))
     }
-    read = len(sensor["methods"]["ours"].get("force_n_errors", []))
+    read = sensor["methods"]["ours"].get("read", 0)
     return {**errors, "flagged": sensor["flagged"], "read": read}
 
 
@@ -121,7 +121,6 @@ def _sensor(scene, index, readings, changes, truth, expected):
         "missed": ours.missed,
         "false": ours.false,
         "flagged": ours.flagged,
-        "unflagged": sum(r.force_n is not None and not r.flags for r in own),
         "not_readable": why_not_readable(scene, index),
         "flags": sorted({flag for reading in own for flag in reading.flags}),
         "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
