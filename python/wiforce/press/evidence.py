@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -62,11 +64,11 @@ class Suspicion(NamedTuple):
 
 
 class _Press(NamedTuple):
-    """What a press showed: movement of its location with force, and if the ends were swapped."""
+    """What a press showed: movement of its location with force."""
 
     moved_mm: float
-    swapped_mm: float
     moves: bool
+    swapped_mm: Callable[[], float]  # the movement if the ends were swapped
 
 
 class _OffState(NamedTuple):
@@ -240,11 +242,10 @@ class PressEvidence:
         record = self._record
         ratios, phases, std = (np.array(each) for each in zip(*press, strict=True))
         self._keep(ratios)
-        swapped = self._untouched + (phases - self._untouched)[:, ::-1]
-        now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
+        now = self._movement(phases, std)
         if now is not None:
-            other = math.inf if then is None else then[0]
-            record.presses.append(_Press(now[0], other, now[1]))
+            swapped = cache(partial(self._swapped_mm, phases, std))  # seldom needed
+            record.presses.append(_Press(*now, swapped))
             record.swapped |= self._fits_swapped()
         record.other_off |= any(other.apart > _CONTRADICTED_OFF for other in record.off_states)
 
@@ -268,6 +269,11 @@ class PressEvidence:
         limit = _MOVE_STDS * max(noise * change, float(np.median(spread)))
         return float(moved), bool(abs(moved) > max(limit, _MOVE_MM))
 
+    def _swapped_mm(self, phases: Array, std: Array) -> float:
+        swapped = self._untouched + (phases - self._untouched)[:, ::-1]
+        found = self._movement(swapped, std[:, ::-1])
+        return math.inf if found is None else found[0]
+
     def _moving(self) -> bool:
         presses = self._record.presses
         moving = sum(press.moves for press in presses)
@@ -279,18 +285,20 @@ class PressEvidence:
             return False
         presses = self._record.presses
         now = sum(abs(press.moved_mm) for press in presses)
-        return sum(abs(press.swapped_mm) for press in presses) < _STILL * now
+        return sum(abs(press.swapped_mm()) for press in presses) < _STILL * now
 
     def _off_states(self) -> list[_OffState]:
         """Ends with another off state."""
-        found = []
+        found: list[_OffState] = []
+        # An off state changes the amplitude by about its size; noise only the circle.
+        if 2 * self._record.change <= _OFF:
+            return found
         ratios = np.concatenate(list(self._record.ratios))
         for end in (0, 1):
             circle = off_circle(ratios[:, end], float(self._untouched[end]))
             if circle is None:
                 continue
             apart = abs(circle.off - self._off[end])
-            # An off state changes the amplitude by about its size; noise only the circle.
             if min(2 * self._record.change, apart) > max(_OFF, _OFF_STDS * circle.std):
                 found.append(_OffState(end + 1, apart, abs(circle.off)))
         return found
