@@ -149,9 +149,13 @@ class Receiver:
         InputError
             For arrays of another shape than the plan asks for, and indices that do not rise.
         """
+        return self.read(self.separate(groups))
+
+    def separate(self, groups: Groups) -> Groups:
+        """The first step of ``process``, which depends on no later one: it may be ahead of them."""
         self._check(groups)
         with self._one_thread():
-            return self._compare(self.separation.process(groups))
+            return self.separation.process(groups)
 
     def finish(self, groups: int = 0) -> list[Reading]:
         """Give the readings of all groups that are still held back.
@@ -167,9 +171,9 @@ class Receiver:
         list of Reading
         """
         with self._one_thread():
-            readings = self._compare(self.separation.flush())
-            readings += self._read(self.reference.flush())
-            return readings + self.readout.flush(groups)
+            separated = self.separation.flush()
+        readings = self.read(separated) + self._read(self.reference.flush())
+        return readings + self.readout.flush(groups)
 
     def tare(self, force: bool = False) -> TareState:
         """Measure a new untouched reference in the groups that follow.
@@ -231,7 +235,8 @@ class Receiver:
             raise InputError("groups.snapshot_weights", rule, np.shape(weights))
         self._newest = int(index[-1])
 
-    def _compare(self, groups: Groups) -> list[Reading]:
+    def read(self, groups: Groups) -> list[Reading]:
+        """The second step of ``process``: what the separated groups say."""
         if self.plan.compression is not None:
             groups = self.plan.compression.correct(groups)
         self._separated |= len(groups) > 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recordings to readings: folding and tones on one core, the receiver on another."""
+"""Recordings to readings: tones, ends and readings of three batches at the same time."""
 
 from __future__ import annotations
 
@@ -116,14 +116,23 @@ class RecordingReader:
         return {path: kernel.frames_moved() for path, kernel in self.source.kernels.items()}
 
     def __iter__(self) -> Iterator[list[Reading]]:
-        # The next batch is folded, without Python's lock, while this one is read.
-        with ThreadPoolExecutor(1, "tones") as pool:
-            coming = pool.submit(self.source.read)
-            if not len(coming.result()):
+        # Batches that follow are folded and separated, without Python's lock, while one is read.
+        with ThreadPoolExecutor(1, "tones") as fold, ThreadPoolExecutor(1, "ends") as ends:
+            folded = fold.submit(self.source.read)
+            if not len(folded.result()):
                 raise InputError(self._recording.path, "holds no whole frame of finite samples")
-            while len(groups := coming.result()):
-                coming = pool.submit(self.source.read)
-                yield self.receiver.process(groups)
+
+            def separate() -> Groups | None:
+                nonlocal folded
+                if not len(groups := folded.result()):
+                    return None
+                folded = fold.submit(self.source.read)
+                return self.receiver.separate(groups)
+
+            coming = ends.submit(separate)
+            while (separated := coming.result()) is not None:
+                coming = ends.submit(separate)
+                yield self.receiver.read(separated)
         yield self.receiver.finish(self.groups)
 
 

@@ -28,17 +28,20 @@ py::array_t<outcome> array_of(const std::vector<outcome>& rows)
 py::array_t<outcome> take(press_filter& filter, const array<press_observation>& groups)
 {
     std::vector<outcome> rows;
-    for (py::ssize_t i = 0; i < groups.size(); i++) {
-        const auto& group = groups.data()[i];
-        // NaN where the group could not be read.
-        const bool readable = !std::isnan(group.phase[0]);
-        if (readable)
-            filter.take(group);
-        else
-            filter.pass(group);
-        for (auto& each : readable ? filter.before_newest() : filter.newest()) {
-            each.row = i;
-            rows.push_back(each);
+    {
+        py::gil_scoped_release others_may_run;
+        for (py::ssize_t i = 0; i < groups.size(); i++) {
+            const auto& group = groups.data()[i];
+            // NaN where the group could not be read.
+            const bool readable = !std::isnan(group.phase[0]);
+            if (readable)
+                filter.take(group);
+            else
+                filter.pass(group);
+            for (auto& each : readable ? filter.before_newest() : filter.newest()) {
+                each.row = i;
+                rows.push_back(each);
+            }
         }
     }
     return array_of(rows);
@@ -65,6 +68,8 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
     py::array_t<group_reading> readings(groups.size());
     const outcome *next = found.data(), *const end = next + found.size();
     press_posterior::workspace work;
+    group_reading* const said = readings.mutable_data();
+    py::gil_scoped_release others_may_run;
     for (py::ssize_t row = 0; row < groups.size(); row++) {
         const sensor_group& of = groups.data()[row];
         next = std::find_if(
@@ -81,23 +86,22 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
                                         of.flags },
                                       wanted,
                                       work);
-        readings.mutable_data()[row] = { read.touch,
-                                         read.force_n,
-                                         read.force_std_n,
-                                         read.location_mm,
-                                         read.location_std_mm,
-                                         read.phases_deg,
-                                         read.touch < 0
-                                             ? std::numeric_limits<double>::quiet_NaN()
-                                             : of.snr_db,
-                                         read.flags,
-                                         of.group,
-                                         of.interference,
-                                         read.std_deg,
-                                         read.level,
-                                         read.clear,
-                                         read.unexplained,
-                                         read.doubtful };
+        said[row] = { read.touch,
+                      read.force_n,
+                      read.force_std_n,
+                      read.location_mm,
+                      read.location_std_mm,
+                      read.phases_deg,
+                      read.touch < 0 ? std::numeric_limits<double>::quiet_NaN()
+                                     : of.snr_db,
+                      read.flags,
+                      of.group,
+                      of.interference,
+                      read.std_deg,
+                      read.level,
+                      read.clear,
+                      read.unexplained,
+                      read.doubtful };
     }
     return readings;
 }

@@ -205,6 +205,7 @@ py::dict separate(end_separation& of,
     if (spread)
         by.spread =
             [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
+                py::gil_scoped_acquire python;
                 const complex_array found = call(*spread, row, fit, phase, rate);
                 require_shape(found,
                               { rows, subcarriers },
@@ -214,9 +215,13 @@ py::dict separate(end_separation& of,
     if (wander)
         by.wander =
             [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
+                py::gil_scoped_acquire python;
                 call(*wander, row, fit, phase, rate);
             };
-    const auto found = of.process(tags, groups, subcarriers, noise, update, by);
+    const auto found = [&] {
+        py::gil_scoped_release others_may_run;
+        return of.process(tags, groups, subcarriers, noise, update, by);
+    }();
     const py::ssize_t taken = found.groups, all = of.tags();
     const shape by_tag{ taken, all }, by_end{ taken, 2 * all },
         by_subcarrier{ taken, subcarriers };
