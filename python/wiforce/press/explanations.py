@@ -7,6 +7,7 @@ fields are those of ``outcome`` in lib/kernel/press/press_filter.h.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +49,23 @@ def filter_of(
     deviation of both its parts; ``parameters`` are those of lib/kernel/press/press_parameters.h
     that differ.
     """
+    off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
+    both = complex(off[0]), complex(off[1])
+    key = frequency_hz, both, off_std, *parameters.items()
+    if model.newest.get("press filter", [None])[0] != key:
+        made = _new_filter(model, frequency_hz, both, off_std, **parameters)
+        model.newest["press filter"] = key, made
+    return copy(model.newest["press filter"][1])
+
+
+def _new_filter(
+    model: SensorModel,
+    frequency_hz: float,
+    off: tuple[complex, complex],
+    off_std: float,
+    **parameters: float,
+) -> press_filter:
+    """The filter that is copied for sensors of the same model, since its image takes 20 ms."""
     values = press_parameters.copy()
     for name, value in parameters.items():
         values[name] = value
@@ -60,12 +78,11 @@ def filter_of(
     )
     untouched_rad = np.radians(model.untouched_deg(frequency_hz))
     untouched = np.exp(1j * untouched_rad)
-    off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
-    ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - off)
+    ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - np.array(off))
     step = float(np.log(forces[1] / forces[0]))
     image = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
     if off_states_differ(off, off_std, values["contact_np"][0]):
-        return press_filter(*image, untouched_rad.tolist(), off.tolist(), off_std)
+        return press_filter(*image, untouched_rad.tolist(), off, off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
     spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))
     if spread > 0:

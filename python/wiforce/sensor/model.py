@@ -306,6 +306,11 @@ class SensorModel:
         return {}
 
     @cached_property
+    def newest(self) -> dict[str, Any]:
+        """What was last made of the sensor elsewhere and takes long, for reuse."""
+        return {}
+
+    @cached_property
     def _transferred(self) -> dict[float, SensorModel]:
         return {}
 

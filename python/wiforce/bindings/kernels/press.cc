@@ -190,6 +190,7 @@ void bind_press(py::module& m)
              "untouched"_a = pair_of_ends{},
              "off"_a = std::array<std::complex<double>, 2>{},
              "off_std"_a = 0.0)
+        .def("__copy__", [](const press_filter& filter) { return filter; })
         .def("take",
              &take,
              "groups"_a,
