@@ -30,6 +30,9 @@ _NEGLIGIBLE_RAD = 1e-3
 # Part of the residual along the ends' own channels that may remain. Disturbances by the room leave
 # such a residual too, of which the pulses explain little.
 _MAY_REMAIN = 0.5
+# Turns of both ends' waveforms, then their widening, by both duty cycles, the delay of clock 2, and
+# the phase of both.
+_BY_VALUE = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [0, -1, 0, 0], [1, 1, 0, 0]])
 
 
 @dataclass
@@ -101,24 +104,15 @@ def _sums(
     changes = np.concatenate(
         [_changes(tag, weights, clocks.of(place, rows)) for weights, rows in groups.by_weights()]
     )
-    turn_1, turn_2, widen_1, widen_2 = np.moveaxis(changes, 2, 0)[..., None]
-    first, second = np.moveaxis(fit.ends[:, ends], 1, 0)[:, :, None]
-    # By the duty cycles, the delay of clock 2, and the phase of both.
-    by_value = np.stack(
-        [
-            widen_1 * first,
-            widen_2 * second,
-            -turn_2 * second,
-            turn_1 * first + turn_2 * second,
-        ],
-        axis=1,
-    )
-    by_value -= fit.white[:, None] @ (fit.solver[:, None] @ by_value)
+    # What a change of the ends cannot compensate, times the channel of its end.
+    changes = changes - fit.white @ (fit.solver @ changes)
+    channels = fit.ends[:, ends][:, [0, 1, 0, 1]]
     weights = inverse_noise / groups.loss
-    weighted = (by_value * weights[:, None, None]).reshape(len(groups), 4, -1).conj()
-    gradient = 2 * (weighted @ fit.residual.reshape(len(groups), -1, 1)).real[..., 0]
-    flat = by_value.reshape(len(groups), 4, -1)
-    information = 2 * (weighted @ flat.swapaxes(1, 2)).real
+    adjoint, weighted = changes.conj().swapaxes(1, 2), channels.conj() * weights[:, None]
+    along = np.sum((adjoint @ fit.residual) * weighted, axis=2).real
+    within = ((adjoint @ changes) * (weighted @ channels.swapaxes(1, 2))).real
+    gradient = 2 * along @ _BY_VALUE.T
+    information = 2 * _BY_VALUE @ within @ _BY_VALUE.T
     # The phase of every group is eliminated.
     own = np.maximum(information[:, 3, 3], 1e-300)
     across = information[:, :3, 3]
