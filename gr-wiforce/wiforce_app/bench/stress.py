@@ -358,11 +358,10 @@ def _levels(name, path, factor):
 
 def _scaled(name, path, factor):
     outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
-    single = path != "double"
-    cause = "single precision loses digits below 1e-38" if single and factor < 1e-30 else (
-        "none: phases do not depend on the level"
-    )  # fmt: skip
-    return _row(name, path, outcome, None if single and factor < 1e-30 else 0.02, cause)
+    cause = "none: phases do not depend on the level"
+    if path != "double" and factor < 1e-30:
+        cause = "single precision loses digits below 1e-38"
+    return _row(name, path, outcome, 0.02, cause)
 
 
 def _not_finite_samples(name, path):
