@@ -118,6 +118,7 @@ def scenes():
         _SIMULATION,
         table(rows_of(Simulation, leave_out={"tags", "other_tags", "presses", "moves"})),
         "### Presses: `presses[]`",
+        "Presses of one sensor must not overlap.",
         table(rows_of(Press)),
         "### Tags: `tags[]`",
         table(rows_of(Tag)),

@@ -4,8 +4,6 @@
 Only the simulator and the software device use it; a reader does not know it.
 """
 
-from typing import Any
-
 from ..io.text.schema import Derived, declared, key
 from ..io.text.values import Choice, Integer, Number, Scope
 
@@ -275,13 +273,9 @@ class Hand:
     )
 
 
-_TIME = Number(unit="s", low=0, high=1e6)
+LONGEST_S = 1e6
+TIME = Number(unit="s", low=0, high=LONGEST_S)
 POSITION = Number(unit="mm", low=-10_000, high=10_000)
-
-
-def _force(scope: Any) -> float:
-    force: float = scope["force_n"]
-    return force
 
 
 @declared
@@ -302,29 +296,45 @@ class Plate:
 
 
 @declared
-class SurfacePress:
-    """A press on the surface; its force over time is that of ``simulation.presses``."""
+class PressForce:
+    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
 
-    start_s: float = key(_TIME, doc="Start of the press, not before `reference_s`.")
-    rise_s: float = key(
-        _TIME, default=0.1, doc="Time in which the force rises, and falls at the end."
+    start_s: float = key(
+        TIME,
+        doc="Start of the press, not before `reference_s`.",
     )
-    hold_s: float = key(_TIME, doc="Time in which it is held.")
+    rise_s: float = key(
+        TIME,
+        default=0.1,
+        doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
+    )
+    hold_s: float = key(
+        TIME,
+        doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
+    )
     force_n: float = key(
         Number(unit="N", low=0, above=True, high=1000), doc="Force after the rise."
     )
     end_force_n: float = key(
         Number(unit="N", low=0, high=1000),
-        derived=Derived("`force_n`", _force),
+        derived=Derived("`force_n`", lambda scope: scope["force_n"]),
         doc="Force before the fall.",
     )
-    x_mm: float = key(POSITION, doc="Where it is along the strips.")
-    y_mm: float = key(POSITION, doc="Where it is across.")
     tremor_n: float = key(
-        Number(unit="N", low=0, high=100), default=0.0, doc="Rms of a hand's tremor."
+        Number(unit="N", low=0, high=100),
+        default=0.0,
+        doc="Rms of a hand's tremor (8 to 12 Hz) about the stated force.",
     )
 
     @property
     def end_s(self) -> float:
         """Time at which the force is 0 again, in s."""
         return self.start_s + self.hold_s + 2 * self.rise_s
+
+
+@declared
+class SurfacePress(PressForce):
+    """A press on the surface."""
+
+    x_mm: float = key(POSITION, doc="Where it is along the strips.")
+    y_mm: float = key(POSITION, doc="Where it is across.")

@@ -9,6 +9,8 @@ from typing import Any
 from ..io.text.schema import Derived, ListOf, Mapping, declared, key
 from ..io.text.values import Integer, Number, Text
 from .effects import (
+    LONGEST_S,
+    TIME,
     Bursts,
     Fan,
     FrontEnd,
@@ -16,6 +18,7 @@ from .effects import (
     Lamps,
     OtherTag,
     Plate,
+    PressForce,
     RadioNoise,
     Ripple,
     SurfacePress,
@@ -33,8 +36,6 @@ from .simulated_tags import (
 )
 
 MAX_EVENTS = 1000
-_LONGEST_S = 1e6
-_TIME = Number(unit="s", low=0, high=_LONGEST_S)
 # Highest Doppler frequency of a walking person at 2.4 GHz; what moves where a scene states nothing.
 _MOVING_HZ = 30.0
 _DURATION_S = 3.0
@@ -54,45 +55,14 @@ def _number_or(value: Any, default: float) -> float:
 
 
 @declared
-class Press:
-    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
+class Press(PressForce):
+    """A press on the line of a sensor."""
 
     sensor: str = sensor_name()
-    start_s: float = key(
-        _TIME,
-        doc="Start of the press. Not before `reference_s`; presses of one sensor must not overlap.",
-    )
-    rise_s: float = key(
-        _TIME,
-        default=0.1,
-        doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
-    )
-    hold_s: float = key(
-        _TIME,
-        doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
-    )
-    force_n: float = key(
-        Number(unit="N", low=0, above=True, high=1000), doc="Force after the rise."
-    )
-    end_force_n: float = key(
-        Number(unit="N", low=0, high=1000),
-        derived=Derived("`force_n`", lambda scope: scope["force_n"]),
-        doc="Force before the fall.",
-    )
     location_mm: float = key(
         Number(unit="mm", low=0, high=10_000),
         doc="Centre of the contact, measured from port 1. Must lie on the sensor's line.",
     )
-    tremor_n: float = key(
-        Number(unit="N", low=0, high=100),
-        default=0.0,
-        doc="Rms of a hand's tremor (8 to 12 Hz) about the stated force.",
-    )
-
-    @property
-    def end_s(self) -> float:
-        """Time at which the force is 0 again, in s."""
-        return self.start_s + self.hold_s + 2 * self.rise_s
 
 
 @declared
@@ -100,9 +70,9 @@ class Move:
     """A movement of a sensor's tag; its two-way path grows by twice the distance."""
 
     sensor: str = sensor_name()
-    start_s: float = key(_TIME, doc="Start of the movement.")
+    start_s: float = key(TIME, doc="Start of the movement.")
     duration_s: float = key(
-        _TIME,
+        TIME,
         default=0.0,
         doc="Duration of the movement, at constant speed. The tag then stays where it is.",
     )
@@ -126,7 +96,7 @@ class Simulation:
         "`model`, otherwise the reader knows the sensor better than any calibration could.",
     )
     duration_s: float = key(
-        Number(unit="s", low=0, above=True, high=_LONGEST_S),
+        Number(unit="s", low=0, above=True, high=LONGEST_S),
         derived=Derived(
             f"{_DURATION_S:g}; one phase group where that is longer", _default_duration
         ),

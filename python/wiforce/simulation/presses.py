@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 if TYPE_CHECKING:
-    from ..scene.effects import Beam
+    from ..scene.effects import Beam, PressForce
     from ..scene.simulated import Move, Press
     from ..sensor import SensorModel
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 TREMOR_HZ = (8.3, 9.7, 11.4)
 
 
-def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
+def press_force(press: "PressForce", time_s: np.ndarray) -> np.ndarray:
     """Force in N of a press at times (n,) within it, with the tremor of a hand that holds it."""
     force = np.interp(time_s, *_profile(press))
     if press.tremor_n:
@@ -31,7 +31,7 @@ def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
     return force
 
 
-def shown_force(press: "Press", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
+def shown_force(press: "PressForce", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
     """Force in N that an elastic beam would need for the same contact, at times within a press.
 
     After the largest force P so far, the contact shows F + 4 h F (P - F) / P: it opens later than
@@ -49,7 +49,7 @@ def shown_force(press: "Press", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
     return shown
 
 
-def _profile(press: "Press") -> tuple[np.ndarray, list[float]]:
+def _profile(press: "PressForce") -> tuple[np.ndarray, list[float]]:
     """Times and forces between which a press is linear."""
     times = press.start_s + np.cumsum([0, press.rise_s, press.hold_s, press.rise_s])
     return times, [0.0, press.force_n, press.end_force_n, 0.0]

@@ -13,7 +13,6 @@ from .presses import PressedSensor, TouchState, press_force
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from ..scene.effects import SurfacePress
     from ..surface.skin import Skin
 
 
@@ -49,22 +48,19 @@ def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
         share = float(plate_share(press.y_mm - own.y_mm, plate.reach_mm, bearing_mm))
         if share < _LEAST_SHARE:
             continue
-        found.append(_scaled(press, own.sensor, share, float(own.location_of(press.x_mm))))
+        found.append(
+            Press(
+                start_s=press.start_s,
+                rise_s=press.rise_s,
+                hold_s=press.hold_s,
+                force_n=share * press.force_n,
+                end_force_n=share * press.end_force_n,
+                tremor_n=share * press.tremor_n,
+                sensor=own.sensor,
+                location_mm=float(own.location_of(press.x_mm)),
+            )
+        )
     return found
-
-
-def _scaled(press: "SurfacePress", sensor: str, share: float, location_mm: float) -> Press:
-    """A share of a press, as one on a strip."""
-    return Press(
-        sensor=sensor,
-        start_s=press.start_s,
-        rise_s=press.rise_s,
-        hold_s=press.hold_s,
-        force_n=share * press.force_n,
-        end_force_n=share * press.end_force_n,
-        location_mm=location_mm,
-        tremor_n=share * press.tremor_n,
-    )
 
 
 def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> PressedSensor:
@@ -195,8 +191,7 @@ def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, flo
         for i, name in enumerate(names):
             row: dict[str, float | int | str] = {"sensor": name, "touch": int(i < len(now))}
             if i < len(now):
-                whole = _scaled(now[i], name, 1.0, now[i].x_mm)
-                force = float(press_force(whole, np.array([time]))[0])
+                force = float(press_force(now[i], np.array([time]))[0])
                 row |= {"force_n": force, "location_mm": now[i].x_mm, "y_mm": now[i].y_mm}
             found.append(row)
         rows.append(found)
