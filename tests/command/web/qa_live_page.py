@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import closing
 from pathlib import Path
 
@@ -112,17 +111,24 @@ def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene
     assert len(said.splitlines()) == 1 and output.read_text() == "of yesterday\n"
 
 
-def test_live_page_whose_process_ends_is_reported_once(monkeypatch):
+@pytest.mark.parametrize("early", [True, False], ids=["before-settings", "after-settings"])
+def test_live_page_whose_process_ends_is_reported_once(early, monkeypatch):
     """A run of weeks must not end with its page, nor repeat that it has gone."""
 
     def ends_at_once(descriptor):
         return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(3)"], stdin=-1)
 
+    def send_late(self, settings):
+        self._process.wait()
+        send(self, settings)
+
     monkeypatch.setattr(live_page, "_spawned", ends_at_once)
+    send = live_page.LivePage._send_settings
+    if early:
+        monkeypatch.setattr(live_page.LivePage, "_send_settings", send_late)
     (port,), said = free_ports(1), []
     page = live_page.LivePage(PageAddress.of(str(port)), said.append)
-    while page._process.poll() is None:
-        time.sleep(0.01)
+    page._process.wait()
     for _ in range(3):
         page.take(touched(1.0), {"run": "r"})
         page.send("heartbeat", {"run": "r"})

@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import socket
-import subprocess
 import threading
 import time
 import urllib.error
@@ -22,7 +21,6 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from machine import free_port, wait_until
 from web_pages import RUN, RawViewer, publishing, serving, touched, untouched
-from wiforce_app.web import live_page
 from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.file_source import FileSource
@@ -101,28 +99,6 @@ def test_page_at_an_address_of_another_machine_is_refused(host):
     with pytest.raises(InputError, match="--web: cannot be opened") as error:
         PageAddress(host, 18080).listen()
     assert str(error.value).endswith(f", got '{named}:18080'")
-
-
-def test_page_whose_process_ends_at_once_does_not_end_the_run(monkeypatch):
-    """A run that had read for hours ended with a broken pipe when it was closed."""
-
-    def ended(_):
-        return subprocess.Popen(["false"], stdin=subprocess.PIPE)
-
-    monkeypatch.setattr(live_page, "_spawned", ended)
-    send = live_page.LivePage._send_settings
-
-    def send_late(self, settings):
-        self._process.wait()
-        send(self, settings)
-
-    monkeypatch.setattr(live_page.LivePage, "_send_settings", send_late)
-    said = []
-    page = live_page.LivePage(PageAddress("127.0.0.1", free_port()), said.append)
-    for _ in range(2):
-        page.send("heartbeat", {"state": "reading"})
-    page.close()
-    assert said == ["the page has ended with status 1; readings go on"]
 
 
 def test_page_refuses_a_token_that_is_easily_guessed():

@@ -4,16 +4,13 @@
 
     build/run python3 tests/command/web/run.py delay --presses 30
     build/run python3 tests/command/web/run.py viewers --viewers 20 --seconds 30
-    build/run python3 tests/command/web/run.py leak --minutes 60
 
 `delay`: from a press to the browser. `viewers`: whether viewers, one of them stalled, change
-readings or their delay. `leak`: memory and descriptors of all processes while viewers come and go.
-Each prints a report, and exits with 1 when its limit is exceeded.
+readings or their delay. Each prints a report, and exits with 1 when its limit is exceeded.
 """
 
 import argparse
 import multiprocessing
-import os
 import random
 import subprocess
 import sys
@@ -37,8 +34,6 @@ from wiforce_app.bench.live import _Messages, _processor_s, delays_s
 _GROUP_S = 200 * 400 / 2.5e6
 _SHOWN_S = 0.2  # a press is shown within this time (docs/live.md)
 _LATER_S = 10e-3  # more than two runs without viewers differ on a busy machine
-_WARM_UP_S = 60.0
-_GROWTH_KIB = 10 * 1024
 # Notes when every reading has been painted: after the frame that follows its message.
 _NOTE = """
 window.painted = [];
@@ -237,66 +232,6 @@ def measure_viewers(arguments):
     return same and common > 20 * arguments.seconds and later_s < _LATER_S
 
 
-def resources(pid):
-    """Resident memory in KiB, and open descriptors."""
-    status = Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1]
-    return int(status.split()[0]), len(os.listdir(f"/proc/{pid}/fd"))
-
-
-def measure_leak(arguments):
-    """Memory and descriptors while viewers come and go, and one is stalled again and again."""
-    grown = {}
-    with ExitStack() as stack:
-        page = Page(stack, Path(stack.enter_context(tempfile.TemporaryDirectory())))
-        window = stack.enter_context(browser())
-        wait_for_page(page.url)
-        window.open(page.url)
-        pids = {"reader": page.process.pid, "page": page.server_pid()}
-        stalled, first, begun, came = None, {}, time.monotonic(), 0
-        end = begun + 60 * arguments.minutes
-        while time.monotonic() < end:
-            with ExitStack() as visit:
-                for _ in range(5):
-                    viewer = visit.enter_context(closing(RawViewer(page.url)))
-                    came += 1
-                    for _ in range(20):
-                        viewer.message()
-                if stalled is None or random.random() < 0.1:
-                    if stalled is not None:
-                        stalled.close()
-                    stalled = RawViewer(page.url, receive_buffer=4096)
-            page.device.command("press arm 3 40" if came % 2 else "release arm")
-            now = {name: resources(pid) for name, pid in pids.items()}
-            now["browser"] = heap_of(window)
-            if not first and time.monotonic() - begun > min(_WARM_UP_S, 30 * arguments.minutes):
-                first = now
-            latest = now
-        stalled.close()
-        assert page.process.poll() is None
-    print(f"{came} viewers came and went in {arguments.minutes:g} min")
-    for name, (memory, count) in latest.items():
-        grown[name] = memory - first[name][0], count - first[name][1]
-        kind = "nodes" if name == "browser" else "descriptors"
-        print(
-            f"{name}: {first[name][0]} -> {memory} KiB, {first[name][1]} -> {count} {kind} "
-            "after the warm-up"
-        )
-    limits = {"reader": 10, "page": 10, "browser": 500}
-    return all(
-        memory < _GROWTH_KIB and count < limits[name] for name, (memory, count) in grown.items()
-    )
-
-
-def heap_of(window):
-    """JavaScript heap in KiB after a collection, and nodes of the document."""
-    window.driver.execute_cdp_cmd("Performance.enable", {})
-    window.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
-    window.errors(), window.requests()
-    metrics = window.driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
-    values = {each["name"]: each["value"] for each in metrics}
-    return round(values["JSHeapUsedSize"] / 1024), int(values["Nodes"])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     commands = parser.add_subparsers(dest="command", required=True)
@@ -305,10 +240,8 @@ def main():
     viewers = commands.add_parser("viewers")
     viewers.add_argument("--viewers", type=int, default=20)
     viewers.add_argument("--seconds", type=float, default=30.0)
-    leak = commands.add_parser("leak")
-    leak.add_argument("--minutes", type=float, default=60.0)
     arguments = parser.parse_args()
-    measures = {"delay": measure_delay, "viewers": measure_viewers, "leak": measure_leak}
+    measures = {"delay": measure_delay, "viewers": measure_viewers}
     try:
         passed = measures[arguments.command](arguments)
     except subprocess.TimeoutExpired as error:
