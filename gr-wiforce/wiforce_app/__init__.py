@@ -7,14 +7,41 @@ the receiver itself. `shell` is what all of them share.
 """
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import gnuradio
 
-from .shell.blas import settings
+
+def blas_settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
+    """Environment variables of OpenBLAS, read when NumPy is imported and multiplies matrices by it.
+
+    One thread, since more only slow down matrices as small as ours. An OpenBLAS that is older than
+    the processor, as a system's may be, falls back to instructions of 2004, four times slower, so
+    those of any processor with AVX2 and FMA are stated. NumPy's wheels bring an OpenBLAS of their
+    own that is as new as they are, and chooses itself.
+
+    ``cpuinfo``: what the system says of its processors; ``numpy``: folder of the package; the one
+    that would be imported by default.
+    """
+    chosen = {"OPENBLAS_NUM_THREADS": "1"}
+    if numpy is None and (found := find_spec("numpy")) is not None and found.origin:
+        numpy = Path(found.origin).parent
+    if numpy is not None and numpy.with_name("numpy.libs").is_dir():
+        return chosen
+    try:
+        # Only up to the first processor's flags: many processors take long to list.
+        with cpuinfo.open(encoding="utf-8", errors="replace") as lines:
+            flags = next((line.split() for line in lines if line.startswith("flags")), [])
+    except OSError:
+        return chosen
+    if {"avx2", "fma"} <= set(flags):
+        chosen["OPENBLAS_CORETYPE"] = "Haswell"
+    return chosen
+
 
 # To be set before NumPy is imported.
-for _name, _value in settings().items():
+for _name, _value in blas_settings().items():
     os.environ.setdefault(_name, _value)
 
 # The library that was installed with this command. GNU Radio lists its own folder, where

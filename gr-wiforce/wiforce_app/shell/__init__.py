@@ -3,6 +3,5 @@
 
 Groups of commands imported on first use (`lazy`), options and their types (`options`), messages
 (`log`), exit statuses and interruptions, progress bars, plots and pages in Markdown, parallel tasks
-(`workers`, each in a process of its own: `task_process`), and what a file states of its origin
-(`provenance`).
+(`workers`), and what a file states of its origin (`provenance`).
 """

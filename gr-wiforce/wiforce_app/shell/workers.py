@@ -6,19 +6,24 @@ import os
 import pickle
 import re
 import signal
+import subprocess
+import sys
+import tempfile
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
-from .task_process import END_S, end_with, outcome_of, run_in_child
-
+# For a process that was asked to end: what it removes are files.
+_END_S = 1.0
+_TERMINATED = 128 + signal.SIGTERM
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 _ANSWER_S = 10.0
@@ -72,7 +77,7 @@ def _on_cores(function, tasks, jobs):
         pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _prepare_worker)
         running, lost = {}, []
         try:
-            running = {pool.submit(outcome_of, function, tasks[index]): index for index in waiting}
+            running = {pool.submit(_outcome_of, function, tasks[index]): index for index in waiting}
             for done in as_completed(running):
                 index = running[done]
                 error = done.exception()
@@ -101,7 +106,7 @@ def _end_children():
     children = multiprocessing.active_children()
     for process in children:
         process.terminate()
-    deadline = time.monotonic() + END_S
+    deadline = time.monotonic() + _END_S
     for process in children:
         process.join(max(0.0, deadline - time.monotonic()))
         if process.is_alive():
@@ -120,7 +125,49 @@ def _prepare_worker():
     themselves when the command was killed, and would otherwise wait for tasks forever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with(multiprocessing.parent_process().join)
+    _end_with(multiprocessing.parent_process().join)
+
+
+def _outcome_of(function, task):
+    """Call a function and return what can be sent to another process, whatever happens.
+
+    Returns kind: ``result`` or ``error``; value: what the function returned, or the exception that
+    it raised.
+    """
+    try:
+        return "result", function(task)
+    except Exception as error:
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            # An exception whose constructor takes something else than its text.
+            return "error", RuntimeError(f"{type(error).__name__}: {error}")
+        return "error", error
+
+
+def _end_with(gone: Callable[[], object]) -> None:
+    """End this process when the one that it works for has ended.
+
+    It ends by SIGTERM as well. In both cases it removes what it has not completed.
+
+    ``gone``: returns when the other process has ended.
+    """
+
+    def watch():
+        gone()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(_END_S)
+        os._exit(_TERMINATED)
+
+    # Nothing is to be removed yet, and an exception here would be printed.
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(_TERMINATED))
+    threading.Thread(target=watch, daemon=True).start()
+    signal.signal(signal.SIGTERM, _end)
+
+
+def _end(*_):
+    # Python prints a traceback of any other exception that ends a process.
+    raise SystemExit(_TERMINATED)
 
 
 def _on_cluster(function, tasks, scheduler):
@@ -200,3 +247,40 @@ def _in_child(payload):
         text = last or f"its process ended with status {status}"
         return "error", WorkerLost(f"{text} (worker {address})"), address
     return (*pickle.loads(answer), address)
+
+
+def run_in_child(payload: bytes) -> tuple[int, bytes, bytes]:
+    """Run a task in a process of its own, which ends with this one.
+
+    Returns status: exit status of the process; answer: the pickled outcome, where the status is 0;
+    errors: what it has printed. ``payload``: pickled function and argument.
+    """
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", __spec__.name]
+    pipe = subprocess.PIPE
+    with (
+        tempfile.TemporaryFile() as errors,
+        subprocess.Popen(
+            command, bufsize=0, stdin=pipe, stdout=pipe, stderr=errors, env=environment
+        ) as child,
+    ):
+        assert child.stdin is not None and child.stdout is not None
+        with suppress(BrokenPipeError):  # it has ended, with a status
+            child.stdin.write(payload)
+        # Its input stays open meanwhile, and is closed when this process is killed.
+        answer, status = child.stdout.read(), child.wait()
+        errors.seek(0)
+        return status, answer, errors.read()
+
+
+def main():
+    """Read the task from standard input and write its outcome to standard output."""
+    with os.fdopen(os.dup(1), "wb") as answer:
+        os.dup2(2, 1)  # what libraries print must not mix with the outcome
+        task = pickle.load(sys.stdin.buffer)
+        _end_with(lambda: os.read(0, 1))
+        answer.write(pickle.dumps(_outcome_of(*task)))
+
+
+if __name__ == "__main__":
+    main()

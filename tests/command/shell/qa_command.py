@@ -13,8 +13,8 @@ import click
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from wiforce_app import blas_settings
 from wiforce_app import main as app
-from wiforce_app.shell import blas
 
 
 def run_process(*arguments, **options):
@@ -276,11 +276,11 @@ def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, statu
 def test_blas_settings_by_processor(tmp_path, flags, kernels):
     cpuinfo = tmp_path / "cpuinfo"
     cpuinfo.write_text(f"processor\t: 0\nflags\t\t: {flags}\n")
-    chosen = blas.settings(cpuinfo, tmp_path / "numpy")
+    chosen = blas_settings(cpuinfo, tmp_path / "numpy")
     assert chosen["OPENBLAS_NUM_THREADS"] == "1"
     assert chosen.get("OPENBLAS_CORETYPE") == kernels
     (tmp_path / "numpy.libs").mkdir()  # of a wheel
-    assert blas.settings(cpuinfo, tmp_path / "numpy") == {"OPENBLAS_NUM_THREADS": "1"}
+    assert blas_settings(cpuinfo, tmp_path / "numpy") == {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def test_command_uses_stated_kernels_of_blas():
@@ -288,7 +288,7 @@ def test_command_uses_stated_kernels_of_blas():
     command = [sys.executable, "-c", _ARCHITECTURE]
     used = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
     stated, *kernels = used.stdout.split()
-    assert stated == str(blas.settings().get("OPENBLAS_CORETYPE"))
+    assert stated == str(blas_settings().get("OPENBLAS_CORETYPE"))
     # None where NumPy has another library; its own choice where nothing is stated.
     assert kernels in (["Haswell"], []) or stated == "None"
 

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 from gnuradio.wiforce.errors import InputError, OutputError
-from wiforce_app.shell.task_process import run_in_child
-from wiforce_app.shell.workers import WorkerLost, run_tasks
+from wiforce_app.shell.workers import WorkerLost, run_in_child, run_tasks
 
 
 def square_or_fail(number):
@@ -104,7 +103,7 @@ def test_task_process_ends_with_the_worker_of_a_cluster(tmp_path):
 import pickle, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from qa_workers import note_process_and_stay
-from wiforce_app.shell.task_process import run_in_child
+from wiforce_app.shell.workers import run_in_child
 run_in_child(pickle.dumps((note_process_and_stay, {str(tmp_path)!r})))
 """
     with subprocess.Popen([sys.executable, "-c", program]) as worker:
