@@ -18,12 +18,16 @@ constexpr int DEFAULT_WIDTH = 2 * DEFAULT_SYMBOL_LENGTH;
 constexpr int FRAMES_AHEAD = 2;
 constexpr int CACHE_LINE = 64; // bytes
 
-inline float sum_of(lanes values)
+// The sum of each of two registers. Half of the additions are made at once: they follow
+// each other, and the next frame waits for them.
+inline void sums_of(lanes a, lanes b, float& sum_of_a, float& sum_of_b)
 {
-    float sum = 0;
-    for (int n = 0; n < LANES; n++)
-        sum += values[n];
-    return sum;
+    const lanes pairs = WIFORCE_SHUFFLE(integer_lanes, a, b, WIFORCE_FIRST_PAIRS) +
+                        WIFORCE_SHUFFLE(integer_lanes, a, b, WIFORCE_LAST_PAIRS);
+    for (int n = 0; n < LANES; n += 2) {
+        sum_of_a += pairs[n];
+        sum_of_b += pairs[n + 1];
+    }
 }
 
 // REPETITIONS = 0 and WIDTH = 0: known at run time only.
@@ -72,10 +76,10 @@ int fold(const typename Samples::component* in,
             levels.largest_rest += high;
             out[n] = scale * sum;
         }
-        noise[2 * frame] =
-            unit * unit / width * (sum_of(levels.smallest) + levels.smallest_rest);
-        noise[2 * frame + 1] =
-            unit * unit / width * (sum_of(levels.largest) + levels.largest_rest);
+        sums_of(
+            levels.smallest, levels.largest, levels.smallest_rest, levels.largest_rest);
+        noise[2 * frame] = unit * unit / width * levels.smallest_rest;
+        noise[2 * frame + 1] = unit * unit / width * levels.largest_rest;
     }
     return samples.peak();
 }

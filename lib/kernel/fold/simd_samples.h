@@ -3,22 +3,45 @@
 #pragma once
 
 #include <cstdint>
+#ifdef WIFORCE_X86
+#include <immintrin.h>
+#endif
 
-// Pairs of one number of each of two registers: those of the first half, and of the last.
+// Orders of the numbers of two registers, for the first register of the result and the
+// last one. Pairs: one number of each in turns. Quarters: four of each in turns. Halves:
+// one 16-bit number of each in turns, within 16 bytes of both.
+#define WIFORCE_ZIP(a, b) a, b, a + 1, b + 1, a + 2, b + 2, a + 3, b + 3
+#define WIFORCE_FOUR(a) a, a + 1, a + 2, a + 3
 #if WIFORCE_LANES == 4
 #define WIFORCE_FIRST_PAIRS 0, 4, 1, 5
 #define WIFORCE_LAST_PAIRS 2, 6, 3, 7
+#define WIFORCE_FIRST_QUARTERS WIFORCE_FOUR(0)
+#define WIFORCE_LAST_QUARTERS WIFORCE_FOUR(4)
+#define WIFORCE_FIRST_HALVES WIFORCE_ZIP(0, 8)
+#define WIFORCE_LAST_HALVES WIFORCE_ZIP(4, 12)
 #elif WIFORCE_LANES == 8
-#define WIFORCE_FIRST_PAIRS 0, 8, 1, 9, 2, 10, 3, 11
-#define WIFORCE_LAST_PAIRS 4, 12, 5, 13, 6, 14, 7, 15
+#define WIFORCE_FIRST_PAIRS WIFORCE_ZIP(0, 8)
+#define WIFORCE_LAST_PAIRS WIFORCE_ZIP(4, 12)
+#define WIFORCE_FIRST_QUARTERS WIFORCE_FOUR(0), WIFORCE_FOUR(8)
+#define WIFORCE_LAST_QUARTERS WIFORCE_FOUR(4), WIFORCE_FOUR(12)
+#define WIFORCE_FIRST_HALVES WIFORCE_ZIP(0, 16), WIFORCE_ZIP(8, 24)
+#define WIFORCE_LAST_HALVES WIFORCE_ZIP(4, 20), WIFORCE_ZIP(12, 28)
 #else
-#define WIFORCE_FIRST_PAIRS 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23
-#define WIFORCE_LAST_PAIRS 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31
+#define WIFORCE_FIRST_PAIRS WIFORCE_ZIP(0, 16), WIFORCE_ZIP(4, 20)
+#define WIFORCE_LAST_PAIRS WIFORCE_ZIP(8, 24), WIFORCE_ZIP(12, 28)
+#define WIFORCE_FIRST_QUARTERS                                                           \
+    WIFORCE_FOUR(0), WIFORCE_FOUR(16), WIFORCE_FOUR(4), WIFORCE_FOUR(20)
+#define WIFORCE_LAST_QUARTERS                                                            \
+    WIFORCE_FOUR(8), WIFORCE_FOUR(24), WIFORCE_FOUR(12), WIFORCE_FOUR(28)
+#define WIFORCE_FIRST_HALVES                                                             \
+    WIFORCE_ZIP(0, 32), WIFORCE_ZIP(8, 40), WIFORCE_ZIP(16, 48), WIFORCE_ZIP(24, 56)
+#define WIFORCE_LAST_HALVES                                                              \
+    WIFORCE_ZIP(4, 36), WIFORCE_ZIP(12, 44), WIFORCE_ZIP(20, 52), WIFORCE_ZIP(28, 60)
 #endif
 #if defined(__clang__) || __GNUC__ >= 12
-#define WIFORCE_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#define WIFORCE_SHUFFLE(order, a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
-#define WIFORCE_SHUFFLE(a, b, ...) __builtin_shuffle(a, b, integer_lanes{ __VA_ARGS__ })
+#define WIFORCE_SHUFFLE(order, a, b, ...) __builtin_shuffle(a, b, order{ __VA_ARGS__ })
 #endif
 
 namespace gr::wiforce::kernel::WIFORCE_SIMD {
@@ -106,6 +129,22 @@ struct sc16_samples {
     {
         return *reinterpret_cast<const short_lanes*>(x);
     }
+    // Of neighbours. Adding them takes less time than to convert each.
+    static integer_lanes sums_of_pairs(short_lanes x)
+    {
+#if WIFORCE_LANES == 4 && defined(WIFORCE_X86)
+        return (integer_lanes)_mm_madd_epi16((__m128i)x, _mm_set1_epi16(1));
+#elif WIFORCE_LANES == 8
+        return (integer_lanes)_mm256_madd_epi16((__m256i)x, _mm256_set1_epi16(1));
+#elif WIFORCE_LANES == 16
+        return (integer_lanes)_mm512_madd_epi16((__m512i)x, _mm512_set1_epi16(1));
+#else
+        const auto both = reinterpret_cast<integer_lanes>(x);
+        const auto odd =
+            reinterpret_cast<integer_lanes>(reinterpret_cast<unsigned_lanes>(both) << 16);
+        return (odd >> 16) + (both >> 16);
+#endif
+    }
     static lanes to_float(integer_lanes values)
     {
         return __builtin_convertvector(values, lanes);
@@ -119,29 +158,26 @@ struct sc16_samples {
               float* out,
               frame_noise& noise)
     {
-        // Real and imaginary parts are the halves of 32-bit integers: two shifts take
-        // less time than a conversion, and need no order until the sums are stored.
         short_lanes before = at(x);
-        integer_lanes real = {};
-        integer_lanes imaginary = {};
-        const auto add = [&](short_lanes value) {
-            const auto both = reinterpret_cast<integer_lanes>(value);
-            real += reinterpret_cast<integer_lanes>(reinterpret_cast<unsigned_lanes>(both)
-                                                    << 16) >>
-                    16;
-            imaginary += both >> 16;
+        integer_lanes first = {};
+        integer_lanes last = {};
+        const auto add = [&](short_lanes a, short_lanes b) {
+            first +=
+                sums_of_pairs(WIFORCE_SHUFFLE(short_lanes, a, b, WIFORCE_FIRST_HALVES));
+            last +=
+                sums_of_pairs(WIFORCE_SHUFFLE(short_lanes, a, b, WIFORCE_LAST_HALVES));
         };
-        add(before);
-        if (count == 1)
-            see(before, before);
+        const int number = REPETITIONS ? REPETITIONS : count;
         magnitudes low = {};
         magnitudes high = {};
-        for (int r = 1; r < (REPETITIONS ? REPETITIONS : count); r++) {
+        for (int r = 1; r < number; r++) {
             const short_lanes value = at(x + r * width);
-            add(value);
             const short_lanes below = smaller(before, value);
             const short_lanes above = larger(before, value);
-            see(below, above);
+            if (r % 2) {
+                add(before, value);
+                see(below, above);
+            }
             // Differences of 16-bit integers need all 16 bits, and no sign.
             const auto difference =
                 reinterpret_cast<magnitudes>(above) - reinterpret_cast<magnitudes>(below);
@@ -149,13 +185,18 @@ struct sc16_samples {
             high = larger(high, difference);
             before = value;
         }
+        if (number % 2) {
+            add(before, short_lanes{});
+            see(before, before);
+        }
         noise.smallest += squares(low);
         noise.largest += squares(high);
-        const lanes re = scale * to_float(real);
-        const lanes im = scale * to_float(imaginary);
-        *reinterpret_cast<lanes*>(out) = WIFORCE_SHUFFLE(re, im, WIFORCE_FIRST_PAIRS);
+        const lanes a = scale * to_float(first);
+        const lanes b = scale * to_float(last);
+        *reinterpret_cast<lanes*>(out) =
+            WIFORCE_SHUFFLE(integer_lanes, a, b, WIFORCE_FIRST_QUARTERS);
         *reinterpret_cast<lanes*>(out + LANES) =
-            WIFORCE_SHUFFLE(re, im, WIFORCE_LAST_PAIRS);
+            WIFORCE_SHUFFLE(integer_lanes, a, b, WIFORCE_LAST_QUARTERS);
     }
 
     static std::int32_t one(std::int16_t x) { return x; }
