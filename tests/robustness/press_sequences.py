@@ -33,6 +33,7 @@ FAMILIES = {
     "cables": ("cables",),
     "off states": ("turned touches", "off states"),
     "off states in error": ("turned touches", "off states", "in error"),
+    "tremor": ("tremor",),
 }
 
 
@@ -182,6 +183,8 @@ class Sequence:
         rng, t = self._rng, self._t
         knots, spans = _presses(rng, self._end)
         force, location = (np.interp(t, knots[:, 0], knots[:, i]) for i in (1, 2))
+        if "tremor" in effects:
+            force *= 1 + self._tremor(spans)
         psi = self.truth.phases_deg(np.maximum(force, 1e-3), location)
         if "contacts" in effects:
             self._spoil(psi, force, spans)
@@ -222,6 +225,15 @@ class Sequence:
             for at in _moments(rng, 0.15, self._end):
                 on &= ~((t > at) & (t < at + log_uniform(rng, 0.05, 3.5)))
         return tag_of(force, location, ratios, on, self._shape)
+
+    def _tremor(self, spans):
+        """Part by which the force of each press swings: hands tremble at 8 to 12 Hz, motors faster."""
+        rng, t, swing = self._rng, self._t, np.zeros(len(self._t))
+        for begin, end in spans:
+            here = (t >= begin) & (t <= end)
+            turns = log_uniform(rng, 1, 30) * t[here] + rng.random()
+            swing[here] = log_uniform(rng, 0.05, 0.45) * np.sin(2 * np.pi * turns)
+        return swing
 
     def _spoil(self, psi, force, spans):
         """Let half of the presses be contacts that are too wide, or two fingers.
