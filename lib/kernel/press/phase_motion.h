@@ -48,7 +48,6 @@ public:
     void move(double velocity);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
-    double speed() const { return std::hypot(d_state[2], d_state[3]); }
     double common_velocity() const { return (d_state[2] + d_state[3]) / 2; }
     void widen_velocity(const phase_covariance& by);
     //! A steady change ended somewhere in the last `seconds`.

@@ -245,12 +245,10 @@ void press_filter::change_steadily(const explanation& from,
     // What slides, or rolls, moves both phases in any direction.
     const auto direction = press_direction(from);
     const double aside = slides ? 1.0 : direction_variance(from);
-    // The speed begins, or changes as much within a second; the direction keeps its
-    // error.
+    // The speed begins, or changes as much within a second. A change has the error of the
+    // direction, also where a force that swings turns back.
     const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
-    const double across =
-        from.steady && !slides ? squared(next->motion.speed()) * d_elapsed_s : along;
-    next->motion.widen_velocity(covariance_along(direction, along, aside * across));
+    next->motion.widen_velocity(covariance_along(direction, along, aside * along));
     if (from.turning) { // by what it turned before, or by anything
         const double by =
             squared(speeds[from.turn_speed]) * (from.velocity == 0 ? 1 : d_elapsed_s);
