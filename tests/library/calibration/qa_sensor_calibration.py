@@ -183,6 +183,7 @@ def test_a_missing_port_is_refused(own_table, rows):
     "row, message",
     [
         ("900.000,30,1,x,12", "row 254: force_n: must be a number, got 'x'"),
+        ("900.000,30,1,1_0,12", "row 254: force_n: must be a number, got '1_0'"),
         ("900.000,30,1,3,nan", "row 254: phase_deg: must be finite"),
         ("900.000,30,3,3,12", "row 254: port: must be 1 or 2, got '3'"),
         ("900.000,,1,3,12", "row 254: location_mm: must be given"),

@@ -101,6 +101,15 @@ def test_open_capture_raw_file_needs_datatype_only(tmp_path):
             },
             "core:global_index must not decrease",
         ),
+        (
+            {
+                "captures": [
+                    {"core:sample_start": 0},
+                    {"core:sample_start": 100, "core:global_index": 10**15},
+                ]
+            },
+            "core:global_index must not jump by a day",
+        ),
     ],
 )
 def test_open_capture_invalid_metadata_names_file_and_rule(tmp_path, changes, rule):

@@ -151,7 +151,8 @@ def cell_number(
     if not text and empty is not None:
         return empty
     try:
-        value = float(text)
+        # Python reads 1_0 and digits of other scripts as well, which nobody means.
+        value = float(text if text.isascii() and "_" not in text else "")
     except ValueError:
         rule = "must be a number" + (" with a decimal point" if "," in text else "")
         raise InputError(f"{where}: {column}", rule, text) from None
