@@ -227,7 +227,7 @@ class Sequence:
         return tag_of(force, location, ratios, on, self._shape)
 
     def _tremor(self, spans):
-        """Part by which the force of each press swings: hands tremble at 8 to 12 Hz, motors faster."""
+        """Part by which each force swings, (points,): hands at 8 to 12 Hz, motors faster."""
         rng, t, swing = self._rng, self._t, np.zeros(len(self._t))
         for begin, end in spans:
             here = (t >= begin) & (t <= end)
