@@ -190,7 +190,8 @@ def report(found):
     lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
     lines += level_lines(found["levels"])
     lines += [f"{tag['name']:10s} {MeasuredTag(**tag)}" for tag in found["sensors"]]
-    lines += [f"advice     {text}" for text in found["advice"] or ["none, ready to be read"]]
+    ready = "none, ready to be read; only `read` can tell whether its start was untouched"
+    lines += [f"advice     {text}" for text in found["advice"] or [ready]]
     lines += [f"note       {text}" for text in found["notes"]]
     return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
 

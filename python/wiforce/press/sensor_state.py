@@ -14,10 +14,8 @@ from ..io.readings import WEAK_PHASE_DEG
 from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
 from .explanations import MIXED, NOTHING, UNTOUCHED, later
-from .stage_flags import CLAIMED
+from .stage_flags import CLAIMED, FORCED
 
-# Probability that a sensor is untouched where a tare was forced although it seemed to be touched.
-FORCED = 0.5
 # Probability of an alternative from which on it is named; a reading is wrong at most so often.
 DOUBT = 0.01
 # Why it is not known which phases are those of the untouched sensor.

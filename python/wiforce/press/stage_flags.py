@@ -8,8 +8,9 @@ import math
 from ..io.readings import Flag
 from ..wiforce_kernels import sensor_groups
 
-# Probability that a sensor is untouched where the user says so.
-CLAIMED = 0.999
+# Probability that a sensor is untouched where the user says so, and where a tare was forced
+# although it seemed to be touched.
+CLAIMED, FORCED = 0.999, 0.5
 # Flags of the stages before, in the order of the kernel.
 _FLAGS = Flag.REFERENCE, Flag.GAP, Flag.SATURATED, Flag.MOVED, Flag.INCONSISTENT
 

@@ -226,7 +226,7 @@ def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
     (tag,) = json.loads(check(tmp_path / "press", "--json").stdout)["sensors"]
     assert tag["name"] == "arm" and abs(tag["clock_offset_ppm"]) < 100
     assert max(tag["phase_error_deg"]) < 1.0
-    assert "advice     none, ready to be read" in check(tmp_path / "press").stdout
+    assert "none, ready to be read; only `read` can tell" in check(tmp_path / "press").stdout
 
 
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.capture.recordings import Capture
-from ...io.capture.samples import FULL_SCALE, plausible_share
+from ...io.capture.samples import COMPONENTS, FULL_SCALE, plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
@@ -45,15 +45,6 @@ _LIKE_PREAMBLE = 0.1
 # Frames of one length that may take as long as some of another.
 _FEW_FRAMES = 16
 _SWAPPED = "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
-# Components of samples by the name of their type in SigMF: those that files of radios have.
-_COMPONENTS = {
-    "cf32_le": "<f4",
-    "cf32_be": ">f4",
-    "ci16_le": "<i2",
-    "ci16_be": ">i2",
-    "ci8": "i1",
-    "cu8": "u1",
-}
 # Sample rates of the receiver over the transmitter's that are tried.
 SAMPLE_RATE_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
@@ -189,7 +180,7 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
         return _SWAPPED
     own = "ci16_le" if _are_codes(samples) else "cf32_le"
     data = _data_of(samples, own)
-    for name, component in _COMPONENTS.items():
+    for name, component in COMPONENTS.items():
         if name != own and find_frame_period(_read_as(data, component), waveform).likeness > clear:
             return f"the samples are {name}, but are read as {own}; convert them, or state the type"
     for ratio in SAMPLE_RATE_RATIOS:
@@ -218,7 +209,7 @@ def _data_of(samples: Array, datatype: str) -> bytes:
     values = samples.view(np.float32)
     if datatype == "ci16_le":
         values = np.rint(values * FULL_SCALE)
-    return values.astype(_COMPONENTS[datatype]).tobytes()
+    return values.astype(COMPONENTS[datatype]).tobytes()
 
 
 def _read_as(data: bytes, component: str) -> Array:
