@@ -27,7 +27,7 @@ from .request import (
     shorten_pauses,
 )
 
-_LOOK_S = 0.02
+_LOOK_S = 0.1
 
 
 class _Control:
@@ -105,10 +105,10 @@ def _serve(reader, samples):
     _wait_for_line(reader)  # start
     stopping = []
 
-    def stopped():
+    def stopped(timeout_s=0.0):
         if not stopping:
             try:
-                line = reader.line(0)
+                line = reader.line(timeout_s)
             except EOFError:
                 line = "stop"
             stopping.extend([line] if line else [])
@@ -117,12 +117,11 @@ def _serve(reader, samples):
     streams.start(stopped)
     reader.report("started")
     # When the reader has been killed, both sockets are closed: the device must be stopped then.
-    while not stopped():
+    while not stopped(_LOOK_S):
         streams.check()
         _report_clock(streams, reader)
         if (underflow_s := streams.take_underflow_s()) > 0:
             reader.report("underflow", seconds=underflow_s)
-        time.sleep(_LOOK_S)
     streams.stop()
     samples.close()
     reader.report("stopped")

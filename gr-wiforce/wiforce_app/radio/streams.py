@@ -13,6 +13,7 @@ from functools import partial
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.sample_streams import sample_sender
+from gnuradio.wiforce.blocks.sounding import frame_samples
 from gnuradio.wiforce.blocks.usrp import device_time_of, timed_frames
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
@@ -187,9 +188,8 @@ class RadioStreams:
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self._start_s, self._frames = [0.0], None
         if radio.sink is not None:
-            source = wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
-            self._transmitted = source  # a flowgraph deletes a block that has no name
-            self._transmission.connect(source, *self._timed(radio, request), radio.sink)
+            source = self._transmitted = self._source_of(radio, request)
+            self._transmission.connect(source, radio.sink)
         self._alignment = None
         # Frames of a free-running transmitter are followed by the reader.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
@@ -204,19 +204,19 @@ class RadioStreams:
         self._reported_s = 0.0
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))
 
-    def _timed(self, radio, request):
-        """The block that gives the transmitter its times, where both ends start at one."""
-        start_s = self._start_s
+    def _source_of(self, radio, request):
+        """The frames to transmit, with their times where both ends start at one."""
         if not radio.starts_together:
-            return ()
+            return wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
+        start_s, frames = self._start_s, request.frames
         # It must not refer to the streams: they would not be freed, nor the device closed.
         self._frames = timed_frames(
             lambda: (math.floor(start_s[0]), start_s[0] % 1.0),
             partial(device_time_of, radio.source),
-            request.sounding.frame_length,
+            frame_samples(frames["waveform"].frame(), request.amplitude, frames["item_type"]),
             request.sample_rate_hz,
         )
-        return (self._frames,)
+        return self._frames
 
     def take_underflow_s(self) -> float:
         """Seconds in which nothing was transmitted, since the last call."""
@@ -301,7 +301,7 @@ class Progress:
     """How long a count has not changed while this process ran.
 
     A process that was stopped, or a machine that is too busy to run it, says nothing of a device:
-    of the time since the last look, ten looks count at most.
+    of the time since the last look, 0.2 s count at most.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Arguments, lifetime and buffers of Python blocks, where GNU Radio leaves them to chance."""
 
+import ctypes
 import inspect
 import types
 from collections import abc
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from gnuradio import gr
 
 from ..errors import InputError
 from ..wiforce_python import kept_with
@@ -121,6 +123,43 @@ class Kept:
         # The C++ part of a hierarchical block, and that of another one.
         own = self.__dict__
         return kept_with(own["_impl"] if "_impl" in own else own["gateway"], self)
+
+    def handle_general_work(
+        self: Any, most: int, ninput_items: list[int], inputs: list[Any], outputs: list[Any]
+    ) -> int:
+        """What the gateway of GNU Radio does, which makes a class for every array of every call."""
+        general = self._block_type == gr.GW_BLOCK_GENERAL
+        counts = ninput_items if general else [most] * len(inputs)
+        input_items = _arrays(inputs, self.in_sig(), counts)
+        output_items = _arrays(outputs, self.out_sig(), [most] * len(outputs))
+        if general:
+            return int(self.general_work(input_items, output_items))
+        done = self.work(input_items, output_items)
+        self.consume_items(done)
+        return int(done)
+
+
+_address_in = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+    ("PyCapsule_GetPointer", ctypes.pythonapi)
+)
+_memory_at = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_int)(
+    ("PyMemoryView_FromMemory", ctypes.pythonapi)
+)
+_WRITABLE = 0x200  # PyBUF_WRITE
+
+
+def _arrays(pointers: Sequence[Any], signature: Any, counts: Sequence[int]) -> list[Any]:
+    """Items in the buffers of GNU Radio, (count, ...) each, valid during a call."""
+    return [
+        np.ndarray(
+            (count, *kind.shape),
+            kind.base,
+            _memory_at(_address_in(pointer, None), count * kind.itemsize, _WRITABLE),
+        )
+        for pointer, kind, count in zip(
+            pointers, signature.port_types(len(counts)), counts, strict=True
+        )
+    ]
 
 
 def enlarge_output_buffer(block: Any, items: int) -> None:

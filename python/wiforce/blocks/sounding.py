@@ -22,6 +22,16 @@ def largest_amplitude(frame: Array) -> float:
     return 1 / np.abs(frame.view(float)).max()
 
 
+def frame_samples(frame: Array, amplitude: float, item_type: str) -> Array:
+    """A frame to transmit: complex64 (n,), or int16 (n, 2); an InputError beyond full scale."""
+    largest = largest_amplitude(frame)
+    if not 0 < amplitude <= largest:
+        raise InputError("amplitude", f"must be above 0 and at most {largest:.4f}", amplitude)
+    if item_type == "fc32":
+        return (amplitude * frame).astype(np.complex64)
+    return np.rint(32767 * amplitude * frame.view(float)).astype(np.int16).reshape(-1, 2)
+
+
 class sounding_source(gr.hier_block2):
     """Transmit samples: preamble and guard zeros, repeated indefinitely.
 
@@ -88,13 +98,7 @@ class sounding_source(gr.hier_block2):
         self._source.set_data(self._data(amplitude))
 
     def _data(self, amplitude: float) -> list[Any]:
-        parts = self._frame.view(float)
-        largest = largest_amplitude(self._frame)
-        if not 0 < amplitude <= largest:
-            raise InputError("amplitude", f"must be above 0 and at most {largest:.4f}", amplitude)
-        if self._item_type == "fc32":
-            return (amplitude * self._frame).astype(np.complex64).tolist()
-        return np.rint(32767 * amplitude * parts).astype(np.int16).tolist()
+        return frame_samples(self._frame, amplitude, self._item_type).ravel().tolist()
 
 
 # The tag is pressed by calls, and rounding is the receiver's part.

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pmt
 from gnuradio import gr
 
@@ -20,7 +21,7 @@ from ..scene import Scene, load_scene
 from ..wiforce_kernels import exit_on_terminate
 from .argument_types import Kept, typed
 from .frame_alignment import frame_alignment
-from .sounding import sounding_source
+from .sounding import frame_samples
 
 # From the first call of the transmitter to the start of both directions: a host fills the buffers
 # of a device in a tenth of it.
@@ -108,7 +109,7 @@ class usrp(Kept, gr.hier_block2):
         amplitude: float = 0.5,
     ) -> None:
         scene = load_scene(scene)
-        sounder = sounding_source(scene, amplitude=amplitude, item_type=_ITEM_TYPE)
+        frame = frame_samples(scene.waveform().frame(), amplitude, _ITEM_TYPE)
         self._lock = DeviceLock(device, where="device")
         try:
             self._open(scene, device, tx_antenna, rx_antenna)
@@ -132,11 +133,11 @@ class usrp(Kept, gr.hier_block2):
         self._start = timed_frames(
             partial(_begin_together, self.transmitter, self.receiver),
             device_time,
-            scene.sounding.frame_length,
+            frame,
             scene.radio.sample_rate_hz,
             DeviceWatch(device_time),
         )
-        self.connect(sounder, self._start.gateway, self.transmitter)
+        self.connect(self._start.gateway, self.transmitter)
         self.connect(self.receiver, self.alignment.gateway, self._impl)
 
     def _open(self, scene: Scene, device: str, tx_antenna: str, rx_antenna: str) -> None:
@@ -270,8 +271,13 @@ class DeviceWatch:
             exit_on_terminate(1)
 
 
+# Samples that a transmitter is given together; it takes packets, and called after each of them,
+# a Python block takes a quarter of a core.
+_SENT_TOGETHER = _TOGETHER // 2
+
+
 class timed_frames(Kept, gr.sync_block):
-    """Passes sounding frames, complex 16-bit, to a transmitter of gr-uhd with their times.
+    """Gives sounding frames, complex 16-bit, to a transmitter of gr-uhd with their times.
 
     With a time on the first sample, gr-uhd puts one on every packet. After an underflow they are
     all late, and a device discards late packets (UHD manual, "Error Codes"): a machine that cannot
@@ -279,28 +285,29 @@ class timed_frames(Kept, gr.sync_block):
     frames, so that receivers find the frames where they were.
 
     ``begin``: returns the time of the first sample, in each run; ``device_time``: returns that of
-    the device. ``watch`` looks at it while the flowgraph runs. ``skipped_s``: how much later frames
-    are since the run began.
+    the device; ``frame`` are its samples (n, 2). ``watch`` looks at the device while the flowgraph
+    runs. ``skipped_s``: how much later frames are since the run began.
     """
 
     def __init__(
         self,
         begin: Callable[[], DeviceTime],
         device_time: Callable[[], DeviceTime],
-        frame_length: int,
+        frame: Array,
         sample_rate: float,
         watch: DeviceWatch | None = None,
     ) -> None:
         item = item_type_named(_ITEM_TYPE).item
-        gr.sync_block.__init__(self, "timed_frames", in_sig=[item], out_sig=[item])
+        gr.sync_block.__init__(self, "timed_frames", in_sig=None, out_sig=[item])
         self._begin, self._device_time = begin, device_time
-        self._frame_length, self._sample_rate = frame_length, sample_rate
+        self._frame_length, self._sample_rate = len(frame), sample_rate
+        # From any sample of a frame on, there are as many as are given together.
+        self._frames = np.tile(frame, (1 + math.ceil(_SENT_TOGETHER / len(frame)), 1))
         self._first: int | None = None
         self._start: DeviceTime = (0, 0.0)
         self._skipped = self._next_look = 0  # in samples
         self._watch = watch
-        # A transmitter takes packets. Called after each of them, this took a quarter of a core.
-        self.set_output_multiple(_TOGETHER // 2)
+        self.set_output_multiple(_SENT_TOGETHER)
         self.set_min_output_buffer(2 * _TOGETHER)
 
     @property
@@ -318,15 +325,16 @@ class timed_frames(Kept, gr.sync_block):
             self._watch.stop()
         return True
 
-    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
-        now = self.nitems_written(0)
+    def work(self, _: list[Array], output_items: list[Array]) -> int:
+        now, out = self.nitems_written(0), output_items[0][:_SENT_TOGETHER]
         if self._first is None:
             self._first, self._start = now, self._begin()
             self._tag(now)
         elif now >= self._next_look:
             self._look(now)
-        output_items[0][:] = input_items[0]
-        return len(output_items[0])
+        start = (now - self._first) % self._frame_length
+        out[:] = self._frames[start : start + len(out)]
+        return len(out)
 
     def _look(self, item: int) -> None:
         """Let times begin anew where those of the samples have passed."""
