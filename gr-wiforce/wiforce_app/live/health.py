@@ -140,9 +140,11 @@ class RunHealth:
 
     def _note_doubt(self, reading, tag, flag):
         """Say once why readings have a flag that stays."""
-        problem = self._stream.reference_problem(reading.sensor)
+        problem = ""
+        if tag.doubt_said or flag in reading.flags:  # a tenth of a reading's time
+            problem = self._stream.reference_problem(reading.sensor)
         if not problem or flag not in reading.flags:
-            tag.doubted_s, tag.doubt_said = None, tag.doubt_said and bool(problem)
+            tag.doubted_s, tag.doubt_said = None, bool(problem)
             return
         if tag.doubted_s is None:
             tag.doubted_s = reading.time_s

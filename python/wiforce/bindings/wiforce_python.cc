@@ -12,6 +12,7 @@
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
 
+#include "packet_reader.h"
 #include "refusal.h"
 #include "tag_values.h"
 
@@ -241,6 +242,32 @@ static void bind_recording_source(py::module& m)
              "Samples that the segments promise and the file does not hold.");
 }
 
+static void bind_packet_reader(py::module& m)
+{
+    py::class_<packet_reader>(m, "packet_reader", "Reads packets from a stream socket.")
+        .def(py::init<int, std::size_t, std::size_t>(),
+             "socket"_a,
+             "sample_bytes"_a,
+             "tag_bytes"_a)
+        .def(
+            "read",
+            [](packet_reader& reader, py::array_t<std::int16_t, py::array::c_style> out) {
+                auto* const data = out.mutable_data();
+                packet_reader::part part;
+                {
+                    py::gil_scoped_release others;
+                    part = reader.read(data, out.shape(0));
+                }
+                return py::make_tuple(
+                    part.samples, py::bytes(part.tags), part.peak, part.ended);
+            },
+            py::arg("out").noconvert(),
+            "Reads a part of a packet into int16 (n, 2 antennas): the number of samples, "
+            "0 where\nnothing comes within the socket's timeout; the packed tags of a "
+            "packet "
+            "that begins;\nthe largest magnitude; whether the stream has ended.");
+}
+
 static py::object rx_time_or_none(const pmt::pmt_t& value)
 {
     const auto time = rx_time_value(value);
@@ -386,6 +413,7 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
+    bind_packet_reader(m);
     m.def("rx_time_value",
           &rx_time_or_none,
           "value"_a,

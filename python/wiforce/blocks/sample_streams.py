@@ -16,7 +16,7 @@ import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array
-from ..wiforce_python import rx_time_value
+from ..wiforce_python import keep_thread_state, packet_reader, rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .frame_alignment import FrameSearch, Tag
@@ -28,7 +28,7 @@ TAG_KEYS = ("rx_time", "rx_rate", "rx_freq")
 _HEAD = struct.Struct("<II")  # samples, tags
 _TAG = struct.Struct("<BIQd")  # number of the key, sample, whole seconds, value or fraction
 SAMPLE_BYTES = 4
-HEAD_BYTES, TAG_BYTES = _HEAD.size, _TAG.size
+TAG_BYTES = _TAG.size
 
 
 class SampleTag(NamedTuple):
@@ -49,12 +49,6 @@ def pack_head(samples: int, tags: Iterable[SampleTag] = ()) -> bytes:
         _TAG.pack(TAG_KEYS.index(tag.key), tag.sample, tag.seconds, tag.value) for tag in tags
     ]
     return _HEAD.pack(samples, len(packed)) + b"".join(packed)
-
-
-def unpack_counts(head: bytes) -> tuple[int, int]:
-    """Number of samples and of tags in a packet, from its first ``HEAD_BYTES``."""
-    samples, tags = _HEAD.unpack(head)
-    return samples, tags
 
 
 def unpack_tags(data: bytes) -> list[SampleTag]:
@@ -174,8 +168,8 @@ class sample_receiver(Kept, gr.sync_block):
     The output begins with the first frame that ``search`` finds; antennas come side by side, with
     an output each.
 
-    ``received`` counts samples of all streams; ``peak`` is the largest magnitude of I or Q that was
-    put out since it was last set to 0; ``idle_s`` is the time since the last sample. ``called_s``
+    ``received`` counts samples of all streams; ``peak`` is the largest magnitude of I or Q since it
+    was last set to 0; ``idle_s`` is the time since the last sample. ``called_s``
     is when the scheduler last asked for samples (``time.monotonic``): it stops to ask while the
     blocks after this one are busy.
     """
@@ -195,8 +189,8 @@ class sample_receiver(Kept, gr.sync_block):
         self._waiting: deque[tuple[socket.socket, bool]] = deque()
         self._stream: socket.socket | None = None
         self._search = search
-        self._remaining = 0  # samples of the packet that are not received yet
-        self._packet_start = 0  # its first sample, of those received
+        self._packets: packet_reader | None = None
+        self._packet_start = 0  # the first sample of the latest one with tags
         self._tags: deque[SampleTag] = deque()
         self.received = self.peak = 0
         self._begins = self._finished = self._aligned = False
@@ -234,7 +228,7 @@ class sample_receiver(Kept, gr.sync_block):
             count = self._put_out(items)
         except TimeoutError:
             return 0
-        except (EOFError, OSError):
+        except EOFError:
             self._drop_stream()
             return 0
         if self._antennas > 1:
@@ -263,9 +257,6 @@ class sample_receiver(Kept, gr.sync_block):
         for item, key, value in tags:
             for port in range(self._antennas):
                 self.add_item_tag(port, item - first, key, value)
-        if count:
-            items = out[:count]
-            self.peak = max(self.peak, int(items.max()), -int(items.min()))
         return count
 
     def _search_on(self, search: FrameSearch, most: int) -> None:
@@ -273,7 +264,12 @@ class sample_receiver(Kept, gr.sync_block):
         count, tags = self._read(items)
         search.take(items[:count], tags)
 
+    def start(self) -> bool:
+        keep_thread_state(True)
+        return True
+
     def stop(self) -> bool:
+        keep_thread_state(False)
         self._drop_stream()
         while self._waiting:
             self._waiting.popleft()[0].close()
@@ -285,9 +281,11 @@ class sample_receiver(Kept, gr.sync_block):
                 time.sleep(_WAIT_S / 5)
             return False
         self._stream, self._aligned = self._waiting.popleft()
-        # With a timeout of Python's, a call would return whatever part of a packet is there.
-        self._stream.settimeout(None)
+        self._stream.settimeout(None)  # one of Python's would make the socket not wait at all
         self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
+        self._packets = packet_reader(
+            self._stream.fileno(), SAMPLE_BYTES * self._antennas, TAG_BYTES
+        )
         self._begins = True
         return True
 
@@ -295,58 +293,31 @@ class sample_receiver(Kept, gr.sync_block):
         """Forget a stream that has ended, with the rest of a packet that it leaves."""
         if self._stream is not None:
             self._stream.close()
-        self._stream = None
-        self._remaining = 0
+        self._stream = self._packets = None
         self._tags.clear()
 
     def _read(self, out: Array) -> tuple[int, list[Tag]]:
-        """Read a part of a packet; the number of samples, and their tags."""
-        if self._remaining == 0:
-            self._remaining, tags = unpack_counts(self._bytes(HEAD_BYTES))
+        """Read a part of a packet; the number of samples, and their tags.
+
+        A TimeoutError when nothing comes for a while, EOFError at the end of the stream.
+        """
+        assert self._packets is not None
+        count, tags, peak, ended = self._packets.read(out)
+        self.called_s = time.monotonic()
+        if tags:
             self._packet_start = self.received
-            self._tags.extend(unpack_tags(self._bytes(tags * TAG_BYTES)))
-        count = min(len(out), self._remaining)
-        data = out[:count].view(np.uint8).data.cast("B")
-        count = self._fill(data) // (SAMPLE_BYTES * self._antennas)
-        self._remaining -= count
-        tags_of = self._take_tags(count)
+            self._tags.extend(unpack_tags(tags))
+        if not count:
+            raise EOFError if ended else TimeoutError
+        self._heard_s = self.called_s
+        self.peak = max(self.peak, peak)
+        tags_of = self._take_tags(count) if self._tags or self._begins else []
         self.received += count
-        self.called_s = self._heard_s = time.monotonic()
-        if count:
-            self._times.received(count)
+        self._times.received(count)
         return count, tags_of
-
-    def _bytes(self, count: int) -> bytes:
-        data = bytearray(count)
-        if self._fill(memoryview(data)) < count:
-            raise EOFError
-        return bytes(data)
-
-    def _fill(self, data: memoryview) -> int:
-        """Read until all is there, a TimeoutError or EOFError otherwise; the number of bytes."""
-        assert self._stream is not None
-        received = 0
-        while received < len(data):
-            try:
-                count = self._stream.recv_into(data[received:], 0, socket.MSG_WAITALL)
-            except BlockingIOError:
-                if received == 0 and self._remaining == 0:
-                    raise TimeoutError from None
-                self.called_s = time.monotonic()  # it waits for samples all the same
-                continue
-            except OSError:
-                break
-            if count == 0:
-                break
-            received += count
-        if received == 0 and len(data):
-            raise EOFError
-        return received
 
     def _take_tags(self, count: int) -> list[Tag]:
         """Tags of the samples that were read now."""
-        if not count:
-            return []
         first, due, tags = self.received, [], []
         while self._tags and self._packet_start + self._tags[0].sample < first + count:
             due.append(self._tags.popleft())
@@ -432,7 +403,12 @@ class sample_sender(Kept, gr.sync_block):
         self._next_s = time.monotonic() + self._interval_s
         return len(items)
 
+    def start(self) -> bool:
+        keep_thread_state(True)
+        return True
+
     def stop(self) -> bool:
+        keep_thread_state(False)
         self.ended = True
         return True
 

@@ -367,7 +367,8 @@ def written_utc(utc_s: float | None) -> str:
     """Write a time in seconds since 1970; empty for an unknown one."""
     if utc_s is None:
         return ""
-    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    written = datetime.fromtimestamp(utc_s, timezone.utc).isoformat(timespec="microseconds")
+    return written.replace("+00:00", "Z")
 
 
 def parsed_utc(text: str) -> datetime:

@@ -145,7 +145,12 @@ class ReadingsPublisher(_Endpoint, Output):
         return opened
 
     def _count_subscriptions(self) -> int:
-        while self._subscriptions <= _MOST_SUBSCRIPTIONS and self._socket.poll(0):
+        import zmq
+
+        # Without what `poll` makes of a list of sockets.
+        while self._subscriptions <= _MOST_SUBSCRIPTIONS and (
+            self._socket.getsockopt(zmq.EVENTS) & zmq.POLLIN
+        ):
             change = self._socket.recv()[:1]
             self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
         return self._subscriptions
