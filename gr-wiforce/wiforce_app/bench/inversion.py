@@ -45,13 +45,14 @@ def inversion(as_json, names, seed):
     rows = []
     with progress("inverting", len(cases) * len(_NOISES_DEG)) as step:
         for model, carrier in cases:
+            grid = _grid(model, carrier)
             for noise_deg in _NOISES_DEG:
-                rows.append(_measure(model, carrier, noise_deg, seed))
+                rows.append(_measure(model, carrier, noise_deg, seed, grid))
                 step(1)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
-def _measure(model, carrier, noise_deg, seed):
+def _measure(model, carrier, noise_deg, seed, grid):
     rng = np.random.default_rng(seed)
     force = rng.uniform(*model.force_span_n, _BATCH)
     location = rng.uniform(*model.location_span_mm, _BATCH)
@@ -66,7 +67,7 @@ def _measure(model, carrier, noise_deg, seed):
     singles = phases[:_SINGLE, None]
     single = [_seconds(inverter.invert, pair, noise_deg) for pair in singles]
     found = inverter.invert(phases, noise_deg)
-    mean, std = _brute_force(model, carrier, phases[:_CHECKED], noise_deg)
+    mean, std = _brute_force(phases[:_CHECKED], noise_deg, *grid)
     away = np.abs(found.force_n[:_CHECKED] - mean) / std
     away = away[["ambiguous" not in flags for flags in found.flags[:_CHECKED]]]
     return {
@@ -84,15 +85,20 @@ def _measure(model, carrier, noise_deg, seed):
     }
 
 
-def _brute_force(model, carrier, phases, noise_deg):
-    """Posterior mean and standard deviation (n,) of force, over a grid of the inverter's domain."""
+def _grid(model, carrier):
+    """Forces (m,) of a grid of the inverter's domain, the phases there and their errors (m, n, 2)."""
     forward = model.inverter(carrier).forward
     force = np.geomspace(*forward.force_n[[0, -1]], _GRID_FORCES)
     location = np.arange(*forward.location_mm[[0, -1]], _GRID_MM)
     grid = np.meshgrid(force, location, indexing="ij")
-    expected = model.phases_deg(*grid, carrier)
-    variance = model.model_std_deg(*grid, carrier) ** 2 + noise_deg**2
-    prior = 0.5 * np.log(variance).sum(axis=-1) - np.log(grid[0])  # equal steps of force
+    return force, model.phases_deg(*grid, carrier), model.model_std_deg(*grid, carrier)
+
+
+def _brute_force(phases, noise_deg, force, expected, model_std_deg):
+    """Posterior mean and standard deviation (n,) of force, over a grid."""
+    variance = model_std_deg**2 + noise_deg**2
+    # The prior is that of equal steps of force.
+    prior = 0.5 * np.log(variance).sum(axis=-1) - np.log(force)[:, None]
     found = []
     for pair in phases:
         cost = 0.5 * np.sum(wrap_deg(pair - expected) ** 2 / variance, axis=-1) + prior

@@ -95,7 +95,8 @@ def test_rows_as_json():
 
 def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_run):
     if not long_run:
-        for name, value in {"_BATCH": 4000, "_SINGLE": 100, "_CHECKED": 6, "_RUNS": 2}.items():
+        shorter = {"_BATCH": 4000, "_SINGLE": 100, "_CHECKED": 6, "_RUNS": 2, "_GRID_MM": 0.1}
+        for name, value in shorter.items():
             monkeypatch.setattr(inversion, name, value)
     done = run_command("bench", "inversion", "--json", "--sensor", "wiforce-900mhz")
     assert (done.returncode, done.stderr) == (0, "")
