@@ -86,7 +86,7 @@ def _measure(model, carrier, noise_deg, seed, grid):
 
 
 def _grid(model, carrier):
-    """Forces (m,) of a grid of the inverter's domain, the phases there and their errors (m, n, 2)."""
+    """Forces (m,) of a grid of the inverter's domain; phases there and their errors (m, n, 2)."""
     forward = model.inverter(carrier).forward
     force = np.geomspace(*forward.force_n[[0, -1]], _GRID_FORCES)
     location = np.arange(*forward.location_mm[[0, -1]], _GRID_MM)
