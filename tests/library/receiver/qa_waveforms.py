@@ -131,13 +131,13 @@ def test_long_symbols_in_batches_of_any_size_give_equal_readings(folder, monkeyp
     air, own = replace(LONG, snr_db=20.0, duration_s=1.2), folder / "batches"
     own.mkdir()
     air.write(own, "../finger.yaml")
-    taken, process = [], Receiver.process
+    taken, separate = [], Receiver.separate
 
     def record(receiver, groups):
         taken.append(groups)
-        return process(receiver, groups)
+        return separate(receiver, groups)
 
-    monkeypatch.setattr(Receiver, "process", record)
+    monkeypatch.setattr(Receiver, "separate", record)
     plan = wiforce.plan(own / "scene.yaml")
     expected = [r for batch in RecordingReader(open_capture(own / "capture"), plan) for r in batch]
     monkeypatch.undo()
