@@ -74,9 +74,10 @@ def test_soapy_gives_the_readings_of_uhd(runs):
         error = np.hypot(*spread) * np.sqrt(1 / (len(clear[0]) - 6) + 1 / REFERENCE)
         assert abs(held[0] - held[1]) < 4 * error + 0.002 * true
     # It holds how far the untouched line may drift by what the few groups before the press show,
-    # which differs by 12 % from one start to the next.
+    # which differs by 12 % from one start to the next. In one of five, another explanation of how
+    # the press began stays likely, which widens it by 2.5.
     stds = [np.median(column(rows, "force_std_n")[3:-3]) for rows in clear]
-    assert 0.5 < stds[0] / stds[1] < 2
+    assert 0.25 < stds[0] / stds[1] < 4
     untouched = [np.nanmean(column(rows, "snr_db")) for rows in (by_uhd, by_soapy)]
     assert untouched[0] == pytest.approx(untouched[1], abs=0.3)
 
