@@ -3,8 +3,6 @@
 
 #include "press_image.h"
 
-#include <cmath>
-
 namespace gr::wiforce::kernel {
 
 //! Covariance of both phases, rad^2.

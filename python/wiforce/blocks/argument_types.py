@@ -15,7 +15,7 @@ import numpy as np
 from gnuradio import gr
 
 from ..errors import InputError
-from ..wiforce_python import kept_with
+from ..wiforce_python import keep_thread_state, kept_with
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -123,6 +123,18 @@ class Kept:
         # The C++ part of a hierarchical block, and that of another one.
         own = self.__dict__
         return kept_with(own["_impl"] if "_impl" in own else own["gateway"], self)
+
+    # GNU Radio calls both in the block's thread.
+
+    def start(self) -> bool:
+        """Begin a run; derived blocks that have a beginning of their own call this one as well."""
+        keep_thread_state(True)
+        return True
+
+    def stop(self) -> bool:
+        """End a run, likewise."""
+        keep_thread_state(False)
+        return True
 
     def handle_general_work(
         self: Any, most: int, ninput_items: list[int], inputs: list[Any], outputs: list[Any]

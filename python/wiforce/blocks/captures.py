@@ -127,7 +127,7 @@ class capture_stream(Kept, gr.sync_block):
 
     def stop(self) -> bool:
         self._file.close()
-        return True
+        return super().stop()
 
     def _available(self) -> int:
         """Samples available of the present segment; moves on to the next when it has ended."""
@@ -308,7 +308,7 @@ class sigmf_recorder(Kept, gr.sync_block):
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
             self._stop_recording(error)
-        return True
+        return super().start()
 
     def work(self, input_items: list[Array], _: list[Array]) -> int:
         items = input_items[0]
@@ -324,7 +324,7 @@ class sigmf_recorder(Kept, gr.sync_block):
     def stop(self) -> bool:
         if self._file is not None:
             self._file.close()
-        return True
+        return super().stop()
 
     def _stop_recording(self, error: OSError) -> None:
         self.failure = error

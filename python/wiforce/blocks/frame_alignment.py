@@ -267,12 +267,12 @@ class frame_alignment(Kept, gr.basic_block):
 
     def start(self) -> bool:
         self._begin()  # a transmitter that starts again may begin anywhere in a frame
-        return True
+        return super().start()
 
     def stop(self) -> bool:
         if self.offset is None:
             self._watch.end()
-        return True
+        return super().stop()
 
     def _tags_of(self, count: int) -> list[Tag]:
         tags = self.get_tags_in_window(0, 0, count)

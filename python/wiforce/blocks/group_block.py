@@ -15,7 +15,7 @@ from gnuradio import gr
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..io.readings import Reading
-from ..wiforce_python import collected_groups, input_has_ended, keep_thread_state
+from ..wiforce_python import collected_groups, input_has_ended
 from . import names
 from .argument_types import Kept
 
@@ -166,16 +166,9 @@ class GroupBlock(Kept, gr.basic_block):
         self.failure = error
         gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
 
-    # GNU Radio calls both in the block's thread.
-
     def start(self) -> bool:
-        keep_thread_state(True)
         self._flushed = False
-        return True
-
-    def stop(self) -> bool:
-        keep_thread_state(False)
-        return True
+        return super().start()
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         # A block that needs input is not called any more when its input has ended.

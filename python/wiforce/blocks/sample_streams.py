@@ -16,7 +16,7 @@ import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array
-from ..wiforce_python import keep_thread_state, packet_reader, rx_time_value
+from ..wiforce_python import packet_reader, rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .frame_alignment import FrameSearch, Tag
@@ -264,16 +264,11 @@ class sample_receiver(Kept, gr.sync_block):
         count, tags = self._read(items)
         search.take(items[:count], tags)
 
-    def start(self) -> bool:
-        keep_thread_state(True)
-        return True
-
     def stop(self) -> bool:
-        keep_thread_state(False)
         self._drop_stream()
         while self._waiting:
             self._waiting.popleft()[0].close()
-        return True
+        return super().stop()
 
     def _take_next_stream(self) -> bool:
         if not self._waiting:
@@ -403,14 +398,9 @@ class sample_sender(Kept, gr.sync_block):
         self._next_s = time.monotonic() + self._interval_s
         return len(items)
 
-    def start(self) -> bool:
-        keep_thread_state(True)
-        return True
-
     def stop(self) -> bool:
-        keep_thread_state(False)
         self.ended = True
-        return True
+        return super().stop()
 
     def _tags(self, count: int) -> Iterator[SampleTag]:
         first = self.nitems_read(0)

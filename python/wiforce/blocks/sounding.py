@@ -273,7 +273,7 @@ class backscatter_tag(Kept, gr.sync_block):
 
     def start(self) -> bool:
         self._air.restart(self.nitems_read(0))
-        return True
+        return super().start()
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first = self.nitems_read(0)

@@ -19,7 +19,6 @@ from ..io.network.device_lock import DeviceLock
 from ..press.sensor_state import PATIENCE_S
 from ..scene import Scene, load_scene
 from ..wiforce_kernels import exit_on_terminate
-from ..wiforce_python import keep_thread_state
 from .argument_types import Kept, typed
 from .frame_alignment import frame_alignment
 from .sounding import frame_samples
@@ -316,17 +315,15 @@ class timed_frames(Kept, gr.sync_block):
         return self._skipped / self._sample_rate
 
     def start(self) -> bool:
-        keep_thread_state(True)
         self._first, self._skipped, self._next_look = None, 0, 0
         if self._watch is not None:
             self._watch.start()
-        return True
+        return super().start()
 
     def stop(self) -> bool:
-        keep_thread_state(False)
         if self._watch is not None:
             self._watch.stop()
-        return True
+        return super().stop()
 
     def work(self, _: list[Array], output_items: list[Array]) -> int:
         now, out = self.nitems_written(0), output_items[0][:_SENT_TOGETHER]
