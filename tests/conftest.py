@@ -2,8 +2,11 @@
 """Conditions of every test: the right interpreter, a HOME of its own, and a time limit."""
 
 import faulthandler
+import fcntl
+import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 from itertools import zip_longest
@@ -11,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import wiforce_app  # noqa: F401  how OpenBLAS is used, before NumPy is imported
+from command_runs import run_command
 from live_runs import SLOW, scene_file
 from software_usrp import SoftwareUsrp, software_usrp  # noqa: F401
 
@@ -112,6 +116,20 @@ def own_home(tmp_path_factory, pytestconfig):
         patch.setenv("XDG_CONFIG_HOME", str(home / "config"))
         patch.setenv("MPLBACKEND", "Agg")
         yield home
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory):
+    """The folder of the demo, to be read only, and its finished run: one for all workers."""
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    folder, said = root / "demo", root / "demo.json"
+    with open(root / "demo.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not said.exists():
+            done = run_command("demo", "--folder", folder)
+            said.write_text(json.dumps([done.returncode, done.stdout, done.stderr]))
+    return folder, subprocess.CompletedProcess("demo", *json.loads(said.read_text()))
 
 
 @pytest.fixture(autouse=True)

@@ -19,13 +19,6 @@ from machine import rows_in, wait_until
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    """The folder of the demo, and the finished process."""
-    folder = tmp_path_factory.mktemp("demo")
-    return folder, run_command("demo", "--folder", folder)
-
-
-@pytest.fixture(scope="module")
 def read_args(demo):
     folder, _ = demo
     return ["read", folder / "demo", "--scene", folder / "scene.yaml"]
