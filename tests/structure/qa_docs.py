@@ -329,6 +329,7 @@ def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
     assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
 
 
+@pytest.mark.long
 def test_readme_accuracy_is_what_its_command_prints(tmp_path):
     """A table that nobody can reproduce is an advertisement."""
     rows = re.findall(

@@ -2,6 +2,7 @@
 """Pictures of docs/images, made again: they show what the programs draw today."""
 
 import importlib.util
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.gui import ForceDisplay
 from gnuradio.wiforce.io.readings import Reading
+from long_cases import cases
 from matplotlib import image
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +22,7 @@ CELLS = 30, 40
 LIMIT = 0.015
 
 
+@cache
 def coarse(path):
     """Grey levels of a picture (30, 40), means over its cells."""
     pixels = image.imread(path)[..., :3].mean(axis=2)
@@ -50,7 +53,10 @@ def test_difference_tells_pictures_apart():
 
 
 @pytest.mark.parametrize(
-    "name", ["clock_spectra", "surface_picture", "tradeoff_picture", "turn_picture", "waveforms"]
+    "name",
+    cases(
+        "clock_spectra", "surface_picture", "tradeoff_picture", "waveforms", long=["turn_picture"]
+    ),
 )
 def test_picture_of_a_script_is_that_of_the_documentation(name, tmp_path, monkeypatch, capsys):
     module = maker(f"make_{name}")
@@ -60,10 +66,13 @@ def test_picture_of_a_script_is_that_of_the_documentation(name, tmp_path, monkey
     assert difference(tmp_path / "again.png", kept) < LIMIT
 
 
-def test_pictures_of_the_demo_and_a_survey_are_those_of_the_documentation(tmp_path):
+def test_picture_of_the_demo_is_that_of_the_documentation(demo):
     """A newcomer compares his first picture with that of the tutorial."""
-    assert run_command("demo", "--folder", tmp_path / "demo").returncode == 0
-    assert difference(tmp_path / "demo" / "readings.png", IMAGES / "readings.png") < LIMIT
+    assert difference(demo[0] / "readings.png", IMAGES / "readings.png") < LIMIT
+
+
+@pytest.mark.long
+def test_picture_of_a_survey_is_that_of_the_documentation(tmp_path):
     walk = tmp_path / "walk"
     assert run_command("simulate", "somebody_walks", walk).returncode == 0
     assert run_command("survey", walk, "--plot", tmp_path / "survey.png").returncode == 0
@@ -100,6 +109,7 @@ def test_force_display_looks_as_in_the_documentation(qt, tmp_path):
     assert difference(tmp_path / "again.png", path) < LIMIT
 
 
+@pytest.mark.long
 def test_page_looks_as_in_the_documentation(tmp_path, monkeypatch):
     """A change of the page would leave the README with the former one."""
     screenshots = maker("make_screenshots")
