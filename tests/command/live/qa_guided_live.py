@@ -229,9 +229,8 @@ def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
 
 
 # The last test, since the device is gone then.
-def test_device_that_disappears_ends_the_session_and_keeps_it(bench, tmp_path, long_run):
-    if not long_run:
-        pytest.skip("waits five seconds for the device; --long")
+@pytest.mark.long  # it waits five seconds for the device
+def test_device_that_disappears_ends_the_session_and_keeps_it(bench, tmp_path):
     with bench.person(tmp_path / "arm.yaml") as person:
         person.follow(prompts=2)
         bench.device.process.kill()

@@ -199,6 +199,7 @@ def of_companion(name, scene, folder):
 SCREENLESS = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_example_live_uhd_flowgraph_reads_the_press(device, scene, tmp_path):
     words = (of_companion("live_uhd", scene, tmp_path), "--device", args_of(device))

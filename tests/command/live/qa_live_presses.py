@@ -28,7 +28,7 @@ from live_runs import (
 from live_runs import command as run
 from software_usrp import SoftwareUsrp
 
-SECONDS, LONG_SECONDS = 5, 180
+SECONDS, LONG_SECONDS = 4, 180
 FULL_RATE_GROUP_S = 0.036
 SPEED = 3  # the low rate takes a fifth of the time of the full one
 

@@ -9,10 +9,11 @@ import socket
 import numpy as np
 import pytest
 import zmq
+from command_runs import run_command
 from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
-from live_runs import GAINS, SLOW_GROUP_S, ask, command, connected, free_ports, live, rows_of
+from live_runs import GAINS, SLOW_GROUP_S, ask, connected, free_ports, live, rows_of, wait_until
 from mutations import mutated
 
 REQUESTS, LONG_REQUESTS = 200, 10_000
@@ -96,13 +97,12 @@ def test_live_interrupted_twice_keeps_its_files(slow_scene, slow_device, tmp_pat
         live(slow_device.args, slow_scene, *options) as process,
         connected(zmq.REQ, port) as client,
     ):
-        while ask(client, "status")["time_s"] < 0.5:
-            pass
+        wait_until(lambda: ask(client, "status")["time_s"] >= 0.5)
         for _ in range(2):  # the second may come while the first waits, or after the end
             process.send_signal(signal.SIGINT)
         process.communicate(timeout=300)
     assert process.returncode in (0, 130)
-    assert command("export", messages, "-o", tmp_path / "again.csv")[0] == 0
+    assert run_command("export", messages, "-o", tmp_path / "again.csv").returncode == 0
     kept = rows_of(tmp_path / "again.csv")
     assert len(kept) > 5 and len(rows_of(rows)) == len(kept)
     assert rows.read_text().endswith("\n")
@@ -126,8 +126,7 @@ def fuzz_with_requests(scene, device, count, seed):
         ask(client, "status")  # it listens
         send_broken_requests(port, count, seed)
         fuzzed_s = ask(client, "status")["time_s"]
-        while ask(client, "status")["time_s"] < max(fuzzed_s, 0.5) + 0.3:
-            pass
+        wait_until(lambda: ask(client, "status")["time_s"] >= max(fuzzed_s, 0.5) + 0.3)
         peak = peak_memory(process.pid)
         process.send_signal(signal.SIGINT)
         output, said = process.communicate(timeout=300)
@@ -144,7 +143,7 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
 ):
     """Beyond loopback, whoever reaches the ports could otherwise stop a robot's reader."""
     keys = tmp_path / "keys"
-    assert command("keys", keys)[0] == 0
+    assert run_command("keys", keys).returncode == 0
     create_keys(tmp_path / "other")
     readings_port, control_port = free_ports(2)
     options = ["--zmq", readings_port, "--control", f"tcp://0.0.0.0:{control_port}"]
@@ -161,15 +160,15 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
             subscriber.connect(f"tcp://127.0.0.1:{readings_port}")
             subscriber.subscribe('{"message": "reading"')
         assert json.loads(known.recv())["sensor"] == "arm"
-        status, said, _ = command("status", control_port, "--zmq-keys", keys, "--timeout", 30)
-        assert status in (0, 1) and said.startswith("run ")
+        done = run_command("status", control_port, "--zmq-keys", keys, "--timeout", 30)
+        assert done.returncode in (0, 1) and done.stdout.startswith("run ")
         for options, cause in (
             # With its reason where that arrived before the connection ended.
             ([], "--zmq-keys: is missing"),
             (["--zmq-keys", tmp_path / "other"], "its server.key is another server's"),
         ):
-            status, said, complaint = command("status", control_port, *options)
-            assert (status, said) == (2, "") and cause in complaint
+            done = run_command("status", control_port, *options)
+            assert (done.returncode, done.stdout) == (2, "") and cause in done.stderr
         assert not unknown.poll(0)
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=300)

@@ -12,12 +12,18 @@ from gnuradio import wiforce
 from packet_simulator import PacketCapture, PacketTag
 
 
-def checked(path, *options):
+def found_in(path, *options):
+    """What the command finds, as JSON."""
     done = run_command("check", path, *options, "--json")
     assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def checked(path, *options):
+    """What the command finds, and what it shows of it."""
     shown = run_command("check", path, *options)
     assert shown.returncode == 0, shown.stderr
-    return json.loads(done.stdout), shown.stdout
+    return found_in(path, *options), shown.stdout
 
 
 def snapshots(folder, line_db=30, snr_db=30.0, **more):
@@ -96,13 +102,13 @@ def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
     assert found["levels"]["peak_dbfs"] == pytest.approx(-2, abs=3)
     assert "name one with --scene" in text
     other = "cf32_le" if kind == "ci16_le" else "ci16_le"
-    found, _ = checked(tmp_path / "air", "--datatype", other)
+    found = found_in(tmp_path / "air", "--datatype", other)
     assert found["advice"][0].startswith(f"the values are those of {kind} rather than {other}")
 
 
 def test_samples_without_numbers_and_text_are_named(tmp_path):
     np.full(9999, np.nan, "<c8").tofile(tmp_path / "nan.cf32")
-    found, _ = checked(tmp_path / "nan.cf32", "--datatype", "cf32_le")
+    found = found_in(tmp_path / "nan.cf32", "--datatype", "cf32_le")
     assert found["levels"]["not_finite"] == 1.0
     (tmp_path / "text").write_text("no samples at all\n" * 99)
     done = run_command("check", tmp_path / "text")
@@ -119,16 +125,16 @@ def test_options_for_samples_are_refused_for_snapshots(tmp_path):
 
 def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
     """What read will show: the tag's lines, and the noise of what is left of them."""
-    wide = snapshots(tmp_path, line_db=40, snr_db=40.0, antennas=1, subcarriers=256)
-    found, text = checked(wide)
+    settings = {"line_db": 40, "snr_db": 40.0, "antennas": 1, "duration_s": 2.0}
+    found = found_in(snapshots(tmp_path, subcarriers=256, **settings))
     assert found["tag"]["clock_hz"] == pytest.approx(134.0, abs=0.1)
     assert found["tag"]["line_db"] == pytest.approx(-40, abs=6)
     assert -4 < found["one_antenna"]["kept_db"] < 0
     assert 0.01 < found["tag"]["phase_error_deg"] < 0.5
     assert 0.3 < found["one_antenna"]["phase_error_deg"] < 3
-    assert "dB of a tag beside the phases" in text
     assert found["advice"] == ["none: read it with a scene (docs/wifi.md)"]
-    narrow, _ = checked(snapshots(tmp_path, line_db=40, snr_db=40.0, antennas=1, subcarriers=52))
+    narrow, text = checked(snapshots(tmp_path, subcarriers=52, **settings))
+    assert "dB of a tag beside the phases" in text
     assert narrow["one_antenna"]["kept_db"] < found["one_antenna"]["kept_db"]
     assert narrow["one_antenna"]["phase_error_deg"] > 2.2 * found["one_antenna"]["phase_error_deg"]
 

@@ -71,12 +71,11 @@ def received_s(client):
     return ask(client, "status")["time_s"]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_network_cut_in_a_packet_continues_the_run_and_its_outputs(
-    software_usrp, slow_scene, tmp_path, long_run
+    software_usrp, slow_scene, tmp_path
 ):
-    if not long_run:
-        pytest.skip("half an hour; run with --long")
     device = software_usrp(slow_scene)
     output, name, (port,) = tmp_path / "out.csv", tmp_path / "run", free_ports(1)
     options = [*GAINS, "--reconnect", "-o", output, "--record", name, "--control", port]

@@ -124,11 +124,8 @@ def test_soapy_device_lost_is_opened_again_on_the_frames_that_it_had(
     assert np.nanmean(snr_db[-5:]) == pytest.approx(np.nanmean(snr_db[:first_absent]), abs=1)
 
 
-def test_soapy_without_reconnect_a_lost_device_ends_the_run(
-    software_usrp, slow_scene, tmp_path, long_run
-):
-    if not long_run:
-        pytest.skip("as with UHD; run with --long")
+@pytest.mark.long
+def test_soapy_without_reconnect_a_lost_device_ends_the_run(software_usrp, slow_scene, tmp_path):
     device = software_usrp(slow_scene)
     output = tmp_path / "out.csv"
     with live(f"driver=uhd,{device.args}", slow_scene, *SOAPY, *GAINS, "-o", output) as process:
@@ -165,9 +162,8 @@ def test_soapy_impossible_settings_refused_in_one_line(slow_device, slow_scene, 
         assert all(word in line for word in words), line
 
 
-def test_soapy_check_measures_levels_and_clock(slow_scene, slow_device, long_run):
-    if not long_run:
-        pytest.skip("as with UHD; run with --long")
+@pytest.mark.long
+def test_soapy_check_measures_levels_and_clock(slow_scene, slow_device):
     args = f"driver=uhd,{slow_device.args},{FRAMES}"
     check = ["check", "--scene", slow_scene, *SOAPY, "--args", args, "--json", *GAINS]
     status, out, said = command(*check)

@@ -20,6 +20,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from long_cases import cases
 from machine import wait_until
 from wiforce_app.read.reading_job import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
@@ -133,7 +134,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
     copy(folder / "day1" / "a", tmp_path / "a")
     copy(folder / "day1" / "a", tmp_path / "captures")
     both = [folder / "day1" / "a", tmp_path / "a"]
-    cases = {
+    refusals = {
         "has the same name as": [*both, "-o", tmp_path / "out"],
         "--output: is needed for several captures": [folder],
         "--output: must be a folder": [folder, "-o", tmp_path / "out.csv"],
@@ -151,7 +152,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
             tmp_path / "out",
         ],
     }
-    for message, arguments in cases.items():
+    for message, arguments in refusals.items():
         done = run_command("read", *arguments)
         assert done.returncode == 2 and message in done.stderr, done.stderr
         assert done.stderr.count("\n") == 1
@@ -233,7 +234,8 @@ def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
         Journal("/proc/nowhere")
 
 
-def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, tmp_path):
+@pytest.mark.parametrize("killed", cases(False, long=(True,)))
+def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, tmp_path, killed):
     """A night of reading must survive the loss of a machine."""
     distributed = pytest.importorskip("distributed")
     folder, alone = captures
@@ -241,15 +243,22 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
     for number in range(5):
         copy(folder / "day1" / "a", tmp_path / "in" / f"press{number}")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=tmp_path / "dask"
+        n_workers=2 if killed else 1,
+        processes=killed,
+        protocol="tcp",
+        threads_per_worker=1,
+        dashboard_address=None,
+        local_directory=tmp_path / "dask",
     ) as cluster:
         out = tmp_path / "out"
-        killed = threading.Thread(target=_kill_first_worker, args=(cluster, out))
-        killed.start()
+        killing = threading.Thread(target=_kill_first_worker, args=(cluster, out))
+        if killed:
+            killing.start()
         done = run_command(
             "read", tmp_path / "in", "-o", out, "--scheduler", cluster.scheduler_address
         )
-        killed.join()
+        if killed:
+            killing.join()
     assert done.returncode == 0, done.stderr
     assert "5 of 5 captures read; " in done.stderr
     files = sorted(file.name for file in out.iterdir())

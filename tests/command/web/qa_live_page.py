@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from live_runs import command, free_ports, live, rows_of, wait_until
+from long_cases import cases
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
@@ -48,12 +49,10 @@ def cmdline(pid):
     return b""
 
 
-@pytest.mark.parametrize("ending", ["signal", "killed"])
+@pytest.mark.parametrize("ending", cases("signal", long=("killed",)))
 def test_live_page_shows_all_readings_and_how_the_run_ends(
-    slow_device, slow_scene, tmp_path, ending, long_run
+    slow_device, slow_scene, tmp_path, ending
 ):
-    if ending == "killed" and not long_run:
-        pytest.skip("in the long form")
     (port,) = free_ports(1)
     output = tmp_path / "readings.csv"
     options = ["--web", port, "-o", output]
@@ -83,9 +82,8 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
     assert rows == written[first : first + len(rows)]
 
 
-def test_live_page_that_dies_leaves_the_readings_alone(slow_device, slow_scene, tmp_path, long_run):
-    if not long_run:
-        pytest.skip("in the long form")
+@pytest.mark.long
+def test_live_page_that_dies_leaves_the_readings_alone(slow_device, slow_scene, tmp_path):
     (port,) = free_ports(1)
     output = tmp_path / "readings.csv"
     with live(slow_device.args, slow_scene, "--web", port, "-o", output) as reader:
