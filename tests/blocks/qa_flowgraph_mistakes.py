@@ -230,8 +230,6 @@ def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
 @pytest.mark.parametrize(
     "change, cause",
     [
-        (lambda codes: codes.ravel().view("<c8"), "integers have when they are read as floats"),
-        (lambda codes: np.nan * as_floats(codes), "NaN or infinite"),
         (bytes_of, "the samples are ci8, but are read as ci16_le"),
         (
             lambda codes: as_floats(codes).view(np.int16).reshape(-1, 2),
@@ -244,7 +242,8 @@ def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
 def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     codes, change, cause, tmp_path, monkeypatch
 ):
-    samples = np.ascontiguousarray(change(codes))
+    # Twice as long as frames are searched in.
+    samples = np.ascontiguousarray(change(codes[: int(0.25 * RATE_HZ)]))
     (sentence,) = said_before(samples)
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
