@@ -23,6 +23,7 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
+from long_cases import cases
 from scipy.optimize import brentq
 
 PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
@@ -260,8 +261,9 @@ def test_exchanged_sweeps_are_a_suspicion(name, places):
     assert any(text.endswith(found) for text in calibration_warnings(model))
 
 
-@pytest.mark.parametrize("form", ["cubic", "power", "spline"])
-@pytest.mark.parametrize("port, place", [(1, 20.0), (2, 40.0), (2, 60.0)])
+@pytest.mark.parametrize(
+    "form, port, place", [("cubic", 1, 20.0), ("power", 2, 40.0), ("spline", 2, 60.0)]
+)
 def test_exchanged_rows_are_a_suspicion(table, form, port, place):
     """The forces of two rows exchanged were read as noise of all phases."""
     here = (table.location_mm == place) & (table.port == port)
@@ -273,7 +275,7 @@ def test_exchanged_rows_are_a_suspicion(table, form, port, place):
     )
 
 
-@pytest.mark.parametrize("noise_n", [0.0, 0.05])
+@pytest.mark.parametrize("noise_n", cases(0.05, long=(0.0,)))
 @pytest.mark.parametrize("name", MODELS)
 def test_calibration_of_noisy_forces_and_repeats_is_not_suspected(name, noise_n):
     """Neighbouring forces and phases change their order with the noise of gauge and phases."""
@@ -314,13 +316,15 @@ def at_location(place, **change):
 
 @pytest.mark.parametrize(
     ("change", "name", "said"),
-    [
+    cases(
         (lambda t: {}, "", ""),
-        (at_location(35.0, location_mm=lambda mm: mm + 3), "38", "see such phases at 35 mm"),
         (at_location(15.0, location_mm=lambda mm: mm + 3), "18", "see such phases at 15 mm"),
         (at_location(35.0, phase_deg=np.radians), "35", "are they in radians there"),
-        (at_location(35.0, location_mm=lambda mm: mm / 10), "3.5", "see such phases at 35 mm"),
-    ],
+        long=(
+            (at_location(35.0, location_mm=lambda mm: mm + 3), "38", "see such phases at 35 mm"),
+            (at_location(35.0, location_mm=lambda mm: mm / 10), "3.5", "see such phases at 35 mm"),
+        ),
+    ),
 )
 def test_a_wrong_location_is_named_and_its_effect_stated(tmp_path, change, name, said):
     """Readings up to 12 of their standard deviations off came without a word from such sensors."""

@@ -17,6 +17,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.sensor.line import transfer_std_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from long_cases import cases
 from sensor_laws import LAWS, LENGTH_MM, untouched_deg, vna_rows
 
 FORCES_N = np.linspace(0.9, 8.0, 24)
@@ -64,7 +65,7 @@ def calibrated(sensor, carrier_hz, folder, rng):
     return calibrate(read_vna_csv(path, carrier_hz), "arm")
 
 
-@pytest.mark.parametrize("from_hz, to_hz", [(900e6, 915e6), (2400e6, 2440e6)])
+@pytest.mark.parametrize("from_hz, to_hz", cases((900e6, 915e6), long=((2400e6, 2440e6),)))
 def test_transferred_model_holds_truth_within_two_sigma(from_hz, to_hz, tmp_path):
     """Without the added uncertainty, connectors make readings at the new carrier falsely exact."""
     rng = np.random.default_rng(915)
