@@ -12,8 +12,8 @@ import pytest
 CASES, LONG_CASES = 10, 10_000
 # What is not refused starts a process for the radio.
 LONG_RADIO_CASES = 500
-# Reading a capture takes longer than all else.
-FEWER = {"metadata": 4, "samples": 4, "radio": 3}
+# These take longer than all else.
+FEWER = {"metadata": 4, "samples": 4, "radio": 3, "symbol": 4, "esp32": 4}
 # Readers leave their buffers behind: see "What GNU Radio 3.10 requires" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES = 100
