@@ -241,10 +241,8 @@ def exchanged(values, chosen, first, second):
     "name, places",
     [
         ("line-900mhz", (30.0, 50.0)),
-        ("line-900mhz", (20.0, 60.0)),
         ("line-2400mhz", (20.0, 50.0)),
         ("fingertip-900mhz", (40.0, 50.0)),
-        ("fingertip-2400mhz", (30.0, 50.0)),
         ("wiforce-900mhz", (20.0, 30.0)),
     ],
 )
