@@ -104,14 +104,11 @@ std::vector<fc32> phase_group::with_zeros() const
     return snapshots;
 }
 
-std::vector<fc32> phase_group::present_snapshots() const
+void phase_group::copy_present_to(fc32* out) const
 {
-    std::vector<fc32> snapshots;
-    snapshots.reserve(offset_of(d_present));
     for (int n = 0; n < d_length; n++)
         if (d_mask[n])
-            snapshots.insert(snapshots.end(), slot(n), slot(n) + d_symbol_length);
-    return snapshots;
+            out = std::copy_n(slot(n), d_symbol_length, out);
 }
 
 std::vector<fc32> phase_group::mean() const

@@ -62,8 +62,8 @@ public:
     // memory of the slots.
     void copy_to(fc32* out) const;
     std::vector<fc32> with_zeros() const;
-    // The present ones only.
-    std::vector<fc32> present_snapshots() const;
+    // The present ones only: symbol_length * present() values.
+    void copy_present_to(fc32* out) const;
     // Mean of the present ones, zeros without any.
     std::vector<fc32> mean() const;
 

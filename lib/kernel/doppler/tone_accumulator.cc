@@ -25,16 +25,14 @@ double largest(row w, int length)
     return value;
 }
 
-bool is_real(row w, int length)
+bool is_real(row w, int length, double limit)
 {
-    const double limit = SAME * largest(w, length);
     return std::all_of(
         w, w + length, [&](auto v) { return std::abs(v.imag()) <= limit; });
 }
 
-bool are_conjugates(row a, row b, int length)
+bool are_conjugates(row a, row b, int length, double limit)
 {
-    const double limit = SAME * largest(a, length);
     for (int n = 0; n < length; n++)
         if (std::abs(a[n] - std::conj(b[n])) > limit)
             return false;
@@ -80,14 +78,16 @@ void tone_accumulator::lay_out_rows()
         return static_cast<int>(origins.size()) - 1;
     };
     for (int m = 0; m < tones; m++) {
+        const double limit = SAME * largest(table_row(m), d_length);
         int partner = 0;
-        while (partner < m && !are_conjugates(table_row(m), table_row(partner), d_length))
+        while (partner < m &&
+               !are_conjugates(table_row(m), table_row(partner), d_length, limit))
             partner++;
         if (partner < m)
             d_tones.push_back({ d_tones[partner].real,
                                 d_tones[partner].imaginary,
                                 -d_tones[partner].sign });
-        else if (is_real(table_row(m), d_length))
+        else if (is_real(table_row(m), d_length, limit))
             d_tones.push_back({ add_row(m, false), -1, 1 });
         else {
             const int real = add_row(m, false);

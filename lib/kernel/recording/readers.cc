@@ -58,7 +58,8 @@ tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
             d_channel.symbol_length());
 }
 
-tone_reader::batch tone_reader::read(std::size_t max_groups)
+tone_reader::batch tone_reader::read(std::size_t max_groups,
+                                     const incomplete_handler& take_incomplete)
 {
     const std::lock_guard<std::mutex> one_at_a_time(d_mutex);
     batch groups;
@@ -67,7 +68,7 @@ tone_reader::batch tone_reader::read(std::size_t max_groups)
         if (ready == 0)
             break;
         if (d_collector.must_end_before(d_frames->frame())) {
-            end_group(groups);
+            end_group(groups, take_incomplete);
             continue;
         }
         d_collector.add(d_frames->frame(),
@@ -77,18 +78,17 @@ tone_reader::batch tone_reader::read(std::size_t max_groups)
                         });
         d_collector.note_saturated(d_frames->saturated().size());
         if (d_collector.is_full())
-            end_group(groups);
+            end_group(groups, take_incomplete);
     }
     return groups;
 }
 
-void tone_reader::end_group(batch& groups)
+void tone_reader::end_group(batch& groups, const incomplete_handler& take_incomplete)
 {
     if (d_collector.end()) {
         const phase_group& group = d_collector.group();
-        if (!group.is_complete())
-            groups.incomplete.push_back(
-                { groups.index.size(), group.mask(), group.present_snapshots() });
+        if (!group.is_complete() && take_incomplete)
+            take_incomplete(groups.index.size(), group);
         groups.index.push_back(d_collector.index());
         groups.missing.push_back(group.missing());
         groups.rejected.push_back(group.rejected());

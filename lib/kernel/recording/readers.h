@@ -5,6 +5,7 @@
 #include "../fourier/channel_equalizer.h"
 #include "recorded_frames.h"
 
+#include <functional>
 #include <memory>
 #include <mutex>
 
@@ -44,18 +45,12 @@ private:
 class tone_reader
 {
 public:
-    struct incomplete_group {
-        std::size_t row;                // in the batch
-        std::vector<std::uint8_t> mask; // of its snapshots, 1 = present
-        std::vector<fc32> folded;       // present snapshots x symbol_length
-    };
     struct batch {
         std::vector<std::int64_t> index; // snapshot index / N_g
         std::vector<fc32> tones;         // groups x rows x bins
         std::vector<std::int64_t> missing;
         std::vector<std::int64_t> rejected;  // snapshots, for interference
         std::vector<std::int64_t> saturated; // snapshots
-        std::vector<incomplete_group> incomplete;
     };
 
     // `weights` holds rows x group_length values, `bins` the FFT bins to keep, in order.
@@ -71,13 +66,17 @@ public:
     int rows() const { return d_collector.rows(); }
     const std::vector<int>& bins() const { return d_channel.bins(); }
 
+    // Takes an incomplete group and its row in the batch.
+    using incomplete_handler = std::function<void(std::size_t, const phase_group&)>;
+
     // The next groups, fewer than `max_groups` at the end only. Any thread may call it,
-    // and ask the counters meanwhile.
-    batch read(std::size_t max_groups);
+    // and ask the counters meanwhile. Incomplete groups are handed over while their
+    // snapshots are in the cache: to keep those of a batch takes as long as their sums.
+    batch read(std::size_t max_groups, const incomplete_handler& take_incomplete = {});
     const recorded_frames& frames() const { return *d_frames; }
 
 private:
-    void end_group(batch& groups);
+    void end_group(batch& groups, const incomplete_handler& take_incomplete);
 
     const std::unique_ptr<recorded_frames> d_frames;
     group_collector d_collector;

@@ -64,7 +64,15 @@ def batches(read, size):
 def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings, batch_size):
     weights, factors, rotation, bins = settings
     reader = tone_reader(*capture, 64, 4, 0, 64, *settings)
-    found = batches(reader.read, batch_size)
+    incomplete = []  # index, mask, folded snapshots
+
+    def read(size):
+        before = len(incomplete)
+        found = reader.read(size, lambda *group: incomplete.append(group))
+        incomplete[before:] = [(found["index"][row], *rest) for row, *rest in incomplete[before:]]
+        return found
+
+    found = batches(read, batch_size)
     index, missing, saturated, tones = (
         np.concatenate([batch[key] for batch in found])
         for key in ("index", "missing", "saturated", "tones")
@@ -87,9 +95,6 @@ def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings,
     assert reader.snapshots() == source.snapshots()
     assert reader.samples_missing() == reader.frames_moved() == 0
 
-    incomplete = [
-        (batch["index"][row], *rest) for batch in found for row, *rest in batch["incomplete"]
-    ]
     assert len(incomplete) == messages.num_messages()
     for n, (group, mask, folded) in enumerate(incomplete):
         meta, vectors = (part(messages.get_message(n)) for part in (pmt.car, pmt.cdr))

@@ -102,21 +102,22 @@ static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
                     "saturated"_a = as_flags(std::move(frames.saturated)));
 }
 
-static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
+static py::dict
+read_tones(tone_reader& reader, std::size_t max_groups, const py::object& on_incomplete)
 {
+    tone_reader::incomplete_handler handler;
+    if (!on_incomplete.is_none())
+        handler = [&](std::size_t row, const phase_group& group) {
+            const py::gil_scoped_acquire python;
+            py::array_t<fc32> folded({ group.present(), group.symbol_length() });
+            group.copy_present_to(folded.mutable_data());
+            auto mask = group.mask();
+            on_incomplete(row, as_flags(std::move(mask)), folded);
+        };
     tone_reader::batch groups;
     {
         py::gil_scoped_release others_may_run;
-        groups = reader.read(max_groups);
-    }
-    py::list incomplete;
-    for (auto& group : groups.incomplete) {
-        const py::ssize_t length = reader.frames().symbol_length();
-        const py::ssize_t present = group.folded.size() / length;
-        incomplete.append(
-            py::make_tuple(group.row,
-                           as_flags(std::move(group.mask)),
-                           owned(std::move(group.folded), { present, length })));
+        groups = reader.read(max_groups, handler);
     }
     const py::ssize_t count = groups.index.size(), rows = reader.rows(),
                       bins = reader.bins().size();
@@ -124,8 +125,7 @@ static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
                     "tones"_a = owned(std::move(groups.tones), { count, rows, bins }),
                     "missing"_a = owned(std::move(groups.missing)),
                     "rejected"_a = owned(std::move(groups.rejected)),
-                    "saturated"_a = owned(std::move(groups.saturated)),
-                    "incomplete"_a = incomplete);
+                    "saturated"_a = owned(std::move(groups.saturated)));
 }
 
 template <class Reader>
@@ -197,13 +197,15 @@ void bind_recordings(py::module& m)
              "factors"_a,
              "rotation"_a,
              "bins"_a)
-        .def(
-            "read",
-            &read_tones,
-            "max_groups"_a,
-            "The next G <= max_groups groups: `index`, `missing`, `rejected`, "
-            "`saturated` (G,),\n"
-            "`tones` (G, M, K), `incomplete`: row, mask (N,) and folded (n, L) of each.\n"
-            "Releases the GIL.");
+        .def("read",
+             &read_tones,
+             "max_groups"_a,
+             "on_incomplete"_a = py::none(),
+             "The next G <= max_groups groups: `index`, `missing`, `rejected`, "
+             "`saturated` (G,)\n"
+             "and `tones` (G, M, K). on_incomplete(row, mask (N,), folded (n, L)) is "
+             "called "
+             "for each\n"
+             "incomplete one. Releases the GIL.");
     bind_counters(tones);
 }

@@ -270,17 +270,21 @@ class RecordedGroups:
         """Give the next groups; none at the end."""
         groups, ended = self._held[:0], False
         while not len(groups) and not ended:
-            found = self._kernel.read(self._batch)
+            solved: list[tuple[Any, ...]] = []  # row, tones, static path, weights
+            found = self._kernel.read(
+                self._batch,
+                lambda row, *group, to=solved: to.append((row, *self._folded.solve(*group))),
+            )
             ended = len(found["index"]) < self._batch
             self._slips.add(self._kernel.misplaced())
-            groups = Groups.concatenate([self._held, self._groups(found)])
+            groups = Groups.concatenate([self._held, self._groups(found, solved)])
             sure = groups.index <= groups.index.max(initial=0) - self._slips.unsure * (not ended)
             self._held = groups[np.flatnonzero(~sure)]
             groups = groups[np.flatnonzero(sure & ~self._slips.elsewhere(groups.index))]
         groups.slipped |= self._slips.behind(groups.index)
         return groups
 
-    def _groups(self, found: dict[str, Any]) -> Groups:
+    def _groups(self, found: dict[str, Any], solved: list[tuple[Any, ...]]) -> Groups:
         static = found["tones"][:, -1]
         groups = Groups(
             found["index"],
@@ -290,11 +294,10 @@ class RecordedGroups:
             interference=found["rejected"] / self._length,
             static=static,
         )
-        if found["incomplete"]:
+        if solved:
             weights = np.ones((len(groups), self._length), bool)
-            for row, present, folded in found["incomplete"]:
-                solved = self._folded.solve(present, folded)
-                groups.tones[row], static[row], weights[row] = solved
+            for row, *of in solved:
+                groups.tones[row], static[row], weights[row] = of
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
         return groups
