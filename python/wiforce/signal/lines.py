@@ -6,10 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
 from ..wiforce_kernels import slepian_sequences
+
+_Hz = TypeVar("_Hz", float, np.ndarray)
 
 # Two lines closer than this part of the group's resolution are one tone. They overlap by
 # sinc(0.3) = 0.86, so that weights which separated them would raise their noise by 5.8 dB.
@@ -39,7 +42,7 @@ class Tone:
     line_hz: float  # on the air, before aliasing, of its slowest line
 
 
-def aliased_hz(frequency_hz: float, sample_rate_hz: float) -> float:
+def aliased_hz(frequency_hz: _Hz, sample_rate_hz: float) -> _Hz:
     """Where sampling shows a frequency on the air: in [-sample_rate_hz / 2, sample_rate_hz / 2)."""
     return (frequency_hz + sample_rate_hz / 2) % sample_rate_hz - sample_rate_hz / 2
 
