@@ -6,10 +6,14 @@ import pandas
 from gnuradio import wiforce
 
 SCENE = {
-    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 360},
+    "phase_group": {"snapshots": 250},
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 670}],
     "simulation": {
         "truth_model": "line-900mhz",
         "duration_s": 1.6,
+        "seed": 2,
         "static_clutter_db": 55,
         "radio_noise": {},
         "presses": [
