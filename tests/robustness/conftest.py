@@ -8,7 +8,10 @@ import yaml
 from command_runs import run_command
 
 SCENE = {
-    "sensors": [{"name": "arm", "model": "line-900mhz"}],
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 360},
+    "phase_group": {"snapshots": 250},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
     "reference_s": 0.2,
     "simulation": {
         "duration_s": 1.08,

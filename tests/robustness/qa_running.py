@@ -15,7 +15,7 @@ import pytest
 from machine import rows_in, wait_until
 
 READ = ("--scene", "scene.yaml")
-GROUP = 625 * 720
+GROUP = 250 * 360
 KILLS, LONG_KILLS = 4, 100
 
 
