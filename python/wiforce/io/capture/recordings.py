@@ -17,7 +17,7 @@ from .sigmf_metadata import read_metadata
 if TYPE_CHECKING:
     from ...scene import Scene
 
-# Samples of a day at 12.5 Msps. Each group of a gap is a row, which fill the memory beyond.
+# A day at 12.5 Msps. Each group of a gap is a row, which fill the memory beyond.
 _MOST_LOST = 2**40
 
 
@@ -217,7 +217,7 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
         if segments and lost < 0:
             raise InputError(meta, "core:global_index must not decrease", index)
         if segments and lost > _MOST_LOST:
-            raise InputError(meta, "core:global_index must not jump by a day", index)
+            raise InputError(meta, "core:global_index must not jump by more than 2^40 samples", index)
         if segments and lost == 0:
             segments[-1] = replace(last, length=last.length + length)
         else:
