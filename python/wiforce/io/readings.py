@@ -31,7 +31,7 @@ class Flag(enum.Flag):
     WEAK
         Standard deviation of a phase above 3 deg, or of the force above 1.5 N.
     AMBIGUOUS
-        Two locations a half wavelength apart explain the phases.
+        Another press, or none, explains the phases too.
     FORCE_UNOBSERVABLE
         The phases do not determine the force.
     INCONSISTENT

@@ -108,7 +108,7 @@ def test_open_capture_raw_file_needs_datatype_only(tmp_path):
                     {"core:sample_start": 100, "core:global_index": 10**15},
                 ]
             },
-            "core:global_index must not jump by more than 2^40 samples",
+            "core:global_index must not jump by over 2^40 samples",
         ),
     ],
 )

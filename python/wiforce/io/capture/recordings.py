@@ -217,7 +217,7 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
         if segments and lost < 0:
             raise InputError(meta, "core:global_index must not decrease", index)
         if segments and lost > _MOST_LOST:
-            raise InputError(meta, "core:global_index must not jump by more than 2^40 samples", index)
+            raise InputError(meta, "core:global_index must not jump by over 2^40 samples", index)
         if segments and lost == 0:
             segments[-1] = replace(last, length=last.length + length)
         else:
