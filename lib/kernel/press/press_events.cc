@@ -16,6 +16,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
         return;
     next->turning = false;
     next->lasts = true;
+    next->claimed = from.claimed;
     give(*next, update_baseline(*next));
 }
 
@@ -220,6 +221,7 @@ void press_filter::hold(const explanation& from, double probability)
         return;
     }
     next->lasts = true;
+    next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and looks like it.
     const double likelihood = update_phases(next->held_common, next->held_difference);
     next->common.share_rates(next->held_common);

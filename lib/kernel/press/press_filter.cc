@@ -408,6 +408,26 @@ void press_filter::settle()
         total += std::exp(kept.log_weight - d_best);
     for (auto& kept : d_kept)
         kept.log_weight -= d_best + std::log(total);
+    keep_claim();
+}
+
+// An untouched line and a press that is held where it lies predict the same, for as long
+// as nothing happens: only what happens decides between them.
+void press_filter::keep_claim()
+{
+    double untouched_weight = 0, held_weight = 0;
+    for (const auto& kept : d_kept)
+        if (kept.claimed)
+            (kept.is == untouched ? untouched_weight : held_weight) +=
+                std::exp(kept.log_weight);
+    if (untouched_weight == 0 || held_weight == 0)
+        return;
+    const double both = untouched_weight + held_weight;
+    for (auto& kept : d_kept)
+        if (kept.claimed)
+            kept.log_weight +=
+                std::log(both * (kept.is == untouched ? d_claimed / untouched_weight
+                                                      : (1 - d_claimed) / held_weight));
 }
 
 double press_filter::turn_rate(const explanation& of) const
@@ -520,13 +540,13 @@ void press_filter::claim_untouched(double probability)
         next.is = untouched;
         next.known = true;
         next.turning = false;
-        next.age_s = 0;
         reset_baseline(next);
         if (held) {
             begin_at(next.common, next.difference, next.motion);
             next.line = strength;
             next.quiet_amplitude = next.line.mean;
-        }
+        } else
+            next.age_s = 0;
         next.now = describe(next);
         // If it is true, nothing changes any more; so it is compared with a press, or
         // with whatever changed the group, that rests.
@@ -545,17 +565,23 @@ void press_filter::claim_untouched(double probability)
                 }
             } else if (kept.steady)
                 hold_level(kept);
-            else
+            else {
+                kept.claimed = kept.is != untouched;
                 continue;
+            }
+            kept.claimed = true;
             kept.steady = false;
             kept.age_s = 0;
         }
+        next.claimed = true;
+        d_claimed = probability;
         next.log_weight = std::log(probability);
         d_kept.insert(d_kept.begin(), next);
         return;
     }
     // What the user says is worth so much, however often it is said.
     const double sure = std::max(already, probability);
+    d_claimed = std::max(d_claimed, probability);
     for (auto& kept : d_kept)
         kept.log_weight += kept.is == untouched
                                ? std::log(sure / already)

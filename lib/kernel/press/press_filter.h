@@ -144,7 +144,8 @@ private:
         double age_before_s = 0;
         mixture mixed_group;
         int groups = 0;
-        bool lasts = false; // nothing has changed since the group before
+        bool lasts = false;   // nothing has changed since the group before
+        bool claimed = false; // nor since the user said that it is untouched
         average_of_groups mean;
         outcome now, last;
     };
@@ -157,6 +158,7 @@ private:
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
     void settle();
+    void keep_claim();
 
     // Each adds the explanation that follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
@@ -251,7 +253,8 @@ private:
     off_states d_off;
     bool d_off_differ;
     std::vector<explanation> d_kept, d_next;
-    double d_best = 0; // largest log weight so far
+    double d_best = 0;    // largest log weight so far
+    double d_claimed = 0; // probability of what the user has said
     // Largest log densities of amplitudes, of a group, and of one in which the tag turns
     // suddenly, a line moves, or a contact begins.
     double d_amplitude_peak = 0, d_peak = 0, d_turn_peak = 0, d_move_peak = 0,

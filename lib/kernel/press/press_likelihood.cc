@@ -69,7 +69,7 @@ press_filter::follow(const explanation& from, double probability, double best) c
         return std::nullopt;
     auto next = from;
     next.log_weight = from.log_weight + std::log(probability);
-    next.lasts = false;
+    next.lasts = next.claimed = false;
     return next;
 }
 
