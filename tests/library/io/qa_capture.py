@@ -70,13 +70,15 @@ def test_open_capture_contiguous_captures_are_merged(tmp_path):
     assert capture.segments == (Segment(0, 50, 700), Segment(700, 751, 300))
 
 
-@pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin"])
-def test_open_capture_foreign_path_in_metadata_is_ignored(tmp_path, path):
+@pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin", "other.iq"])
+def test_open_capture_samples_in_another_file_are_refused(tmp_path, path):
+    """The file beside the metadata was read, whatever file they named."""
     (tmp_path / "secret.bin").write_bytes(bytes(4 * 77))
     folder = tmp_path / "folder"
     folder.mkdir()
-    capture = open_capture(write(folder, **{"core:dataset": path}))
-    assert capture.path == folder / "x.sigmf-data" and capture.samples == 1000
+    assert open_capture(write(folder, **{"core:dataset": "x.sigmf-data"})).samples == 1000
+    with pytest.raises(InputError, match=r"x.sigmf-meta: core:dataset must be x.sigmf-data"):
+        open_capture(write(folder, **{"core:dataset": path}))
 
 
 def test_open_capture_raw_file_needs_datatype_only(tmp_path):
@@ -91,6 +93,7 @@ def test_open_capture_raw_file_needs_datatype_only(tmp_path):
         ({"datatype": "ci8"}, "core:datatype must be one of"),
         ({"core:sample_rate": None}, "core:sample_rate must be a positive number"),
         ({"core:num_channels": 2}, "core:num_channels must be 1"),
+        ({"core:trailing_bytes": 8}, "core:trailing_bytes must be 0"),
         ({"samples": 0}, "is empty"),
         (
             {
@@ -237,6 +240,8 @@ MISTAKES = [
     (changed("global", "core:sample_rate", True), "True is not of type 'number'"),
     (changed("global", "core:datatype", 3), "core:datatype: .*3 is not of type 'string'"),
     (changed("global", "core:num_channels", 0), "core:num_channels: .*0 is not from 1"),
+    (changed("global", "core:dataset", 3), "core:dataset: .*3 is not of type 'string'"),
+    (changed("global", "core:trailing_bytes", -1), "core:trailing_bytes: .*-1 is not from 0"),
     (changed("captures", "core:sample_start", -1), "captures: 1: core:sample_start: .*-1 is not"),
     (changed("captures", "core:sample_start", 2**63), "core:sample_start: .* is not from 0"),
     (changed("captures", "core:frequency", "ism"), "captures: 1: core:frequency: .*'ism'"),
@@ -275,10 +280,27 @@ def test_read_metadata_not_an_object_is_refused(tmp_path, text):
         read_metadata(tmp_path / "x.sigmf-meta")
 
 
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ('{"global": {"core:datatype": "cf32_le", "core:datatype": "ci16_le"}}', "core:datatype"),
+        ('{"captures": [{"core:frequency": 9e8, "core:frequency": 2e9}]}', "core:frequency"),
+        ('{"global": {}, "captures": [], "global": {}}', "global"),
+    ],
+)
+def test_read_metadata_key_given_twice_is_named(tmp_path, text, key):
+    """The last one was taken, which need not be the one that is meant."""
+    (tmp_path / "x.sigmf-meta").write_text(text)
+    with pytest.raises(InputError, match=f"key '{key}' is given more than once"):
+        read_metadata(tmp_path / "x.sigmf-meta")
+
+
 PLACES = [
     ("global", "core:datatype"),
     ("global", "core:sample_rate"),
     ("global", "core:num_channels"),
+    ("global", "core:trailing_bytes"),
+    ("global", "core:dataset"),
     ("captures", "core:sample_start"),
     ("captures", "core:frequency"),
     ("captures", "core:global_index"),
@@ -293,7 +315,7 @@ AGREED = [(place, value) for place in PLACES for value in VALUES]
 
 
 def whole_as_float(place, value):
-    integers = ("sample_start", "global_index", "header_bytes", "num_channels")
+    integers = ("sample_start", "global_index", "header_bytes", "num_channels", "trailing_bytes")
     return place[1].endswith(integers) and isinstance(value, float) and value == int(value)
 
 

@@ -176,6 +176,11 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
         raise InputError(meta, rule, datatype)
     if fields.get("core:num_channels", 1) != 1:
         raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])
+    if fields.get("core:dataset", data.name) != data.name:
+        rule = f"core:dataset must be {data.name}: samples of another file are not read"
+        raise InputError(meta, rule, fields["core:dataset"])
+    if fields.get("core:trailing_bytes", 0):
+        raise InputError(meta, "core:trailing_bytes must be 0", fields["core:trailing_bytes"])
     total = _count(data, datatype, size)
     rate = _positive(meta, "core:sample_rate", fields.get("core:sample_rate"))
     carriers = [c["core:frequency"] for c in captures if "core:frequency" in c]

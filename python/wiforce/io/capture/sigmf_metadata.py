@@ -37,6 +37,8 @@ _GLOBAL = {
     "core:sample_rate": _Rule("number", 5e-324, _MAX_HZ),  # above 0
     "core:num_channels": _Rule("integer", 1),
     "core:sha512": _TEXT,
+    "core:dataset": _TEXT,
+    "core:trailing_bytes": _COUNT,
 }
 _CAPTURE = {
     "core:sample_start": _COUNT,
@@ -56,7 +58,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
     """The ``global`` and the ``captures`` of a metadata file; InputError names a key."""
     try:
-        parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
+        parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES), object_pairs_hook=_unique)
     except InputError:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -76,6 +78,16 @@ def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, 
         rule = "core:sample_start must not decrease from item to item"
         raise InputError(path, f"captures: is not valid SigMF ({rule})")
     return whole, captures
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, of which Python would keep the last of equal keys without a word."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in found if keys.count(key) > 1)
+        raise ValueError(f"key {_shown(twice)} is given more than once")
+    return found
 
 
 def _check_object(
