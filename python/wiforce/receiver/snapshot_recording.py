@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,13 +106,9 @@ class SnapshotReader:
             return _Round(*found, states, hidden, kept_db, shared)
 
         def settle(weighted: bool) -> _Round:
-            # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What
-            # shows the tags best is followed, once they are known.
-            card = recording.channel, time_s, untouched, hertz, plan.group_period_s
-            channels = PacketChannels(*card)
+            channels, finer = copy(coarse), copy(fine)
             first = solve(channels, None, weighted)
             now = solve(channels, first, weighted)
-            finer = PacketChannels(*card, LEAST_STEP)
             if finer.states.count > first.states.count:
                 other = solve(finer, None, weighted)
                 if other.solved.snr > first.solved.snr:
@@ -124,6 +121,10 @@ class SnapshotReader:
                 rounds.append(now)
             return max(rounds, key=lambda each: (each.settled, each.solved.snr))
 
+        # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
+        # the tags best is followed, once they are known.
+        card = recording.channel, time_s, untouched, hertz, plan.group_period_s
+        coarse, fine = PacketChannels(*card), PacketChannels(*card, LEAST_STEP)
         # Noise that subcarriers share is measured well only where tags are known. A wrong weight
         # leads to another solution, which knows less of the tags, or to none.
         found = [settle(False)]
