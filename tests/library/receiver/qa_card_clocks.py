@@ -10,6 +10,7 @@ from card_rooms import (
     readings_of_rooms,
 )
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
+from long_cases import cases
 
 STAMPED = 29, (5, 6, 7)
 
@@ -20,7 +21,7 @@ def exact(tmp_path_factory):
     return readings_of_rooms(*STAMPED, tmp_path_factory.mktemp("exact"))[0]
 
 
-@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-4}, {"stamp_s": 1e-4}])
+@pytest.mark.parametrize("stamps", cases({"stamp_grid_s": 1e-4}, long=({"stamp_s": 1e-4},)))
 def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_path):
     """They refused the whole file, with an infinite ratio of the tag."""
     steady, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
@@ -31,10 +32,11 @@ def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_pat
     assert steady["snr_db"].mean() < exact["snr_db"].mean() - 0.1
 
 
+@pytest.mark.parametrize("seed", cases(5, long=(6, 7)))
 @pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-3}, {"stamp_s": 1e-3}])
-def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, tmp_path):
+def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, seed, tmp_path):
     """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
-    _, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
+    _, clear, stds = readings_of_rooms(29, (seed,), tmp_path, **stamps)
     assert (clear["touch"] == 1).all() and stds.max(initial=0) < 4
 
 

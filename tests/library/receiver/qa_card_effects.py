@@ -41,10 +41,11 @@ from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 from gnuradio.wiforce.signal.timed_weights import timed_table
+from long_cases import cases
 from packet_simulator import PacketCapture, PacketTag, card_settings
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", cases(1, long=(2, 3)))
 def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp_path):
     """At the lines of a tag it exceeds the noise of all subcarriers, which share it."""
     tag, settings = PacketTag(134.0), card_settings("fast", 29, wander=0.009, ripple=0.0)
@@ -106,8 +107,12 @@ def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
     assert (errors < 4 * clear["force_std_n"]).all() and (errors < within_n).all()
 
 
-@pytest.mark.parametrize("line_db, seeds", [(22, (5, 11, 13)), (29, (5, 6, 8))])
-@pytest.mark.parametrize("phases", [2, 4])
+NEAR, FAR = (22, (5, 11, 13)), (29, (5, 6, 8))
+
+
+@pytest.mark.parametrize(
+    "line_db, seeds, phases", cases((*NEAR, 4), long=((*NEAR, 2), (*FAR, 2), (*FAR, 4)))
+)
 def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, tmp_path):
     """An AX200 flips several times per second: no reading was without a flag."""
     effects = {"flip_s": 0.4, "flip_phases": phases}
@@ -119,9 +124,10 @@ def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, 
     assert np.abs(clear["location_mm"] - LOCATION_MM).max() < 0.5
 
 
-def test_flips_of_90_degrees_with_a_tag_of_half_that_size_give_no_wrong_reading(tmp_path):
+@pytest.mark.parametrize("seed", cases(6, long=(7, 9)))
+def test_flips_of_90_degrees_with_a_tag_of_half_that_size_give_no_wrong_reading(seed, tmp_path):
     """Most readings are flagged, since such a tag looks like the flips."""
-    _, clear, stds = readings_of_rooms(22, (6, 7, 9), tmp_path, flip_s=0.4, flip_phases=4)
+    _, clear, stds = readings_of_rooms(22, (seed,), tmp_path, flip_s=0.4, flip_phases=4)
     assert stds.max(initial=0) < 4 and (clear["touch"] == 1).all()
 
 
@@ -175,7 +181,7 @@ def test_subcarriers_that_do_not_follow_the_others_are_left_out(tmp_path):
     assert any("left out 3 x subcarrier" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("line_db", [50, 60])
+@pytest.mark.parametrize("line_db", cases(60, long=(50,)))
 def test_gains_of_single_antennas_that_step_are_followed(line_db, tmp_path):
     """Steps hide a weak tag, whose clock is then not found."""
     capture = capture_of(line_db, snr_db=line_db + 5, flip_s=0.4, chain_gain_db=1.5)

@@ -3,12 +3,15 @@
 
 import json
 import warnings
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from command_runs import run_command
 from gnuradio import wiforce
+from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.advice import recommendation
@@ -99,10 +102,9 @@ def test_force_and_location_are_those_pressed_and_flags_are_empty(acceptance):
         assert (np.abs(own["force_n"] - force) < 2 * own["force_std_n"]).mean() > 0.85
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2, 10))
-def test_phases_are_near_their_bound_in_many_rooms(seed, tmp_path, pytestconfig):
-    if not pytestconfig.getoption("--long"):
-        pytest.skip("one room is read by default")
+def test_phases_are_near_their_bound_in_many_rooms(seed, tmp_path):
     capture = capture_of(seed, noise=1.4)
     errors, bounds = phase_errors(readings_of(capture, tmp_path), capture)
     # One reference serves all groups of a room, so that single rooms scatter by 1 dB.
@@ -156,8 +158,8 @@ def test_one_antenna_over_20_mhz_gives_no_confident_errors(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(**ONE)))
     done = run_command("read", "one.npz", "--scene", "scene.yaml", "-o", "a.csv", cwd=tmp_path)
     assert done.returncode == 0 and "one antenna leaves -" in done.stderr
-    for own, force in zip(touched(readings_of(capture, tmp_path, scene_of(**ONE)), capture),
-                          (4, 3), strict=True):  # fmt: skip
+    readings = pd.read_csv(tmp_path / "a.csv", keep_default_na=False, na_values={"force_n": ""})
+    for own, force in zip(touched(readings, capture), (4, 3), strict=True):
         clear = own[own["flags"] == ""]
         assert len(clear) < len(own) / 2
         assert (np.abs(clear["force_n"] - force) < 3 * clear["force_std_n"]).all()
@@ -211,7 +213,10 @@ def test_plan_says_that_a_wifi_card_has_no_such_snr():
 
 
 def test_simulated_scene_is_read_by_the_command(tmp_path):
-    done = run_command("simulate", "wifi_packets", "a", cwd=tmp_path)
+    scene = yaml.safe_load((Path(DATA_DIR) / "scenes" / "wifi_packets.yaml").read_text())
+    scene["simulation"] |= {"duration_s": 6, "presses": []}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene | {"reference_s": 4}))
+    done = run_command("simulate", "short.yaml", "a", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "a.truth.csv").exists()
     done = run_command("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
     assert done.returncode == 0 and "repeated packet" in done.stderr
