@@ -209,17 +209,21 @@ void press_filter::move_line(const explanation& from, double probability)
     give(*next, update_baseline(*next));
 }
 
+void press_filter::stop_changing(const explanation& from, double probability)
+{
+    auto next = follow(from, probability, d_peak);
+    if (!next)
+        return;
+    next->motion.predict(d_elapsed_s);
+    next->motion.stop(d_elapsed_s);
+    give(*next, rest_pressed(*next));
+}
+
 void press_filter::hold(const explanation& from, double probability)
 {
     auto next = follow(from, probability, d_peak);
     if (!next)
         return;
-    if (from.steady) {
-        next->motion.predict(d_elapsed_s);
-        next->motion.stop(d_elapsed_s);
-        give(*next, rest_pressed(*next));
-        return;
-    }
     next->lasts = true;
     next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and looks like it.

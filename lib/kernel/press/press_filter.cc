@@ -252,7 +252,7 @@ void press_filter::branch_touched(const explanation& from)
                 change_steadily(turning, each, from.slides, from.speed);
             }
         }
-        hold(from, quiet * (1 - goes_on));
+        stop_changing(from, quiet * (1 - goes_on));
     } else {
         hold(from, quiet * (1 - begins) * (1 - turns));
         begin_changing(from, quiet * begins);

@@ -152,101 +152,110 @@ private:
 
     enum class course { begins, goes_on, ends };
 
+    // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
     void branch(const explanation& from);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
+    void begin_turning(const explanation& from, double turns, double hands);
+    void go_on_turning(const explanation& from, double probability);
+    void begin_changing(const explanation& from, double probability);
+    void go_on_changing(const explanation& from, double probability);
+    template <class Event>
+    void with_courses(const explanation& from,
+                      double probability,
+                      double best,
+                      Event&& event) const;
+    double turn_rate(const explanation& of) const;
+    double turn_probability(const explanation& of) const;
+    double going_on() const;
+    double lasting() const;
+    double between_groups() const;
     void settle();
     void keep_claim();
+    bool one_line(const explanation& a, const explanation& b) const;
+    bool alike(const explanation& a, const explanation& b) const;
+    std::vector<outcome> collect(outcome explanation::*which) const;
 
-    // Each adds the explanation that follows `from` with this probability.
+    // press_events.cc: each event adds what follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
-    void release(const explanation& from, double probability);
     void touch(const explanation& from, double probability, state is);
-    void move_line(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
                          double probability,
                          bool slides,
                          std::size_t speed);
+    void stop_changing(const explanation& from, double probability);
     void jump(const explanation& from, double probability);
+    void release(const explanation& from, double probability);
+    void move_line(const explanation& from, double probability);
     void turn_suddenly(const explanation& from, double probability);
     void turn_slowly(const explanation& from,
                      double probability,
                      course how,
                      std::size_t speed,
                      bool near);
-    void begin_changing(const explanation& from, double probability);
-    void go_on_changing(const explanation& from, double probability);
-    void begin_turning(const explanation& from, double turns, double hands);
-    void go_on_turning(const explanation& from, double probability);
     void mix(const explanation& from, double probability, double ends = 0);
 
-    template <class Event>
-    void with_courses(const explanation& from,
-                      double probability,
-                      double best,
-                      Event&& event) const;
-    double turn_probability(const explanation& of) const;
-    double lasting() const;
-    double between_groups() const;
-    double going_on() const;
-    void part_turn(explanation& to,
-                   const pair_of_ends& was,
-                   const pair_of_ends& direction) const;
-    void turn_unseen(explanation& to, double part) const;
     void begin_turn(explanation& to) const;
     void begin_turn_earlier(explanation& to, double variance) const;
     double
     follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
-    void give(explanation& next, double log_likelihood);
+    void part_turn(explanation& to,
+                   const pair_of_ends& was,
+                   const pair_of_ends& direction) const;
+    void turn_unseen(explanation& to, double part) const;
+    double rest_pressed(explanation& to) const;
+    mixture mixture_after(const explanation& from, double ends) const;
+
+    // press_likelihood.cc: what events share.
     void find_peaks();
     double best_baseline(const explanation& of) const;
     bool may_count(const explanation& from, double probability, double best) const;
     std::optional<explanation>
     follow(const explanation& from, double probability, double best) const;
+    void give(explanation& next, double log_likelihood);
     void average(explanation& to) const;
-
-    double turn_rate(const explanation& of) const;
+    double step_probability() const;
+    void step_receiver(explanation& to) const;
     void
     recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
-    void step_receiver(explanation& to) const;
-    double step_probability() const;
+
+    // Phases of the untouched line, and of a press.
+    pair_of_ends baseline(const explanation& of) const;
     void reset_baseline(explanation& to) const;
+    double update_baseline(explanation& to) const;
     void drift(explanation& to) const;
     pair_of_ends seen_beside(const drift_bank& difference) const;
     double update_phases(drift_bank& common, drift_bank& difference) const;
+    void begin_press(explanation& to) const;
     void hold_level(explanation& to) const;
-    double update_baseline(explanation& to) const;
+    pair_of_ends press_direction(const explanation& of) const;
+    double direction_variance(const explanation& of) const;
+    pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
+    double density(const explanation& of, const pair_of_ends& phase) const;
+    double contact_phases(const explanation& of) const;
+
+    // Amplitudes, and what shows in them: hands, turns, off states.
     void notice_hand(explanation& to) const;
     void lose_sight_of_hand(explanation& to) const;
-    double contact_phases(const explanation& of) const;
-    double compare_contact(const explanation& with, double spread) const;
     double hand_variance(std::size_t speed) const;
+    double compare_contact(const explanation& with, double spread) const;
     double update_amplitude(both_amplitudes& own) const;
     double update_strength(explanation& to) const;
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of, state is) const;
-    pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
-    double rest_pressed(explanation& to) const;
     void doubt_off_states(explanation& to) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
-    void begin_press(explanation& to) const;
-    double density(const explanation& of, const pair_of_ends& phase) const;
+
+    // Groups in which something changes.
     static double chord(const mixture& seen, const both_ends& to, double variance);
-    mixture mixture_after(const explanation& from, double ends) const;
     both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;
-    pair_of_ends baseline(const explanation& of) const;
-    pair_of_ends press_direction(const explanation& of) const;
-    double direction_variance(const explanation& of) const;
     outcome describe(const explanation& of) const;
-    bool one_line(const explanation& a, const explanation& b) const;
-    bool alike(const explanation& a, const explanation& b) const;
-    std::vector<outcome> collect(outcome explanation::*which) const;
 
     std::shared_ptr<const press_image> d_image;
     press_parameters d_set;
