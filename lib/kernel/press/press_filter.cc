@@ -200,6 +200,8 @@ void press_filter::branch_untouched(const explanation& from)
             from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
     } else {
         remain_untouched(from, quiet * (1 - turns));
+        // Hands take nothing from what remains. Beside a press what they turn is not
+        // followed, so where none comes would else be evidence of a touch.
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
