@@ -554,6 +554,7 @@ void press_filter::claim_untouched(double probability)
         // with whatever changed the group, that rests.
         for (auto& kept : d_kept) {
             kept.log_weight += std::log1p(-probability);
+            kept.claimed = kept.is != untouched;
             if (kept.is == mixed) {
                 kept.is = unexplained;
                 kept.turning = false;
@@ -567,11 +568,8 @@ void press_filter::claim_untouched(double probability)
                 }
             } else if (kept.steady)
                 hold_level(kept);
-            else {
-                kept.claimed = kept.is != untouched;
+            else
                 continue;
-            }
-            kept.claimed = true;
             kept.steady = false;
             kept.age_s = 0;
         }
