@@ -50,17 +50,19 @@ class CurveFitter:
         self._penalty: np.ndarray | None = None
         if isinstance(self.basis, curves.SplineBasis):
             choices = [np.sqrt(weight) * self.basis.curvatures() for weight in _SMOOTHING]
-            scores = [self._score(samples, penalty) for penalty in choices]
+            bases = [(self.basis(force), value) for force, value in samples]
+            scores = [self._score(bases, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]
 
-    def _score(self, samples: Samples, penalty: np.ndarray) -> float:
+    @staticmethod
+    def _score(samples: Samples, penalty: np.ndarray) -> float:
+        """Generalised cross-validation of curves, by their basis (n, K) and values (n,)."""
         squares, count, freedom = 0.0, 0, 0.0
-        for force, value in samples:
-            basis = self.basis(force)
+        for basis, value in samples:
             inverse = _penalised_inverse(basis, penalty)
             squares += np.sum((value - basis @ (inverse @ (basis.T @ value))) ** 2)
-            freedom += len(force) - np.trace(inverse @ basis.T @ basis)
-            count += len(force)
+            freedom += len(value) - np.trace(inverse @ basis.T @ basis)
+            count += len(value)
         return count * squares / max(freedom, 1e-9) ** 2
 
     def fit(self, force_n: np.ndarray, value_deg: np.ndarray) -> ForceCurve:

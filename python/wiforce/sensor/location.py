@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from .splines import Array, CubicSpline
+from .splines import Array, CubicSpline, node_slopes
 
 # The shapes S differ in their tails: exponential on both sides, slow on both sides, or one level up
 # to the middle that is left from there: exponentially with a round start, exponentially at once, or
@@ -113,7 +113,7 @@ class LocationInterpolation:
         What does not change between the calibrated locations is not seen by them, and left out.
         """
         grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
-        tables = []
+        slopes, tables = node_slopes(grid), []
         for port in (0, 1):
             predictions = [self._kriging(grid, t, port) for t in self.transitions]
             weights = np.concatenate([p[0] for p in predictions])
@@ -128,7 +128,7 @@ class LocationInterpolation:
             spread -= mean[:, :, None] * mean[:, None, :]
             residual = np.repeat([t.residual_variance for t in self.transitions], 4)
             within = (share * residual) @ np.concatenate([p[1] for p in predictions])
-            tables.append([CubicSpline(grid, table) for table in (mean, spread, within)])
+            tables.append([CubicSpline(grid, table, slopes) for table in (mean, spread, within)])
         return tables
 
     def _kriging(

@@ -42,12 +42,16 @@ def node_slopes(nodes: Array) -> Array:
 
 
 class CubicSpline:
-    """Cubic spline through values (n, ...) at nodes (n,), as that of SciPy."""
+    """Cubic spline through values (n, ...) at nodes (n,), as that of SciPy.
 
-    def __init__(self, nodes: Array, values: Array) -> None:
+    ``slopes`` (n, n): those of :func:`node_slopes`, where several splines share their nodes.
+    """
+
+    def __init__(self, nodes: Array, values: Array, slopes: Array | None = None) -> None:
         self._nodes, self._values = nodes, values
         flat = values.reshape(len(nodes), -1)
-        self._slopes = (node_slopes(nodes) @ flat).reshape(values.shape)
+        slopes = node_slopes(nodes) if slopes is None else slopes
+        self._slopes = (slopes @ flat).reshape(values.shape)
 
     def __call__(self, at: ArrayLike) -> Array:
         """Values at some places, shape (...); of shape (..., *values.shape[1:])."""
