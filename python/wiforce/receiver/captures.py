@@ -48,13 +48,21 @@ def simulate(
 ) -> list[Path]:
     """Write the capture of a scene and its truth, for each receive antenna.
 
-    Scenes that could not be read are refused, such as those with a clock whose lines alias onto
-    one another.
+    The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv`` appear when all are
+    complete; on failure nothing is left. Of a scene with packets, channel snapshots are written.
 
     Parameters
     ----------
-    scene, name, datatype, progress, overwrite
-        As for :func:`.simulation.simulator.simulate`.
+    scene : str, Path, dict or Scene
+        As for :func:`load_scene`.
+    name : str or Path
+        Path of the capture; ``.sigmf-data`` or ``.sigmf-meta`` at its end is left out.
+    datatype : str
+        ``ci16_le``: ADC codes, left-justified. ``cf32_le``: the same divided by 32768.
+    progress : callable, optional
+        Called with the number of samples written since the last call.
+    overwrite : bool
+        Replace existing files; otherwise they are refused.
 
     Returns
     -------
@@ -64,7 +72,11 @@ def simulate(
     Raises
     ------
     InputError
-        As :func:`plan` and :func:`.simulation.simulator.simulate`.
+        For a mistake in the scene, one that could not be read (such as a clock whose lines alias
+        onto one another), an unknown datatype, files that cannot be written, exist already or are
+        those of the scene. Nothing has been simulated then.
+    OutputError
+        When the disk is full.
 
     Examples
     --------

@@ -29,47 +29,9 @@ def simulate(
     progress: Callable[[int], object] | None = None,
     overwrite: bool = True,
 ) -> list[Path]:
-    """Write the capture of a scene and its truth, for each receive antenna.
+    """Write the capture of a scene, whether it can be read or not: see ``wiforce.simulate``.
 
     Of a scene with packets, channel snapshots are written (:func:`.packets.simulate_packets`).
-
-    The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv``, and those of
-    :func:`second_antenna`, appear when all are complete; on failure nothing is left.
-
-    Parameters
-    ----------
-    scene : str, Path, dict or Scene
-        As for :func:`~gnuradio.wiforce.scene.load_scene`.
-    name : str or Path
-        Path of the capture; ``.sigmf-data`` or ``.sigmf-meta`` at its end is left out.
-    datatype : str
-        ``ci16_le``: ADC codes, left-justified. ``cf32_le``: the same divided by 32768.
-    progress : callable, optional
-        Called with the number of samples written since the last call.
-    overwrite : bool
-        Replace existing files; otherwise they are refused.
-
-    Returns
-    -------
-    list of Path
-        Data, truth, metadata, antenna by antenna.
-
-    Raises
-    ------
-    InputError
-        For a mistake in the scene, an unknown datatype, files that cannot be written, exist
-        already or are those of the scene. Nothing has been simulated then.
-    OutputError
-        When the disk is full.
-
-    Examples
-    --------
-    >>> scene = {
-    ...     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
-    ...     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04},
-    ... }
-    >>> [path.name for path in simulate(scene, "short")]
-    ['short.sigmf-data', 'short.truth.csv', 'short.sigmf-meta']
     """
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
