@@ -15,7 +15,7 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
-from ..shell.options import CARRIER_HZ, Number, sensor_names
+from ..shell.options import CARRIER_HZ, Number, readings_output, sensor_names
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
@@ -30,12 +30,7 @@ _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
     shell_complete=sensor_names,
     help="Shipped sensor or SENSOR.yaml.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
-)
+@readings_output
 @click.option(
     "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
 )

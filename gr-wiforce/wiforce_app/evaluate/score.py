@@ -9,6 +9,7 @@ from gnuradio.wiforce.calibration.gauges.comparison import compare_with_gauge
 from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
 from gnuradio.wiforce.calibration.gauges.score import timed_forces
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.formats import format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output, write_csv
 
@@ -17,7 +18,6 @@ from ..shell.log import log
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
 from ..shell.plots import check_picture
 
-_READINGS = (".csv", ".jsonl", ".parquet", ".mcap")
 _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 
 
@@ -99,7 +99,7 @@ def score(
 def _rows(capture, scene_path, datatype):
     """Readings of a file, or of a capture that is read now."""
     path = Path(capture)
-    if path.suffix.lower() in _READINGS and datatype is None:
+    if format_of(path) is not None and datatype is None:
         if scene_path is not None:
             raise click.UsageError("--scene is for captures; a file of readings needs none")
         file = ReadingsFile(path)

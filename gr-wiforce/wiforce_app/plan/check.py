@@ -20,7 +20,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
 from ..live.live import radio_request, warn_of_oscillators
-from ..radio.request import DeviceLost
+from ..radio.request import DRIVERS, DeviceLost
 from ..read.room_news import describe_events
 from ..shell.interrupts import FAILED
 from ..shell.log import log
@@ -88,7 +88,7 @@ def check(file, scene_path, args, datatype, csi_tool, mac, second_antenna, as_js
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
     findings.notes = [note for note in [licence_note(scene)] if note]
-    if radio["driver"] == "soapy" and findings.delay_us is not None:
+    if DRIVERS[request.driver].delay_differs and findings.delay_us is not None:
         findings.notes.append("the delay differs from start to start with this driver")
     if as_json:
         values = {**asdict(findings), "room": finding_rows(findings.room)}

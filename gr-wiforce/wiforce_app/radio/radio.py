@@ -13,12 +13,10 @@ from gnuradio.wiforce.blocks.usrp import require_rate
 from gnuradio.wiforce.errors import InputError
 
 from ..shell.log import printable
-from .request import RadioRequest
+from .request import DRIVERS, RadioRequest
 
 _LOCK_S = 1.0
 _CARRIER_TOLERANCE_HZ = 10.0
-# By the option --driver: module and class.
-_CLASSES = {"uhd": ("uhd", "UhdRadio"), "soapy": ("soapy", "SoapyRadio")}
 
 
 class End(ABC):
@@ -210,8 +208,8 @@ class Radio(ABC):
 
 def open_radio(request: RadioRequest) -> Radio:
     """The radio that is asked for, by its driver."""
-    module, name = _CLASSES[request.driver]
-    return getattr(importlib.import_module(f".{module}", __package__), name)(request)
+    driver = DRIVERS[request.driver]
+    return getattr(importlib.import_module(driver.module, __package__), driver.radio)(request)
 
 
 def set_environment(values: dict[str, str]) -> None:

@@ -8,7 +8,7 @@ import gc
 import json
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from gnuradio.wiforce.errors import InputError
 
@@ -35,6 +35,18 @@ if TYPE_CHECKING:
 # Time for which samples are collected, by the option --latency. Handling every packet by itself
 # would cost two cores.
 RECEIVE_S = {"low": 1e-3, "relaxed": 20e-3}
+
+
+class Driver(NamedTuple):
+    """How a radio is opened: by which module and class, and whether its delay differs each time."""
+
+    module: str
+    radio: str
+    delay_differs: bool = False
+
+
+# By the option --driver.
+DRIVERS = {"uhd": Driver(".uhd", "UhdRadio"), "soapy": Driver(".soapy", "SoapyRadio", True)}
 LOST_STATUS = 3  # of the process that used a device, when that has gone
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.files.formats import FORMATS, OUTPUTS, format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.ros_messages import READING, fields_of
@@ -19,13 +20,7 @@ from ..shell.options import scene_names
 from ..shell.progress import progress
 from ..shell.provenance import provenance
 
-_SUFFIXES = {
-    "mcap": ".mcap",
-    "parquet": ".parquet",
-    "csv": ".csv",
-    "jsonl": ".jsonl",
-    "json": ".jsonl",
-}
+_SUFFIXES = {each.suffix[1:]: each.suffix for each in FORMATS} | {"json": ".jsonl"}
 
 
 @click.command(cls=GroupedHelp, examples=("export press.csv --to mcap",))
@@ -104,7 +99,7 @@ def _without_field(also, output):
 
 
 def _writer(path, also, metadata):
-    if path.suffix.lower() == ".mcap":
+    if format_of(path) not in OUTPUTS:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
         return McapWriter(path, metadata=metadata)

@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.files.formats import holds_metadata
 from gnuradio.wiforce.io.files.writers import open_writer
 
 from ..shell.interrupts import uninterrupted
@@ -36,7 +37,7 @@ class FileOutputs:
     """
 
     def __init__(self, output, mcap, inputs, scene):
-        described = mcap is not None or str(output).lower().endswith(".parquet")
+        described = mcap is not None or holds_metadata(output)
         metadata = provenance(scene) if described else {}
         self._writers = [open_writer(output, inputs, scene.more_columns, metadata=metadata)]
         if mcap is not None:

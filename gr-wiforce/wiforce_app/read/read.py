@@ -3,6 +3,7 @@
 
 import click
 from gnuradio.wiforce.io.capture.names import is_one
+from gnuradio.wiforce.io.files.formats import OUTPUTS, OUTPUTS_HELP
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import (
@@ -34,7 +35,7 @@ from ..shell.options import (
     "-o",
     "--output",
     type=click.Path(),
-    help="OUT.csv, OUT.jsonl or OUT.parquet; of several captures a folder, for a file of each, or "
+    help=f"{OUTPUTS_HELP}; of several captures a folder, for a file of each, or "
     "one OUT.parquet. Default: CSV on standard output.",
 )
 @mcap_output
@@ -57,7 +58,7 @@ from ..shell.options import (
 @click.option(
     "--format",
     "form",
-    type=click.Choice(["csv", "jsonl", "parquet"]),
+    type=click.Choice([each.suffix[1:] for each in OUTPUTS]),
     help="Of the files in a folder. Default: csv.",
 )
 @click.option("--again", is_flag=True, help="Read captures that have been read before as well.")

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
+from gnuradio.wiforce.io.files.formats import format_of
 from gnuradio.wiforce.io.readings import GroupCounts
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
@@ -198,7 +199,7 @@ def _whole_file(output, form):
 
 def _folder_of(output):
     folder = Path(output)
-    if folder.suffix.lower() in (".csv", ".json", ".jsonl", ".mcap") or folder.is_file():
+    if format_of(folder) or folder.suffix.lower() == ".json" or folder.is_file():
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
     return folder

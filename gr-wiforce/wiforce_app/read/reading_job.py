@@ -74,6 +74,7 @@ def read_capture_file(job):
 
 def _read(job):
     # In the process of a worker alone: the command, which sends jobs to it, starts faster without.
+    from gnuradio.wiforce.io.files.formats import holds_metadata
     from gnuradio.wiforce.io.files.writers import open_writer
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import scene_of
@@ -96,7 +97,7 @@ def _read(job):
     partial = output.with_name(f".{output.stem}.{uuid.uuid4().hex}{output.suffix}")
     complete = False
     try:
-        metadata = provenance(scene) if output.suffix == ".parquet" else {}
+        metadata = provenance(scene) if holds_metadata(output) else {}
         inputs = [*recording.files, *scene.files]
         with open_writer(partial, inputs, scene.more_columns, metadata=metadata) as writer:
             for batch in reader:

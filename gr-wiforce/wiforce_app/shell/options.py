@@ -7,6 +7,9 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.formats import OUTPUTS_HELP
+
+from ..radio.request import DRIVERS
 
 
 class Number(click.types.FloatParamType):
@@ -84,7 +87,7 @@ readings_output = click.option(
     "-o",
     "--output",
     type=click.Path(),
-    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+    help=f"{OUTPUTS_HELP}. Default: CSV on standard output.",
 )
 sensor_output = click.option(
     "-o",
@@ -125,7 +128,7 @@ _OF_A_RADIO = (
     click.option("--args", required=True, type=_DeviceArguments(), help=_ARGS_HELP),
     click.option(
         "--driver",
-        type=click.Choice(["uhd", "soapy"]),
+        type=click.Choice(list(DRIVERS)),
         default="uhd",
         show_default=True,
         help="Library that opens the device: UHD, or SoapySDR for other radios.",

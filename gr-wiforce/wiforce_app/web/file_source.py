@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.formats import format_of
 
 from .page_state import MOST_SENSORS, PageState, page_row
 
@@ -36,9 +37,10 @@ class FileSource:
 
     def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
         self._path, self._now = Path(path), now
-        self._lines = self._path.suffix.lower() == ".jsonl"
-        if not self._lines and self._path.suffix.lower() != ".csv":
+        form = format_of(path)
+        if form is None or not form.text:
             raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
+        self._lines = form.suffix == ".jsonl"
         self._file: BufferedReader | None = None
         self._columns: list[str] = []
         self._rest = b""

@@ -320,7 +320,7 @@ def test_export_to_unknown_suffix_names_those_that_exist(tmp_path):
     path = written(tmp_path / "press.csv")
     done = run_command("export", path, "-o", tmp_path / "press.json")
     assert done.returncode == 2
-    assert "must end in .mcap or .parquet or .csv or .jsonl, got" in done.stderr
+    assert "must end in .csv or .jsonl or .parquet or .mcap, got" in done.stderr
 
 
 def test_export_to_mcap_and_its_metadata(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.carrier import same_carrier
+from ..files.formats import format_of
 from .names import files_of
 from .samples import DATATYPES, samples_of
 from .sigmf_metadata import read_metadata
@@ -120,7 +121,7 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
             "(--datatype ci16_le or cf32_le) and scene (--scene)"
         )
-        if path.suffix in (".csv", ".jsonl", ".parquet", ".mcap"):
+        if format_of(path) is not None:
             rule = "is a file of readings, not a capture; pandas loads it (docs/outputs.md)"
         if path.suffix == ".npz":
             rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"

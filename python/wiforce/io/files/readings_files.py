@@ -14,6 +14,7 @@ from typing import IO, Any
 from ...errors import InputError
 from ..optional import optional_module
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
+from .formats import FORMATS, format_of, suffixes
 from .mcap_file import mcap_is_cut, mcap_rows
 
 _INTEGERS = ("touch", "group")
@@ -40,15 +41,15 @@ class ReadingsFile:
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
         self.metadata: dict[str, str] = {}
-        kind = self._path.suffix.lower()
+        if (form := format_of(path)) is None:
+            raise InputError(path, f"readings must be in a {suffixes(FORMATS)} file")
         readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
             ".csv": self._csv,
             ".jsonl": self._json_lines,
             ".parquet": self._parquet,
             ".mcap": partial(mcap_rows, path),
         }
-        if kind not in readers:
-            raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
+        kind = form.suffix
         self._read = readers[kind]
         names = self._columns(kind)
         self.note, self._cut = "", kind == ".mcap" and mcap_is_cut(path)

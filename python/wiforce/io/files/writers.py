@@ -17,6 +17,7 @@ from typing import Any
 from ...errors import InputError, OutputError
 from ..readings import COLUMNS, Reading
 from ..text.textfile import check_output
+from .formats import OUTPUTS, format_of, suffixes
 from .output_file import OutputFile, ReadingsOutput
 from .parquet import ParquetWriter
 
@@ -143,20 +144,20 @@ def open_writer(
     >>> print(Path("press.csv").read_text().splitlines()[1])
     0.018,arm,1,4.1235,0.05,45.0,0.1,,,,,,
     """
-    name = "" if path is None else str(path).lower()
-    if name.endswith(".jsonl"):
+    form = format_of(path)
+    if path is not None and form not in OUTPUTS:
+        raise InputError(path, f"output must end in {suffixes(OUTPUTS)} (MCAP: --mcap FILE)")
+    if form is not None and form.suffix == ".jsonl":
         return ReadingsWriter(
             path,
             lambda row: json.dumps(row, allow_nan=False) + "\n",
             inputs=inputs,
             append=append,
         )
-    if path is not None and name.endswith(".parquet"):
+    if path is not None and form is not None and not form.text:
         if append:
             raise InputError(path, "nothing can be appended to Parquet; use .csv or .jsonl")
         return ParquetWriter(path, inputs, also, metadata)
-    if path is not None and not name.endswith(".csv"):
-        raise InputError(path, "output must end in .csv, .jsonl or .parquet (MCAP: --mcap FILE)")
     columns = (*COLUMNS, *also)
     return ReadingsWriter(
         path,
