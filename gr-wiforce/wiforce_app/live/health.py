@@ -19,28 +19,6 @@ from gnuradio.wiforce.press.sensor_state import (
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .session import LiveSession
 
-
-class RunClock:
-    """UTC of the time of a run, by the latest comparison of the clocks.
-
-    ``uncertainty_s``: of the offset; None before there is one.
-    """
-
-    def __init__(self) -> None:
-        self._offset_s: float | None = None
-        self.uncertainty_s: float | None = None
-
-    def take(self, offset_s: float, uncertainty_s: float) -> None:
-        """Use another offset of UTC from the device's clock."""
-        self._offset_s, self.uncertainty_s = offset_s, uncertainty_s
-
-    def utc_s(self, device_s: float | None) -> float | None:
-        """UTC at a device time, in seconds since 1970; None when unknown."""
-        if device_s is None or self._offset_s is None:
-            return None
-        return device_s + self._offset_s
-
-
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
 _NO_SAMPLES_S = 1.0
 _BEAT_S = 0.5
@@ -97,15 +75,16 @@ class RunHealth:
     def __init__(
         self,
         session: LiveSession,
-        clock: RunClock,
         log: Callable[[str], None],
         device_state: Callable[[], str] = lambda: RUNNING,
         now: Callable[[], float] = time.monotonic,
     ):
         self.run = new_run()
-        self._session, self._clock, self._log, self._now = session, clock, log, now
+        self._session, self._log, self._now = session, log, now
         self._device_state = device_state
         self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}
+        # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
+        self._compared: tuple[float, float] | None = None
         self._events = deque()
         self._suspected = set()
         self._samples, self._samples_s = 0, now()
@@ -216,8 +195,7 @@ class RunHealth:
 
     def report(self) -> dict:
         """Health as plain values."""
-        session, now = self._session, self._now()
-        self._follow_clock()
+        session, now, compared = self._session, self._now(), self._follow_clock()
         state, reason = self.state
         clocks_ppm = session.clock_offsets_ppm
         sensors = {
@@ -237,7 +215,7 @@ class RunHealth:
             "run": self.run,
             "scene": "" if (path := self._stream.plan.require_scene().path) is None else path.stem,
             "time_utc": written_utc(time.time()),
-            "time_utc_uncertainty_s": self._clock.uncertainty_s,
+            "time_utc_uncertainty_s": None if compared is None else compared[1],
             "time_s": session.time_s,
             "state": state,
             "reason": reason,
@@ -249,10 +227,13 @@ class RunHealth:
         }
 
     def stamp(self, reading: Reading) -> dict:
-        """What every reading carries besides its own columns: ``run`` and ``time_utc``."""
-        self._follow_clock()
-        utc_s = self._clock.utc_s(self.device_time_s(reading))
-        return {"run": self.run, "time_utc": written_utc(utc_s)}
+        """What every reading carries besides its own columns.
+
+        ``run``, ``time_utc`` and, of its group's centre, ``device_time_s``; None when unknown.
+        """
+        device_s, compared = self.device_time_s(reading), self._follow_clock()
+        utc_s = None if device_s is None or compared is None else device_s + compared[0]
+        return {"run": self.run, "time_utc": written_utc(utc_s), "device_time_s": device_s}
 
     def device_time_s(self, reading: Reading) -> float | None:
         """Device time at the centre of a reading's group; None when unknown."""
@@ -260,8 +241,9 @@ class RunHealth:
         return None if start_s is None else round(start_s + reading.time_s, 6)
 
     def _follow_clock(self):
-        if (compared := self._session.clock) is not None:
-            self._clock.take(*compared)
+        """The latest comparison of the clocks, which is kept while the device is lost."""
+        self._compared = self._session.clock or self._compared
+        return self._compared
 
     @property
     def _stream(self):

@@ -195,10 +195,9 @@ def live(
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
             outputs.add(TableFile(writer))
-            session = _make_session(scene, request, outputs, tracked, record)
             _run(
-                session, request, outputs, endpoints, duration, reconnect,
-                not rows_on_terminal(output),
+                partial(_make_session, scene, request, tracked, record), request, outputs,
+                endpoints, duration, reconnect, not rows_on_terminal(output),
             )  # fmt: skip
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.readings else "there are no readings"
@@ -312,23 +311,23 @@ def warn_of_oscillators(link):
         log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _make_session(scene, request, outputs, tracked, record):
+def _make_session(scene, request, tracked, record, on_reading):
     from .session import LiveSession
 
-    return LiveSession(scene, request, outputs.take, tracked, record)
+    return LiveSession(scene, request, on_reading, tracked, record)
 
 
-def _run(session, request, outputs, endpoints, duration, reconnect, line):
-    """Run the session until a signal, a request or `duration` ends it.
+def _run(make_session, request, outputs, endpoints, duration, reconnect, line):
+    """Run a session until a signal, a request or `duration` ends it.
 
-    `endpoints` are those of requests, each with its keys or None; `line`: whether there may be a
-    status line.
+    `make_session` takes what is called with every reading; `endpoints` are those of requests, each
+    with its keys or None; `line`: whether there may be a status line.
 
     Raises DeviceLost when the device is gone and must not be reopened; all readings have been
     written.
     """
     from ..radio.request import shorten_pauses
-    from .health import Heartbeat, RunClock, RunHealth
+    from .health import Heartbeat, RunHealth
     from .monitor import SessionMonitor
     from .radio_keeper import RadioKeeper
     from .requests import TareLog, serve_requests
@@ -352,11 +351,15 @@ def _run(session, request, outputs, endpoints, duration, reconnect, line):
         warn_of_oscillators(link)
         log.debug(f"opened {link.hardware}")
 
+    def on_reading(reading):
+        outputs.take(reading, health.stamp(reading))
+        health.note(reading)
+        monitor.note(reading)
+
+    session = make_session(on_reading)
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
-    health = RunHealth(session, RunClock(), log.info, lambda: keeper.state)
+    health = RunHealth(session, log.info, lambda: keeper.state)
     monitor = SessionMonitor(session, health, line=line)
-    outputs.health = health
-    outputs.seen = monitor.note
     service = ServiceManager()
     service_report = ServiceReport(service, session, keeper)
     tares = TareLog(session, log.info)

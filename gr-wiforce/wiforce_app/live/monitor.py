@@ -114,13 +114,9 @@ class SessionMonitor:
         room = session.reader.findings
         return {
             **self._health.report(),
-            "time_s": session.time_s,
             "device_start_s": session.start_s,
-            "gaps": session.gaps,
-            "samples_lost": session.samples_lost,
             "frames_moved": session.frames_moved,
             "times_ignored": session.times_ignored,
-            "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": list(session.clock_offsets_ppm.values()),
             "room": None if room is None else finding_rows(room),

@@ -67,16 +67,13 @@ class McapFile(Output):
 class LiveOutputs:
     """All outputs of a run. As a context manager it closes them, the latest first.
 
-    ``health``: of the run; set before the first reading; ``seen``: takes every reading after the
-    outputs; ``readings``: number of readings that all outputs have taken.
+    ``readings``: number of readings that all outputs have taken.
     """
 
     def __init__(self) -> None:
         self._outputs: list[Output] = []
         self._closing = ExitStack()
-        self.health = None
         self.readings = 0
-        self.seen: Callable[[Reading], None] = lambda reading: None
 
     def __enter__(self) -> "LiveOutputs":
         return self
@@ -94,13 +91,11 @@ class LiveOutputs:
         for output in self._outputs:
             output.begin()
 
-    def take(self, reading: Reading) -> None:
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Give one reading to all outputs, also to those behind one that fails.
 
         Raises the OutputError of the first output that failed.
         """
-        health = self.health
-        stamp = {"device_time_s": health.device_time_s(reading), **health.stamp(reading)}
         failure = None
         for output in self._outputs:
             try:
@@ -110,8 +105,6 @@ class LiveOutputs:
         if failure is not None:
             raise failure
         self.readings += 1
-        health.note(reading)
-        self.seen(reading)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Give a report of the reader's health to all outputs."""

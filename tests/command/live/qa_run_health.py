@@ -10,7 +10,7 @@ from gnuradio.wiforce.io.readings import GroupCounts, Reading
 from gnuradio.wiforce.press.evidence import Suspicion
 from gnuradio.wiforce.press.sensor_state import RETUNED
 from gnuradio.wiforce.press.tares import TareState
-from wiforce_app.live.health import RunClock, RunHealth
+from wiforce_app.live.health import RunHealth
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.live.requests import TareLog
 from wiforce_app.live.status import problems_of
@@ -55,7 +55,6 @@ class Run:
         )
         self.health = RunHealth(
             self.session,
-            RunClock(),
             self.said.append,
             device_state=lambda: self.device,
             now=lambda: self.now_s,
@@ -174,7 +173,8 @@ def test_health_stamps_readings_with_run_and_utc(run):
     run.read(0.1)
     stamp = run.health.stamp(Reading(2.5, "arm"))
     # Device time 102.5 s; the host's 1000 s are the device's 20 s.
-    assert stamp == {"run": run.health.run, "time_utc": "1970-01-01T00:18:02.500000Z"}
+    assert (stamp["run"], stamp["device_time_s"]) == (run.health.run, 102.5)
+    assert stamp["time_utc"] == "1970-01-01T00:18:02.500000Z"
     assert run.health.report()["time_utc_uncertainty_s"] == 0.002
     run.session.clock = None  # the next device has not sent samples yet
     assert run.health.stamp(Reading(2.5, "arm")) == stamp
