@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from enum import Enum
 
 import numpy as np
 
@@ -32,25 +33,27 @@ _MORE_GROUPS = 3
 _UNSTEADY = {"ambiguous", "gap", "inconsistent", "moved", "saturated", "transition"}
 
 
-class SurveyedGroups:
-    """Groups that are kept until they hold the snapshots of a survey, from the start of ``first``
-    on.
+class Occasion(Enum):
+    """When the room is surveyed."""
 
-    ``untouched_groups`` is 0 where the user takes care that the sensor is not touched. Otherwise so
-    many groups, and three more, must be received without a loss and read as untouched before.
+    START = "from the first group on, before any is read"
+    TARE = "from the request on; the user takes care that no sensor is touched"
+    UNTOUCHED = "without a request, in groups that were received without a loss, read as untouched"
+
+
+class SurveyedGroups:
+    """Groups that are kept until they hold the snapshots of a survey.
+
+    Without a request these are at least so many ``untouched_groups``, and three more.
     """
 
     def __init__(
-        self,
-        snapshots: int,
-        group_length: int,
-        first: int | None = None,
-        untouched_groups: int = 0,
+        self, occasion: Occasion, snapshots: int, group_length: int, untouched_groups: int = 0
     ) -> None:
+        self.occasion = occasion
         self.groups: list[SnapshotGroup] = []
         self._length = group_length
-        self._first = first
-        self._unasked = untouched_groups > 0
+        self._unasked = occasion is Occasion.UNTOUCHED
         needed = -(-snapshots // group_length)
         if self._unasked:
             needed = max(needed, untouched_groups) + _MORE_GROUPS
@@ -76,7 +79,7 @@ class SurveyedGroups:
     @property
     def first(self) -> int:
         """Index of the group with which the survey begins."""
-        return self.groups[0].index if self._first is None else self._first
+        return 0 if self.occasion is Occasion.START else self.groups[0].index
 
     def end_survey(self) -> None:
         """Survey the groups kept so far; those that follow are only kept."""
@@ -104,6 +107,53 @@ class SurveyedGroups:
     def folded(self) -> Array:
         """Folded frames of these snapshots, shape (n, 64)."""
         return np.concatenate([group.folded[group.present] for group in self._to_survey])
+
+
+class GroupsInPlace:
+    """Leaves out groups that hold frames before a slip of the frame timing.
+
+    Those of a reference wait until no slip can be found in them any more, since they count for all
+    that follow. Others are given as they come, for readings in time.
+    """
+
+    def __init__(self, group_length: int, reference_groups: int) -> None:
+        self._slips = Slips(group_length)
+        self._arrived: deque[SnapshotGroup] = deque()  # in which a slip may still be found
+        self._newest, self._reference_end = -1, reference_groups
+
+    def begin_reference(self, groups: int) -> None:
+        """Measure a reference in so many groups from the next one on."""
+        self._reference_end = self._newest + 1 + groups
+
+    def process(self, groups: Iterable[SnapshotGroup]) -> Iterator[SnapshotGroup]:
+        """Take the next groups; give those that are in place."""
+        for group in groups:
+            self._newest = group.index
+            self._slips.add(group.misplaced)
+            self._arrived.append(group)
+            sure = group.index - self._slips.unsure
+            while self._arrived and (
+                self._arrived[0].index >= self._reference_end or self._arrived[0].index <= sure
+            ):
+                yield from self._marked(self._arrived.popleft())
+            if self._arrived:
+                self._arrived[-1] = group.copy()
+
+    def flush(self) -> Iterator[SnapshotGroup]:
+        """Give those that still wait."""
+        while self._arrived:
+            yield from self._marked(self._arrived.popleft())
+
+    def _marked(self, group: SnapshotGroup) -> list[SnapshotGroup]:
+        """The group, marked where it is the first one behind a slip; none if it holds frames before
+        one, but then the next one is still marked as tuned anew.
+        """
+        marks = self._slips.mark(group.index, group.retuned)
+        if marks is None:
+            return []
+        if marks != (group.slipped, group.retuned):
+            group = replace(group, slipped=marks[0], retuned=marks[1])
+        return [group]
 
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
@@ -140,19 +190,16 @@ class StreamReader:
         self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
-        self._slips = Slips(plan.group_length)
-        self._arrived: deque[SnapshotGroup] = deque()  # in which a slip may still be found
-        self._newest, self._reference_end = -1, plan.reference_groups
+        self._in_place = GroupsInPlace(plan.group_length, plan.reference_groups)
         self._surveyed = surveyed_snapshots(plan)
-        self._kept: SurveyedGroups | None = None
-        self._in_tare = False  # whether these are the groups of a tare
+        self._kept: SurveyedGroups | None = None  # None while no survey is waited for
         self._adapted_to: Survey | None = None
         self._due: int | None = None  # group from which on the room may be surveyed again
         self._receiver: Receiver | None = None
         self._tones: FoldedGroups | None = None
         self._exchanged = ""  # state of the receiver that is being replaced
         if self._surveyed:
-            self._kept = self._survey_from(first=0)
+            self._kept = self._survey_at(Occasion.START)
             _ = plan.table, plan.sensors  # errors in them are raised before samples arrive
         else:
             self._use(plan)
@@ -163,37 +210,7 @@ class StreamReader:
         Arrays of the groups may be overwritten after the call; groups that were not received are
         flagged ``gap``.
         """
-        return self._take(self._verified(map(self._screen.process, groups)))
-
-    def _verified(self, groups: Iterable[SnapshotGroup]) -> Iterator[SnapshotGroup]:
-        """Leave out groups that hold frames before a slip.
-
-        Those of a reference wait until no slip can be found in them any more, since they count for
-        all that follow. Others are given as they come, for readings in time.
-        """
-        slips = self._slips
-        for group in groups:
-            self._newest = group.index
-            slips.add(group.misplaced)
-            self._arrived.append(group)
-            while self._arrived and (
-                self._arrived[0].index >= self._reference_end
-                or self._arrived[0].index <= group.index - slips.unsure
-            ):
-                yield from self._in_place(self._arrived.popleft())
-            if self._arrived:
-                self._arrived[-1] = group.copy()
-
-    def _in_place(self, group: SnapshotGroup) -> list[SnapshotGroup]:
-        """The group, marked where it is the first one behind a slip; none if it holds frames before
-        one, but then the next one is still marked as tuned anew.
-        """
-        marks = self._slips.mark(group.index, group.retuned)
-        if marks is None:
-            return []
-        if marks != (group.slipped, group.retuned):
-            group = replace(group, slipped=marks[0], retuned=marks[1])
-        return [group]
+        return self._take(self._in_place.process(map(self._screen.process, groups)))
 
     def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
         readings: list[Reading] = []
@@ -203,17 +220,18 @@ class StreamReader:
                 waiting.append(group)
             if self._kept is None and self._due is not None and group.index >= self._due:
                 untouched = max(self.plan.reference_groups, self._acquisition_groups)
-                self._kept = self._survey_from(untouched_groups=untouched)
+                self._kept = self._survey_at(Occasion.UNTOUCHED, untouched)
             if self._kept is None:
                 continue
             self._kept.add(group)
-            if not (self._in_tare or self._kept.complete):
+            in_tare = self._kept.occasion is Occasion.TARE
+            if not (in_tare or self._kept.complete):
                 continue  # what they are read as can only make the survey end later
             ready, waiting = self._read(waiting), []
             self._kept.check(ready)
             readings += ready
-            if self._in_tare and self.tares.state.state == "failed":
-                self._kept, self._in_tare = None, False
+            if in_tare and self.tares.state.state == "failed":
+                self._kept = None
             elif self._kept.complete and not self.tares.measuring:
                 self._kept.end_survey()
                 if len(self._kept.groups) >= self._acquisition_groups:
@@ -250,11 +268,10 @@ class StreamReader:
             return self.tares.report(TareState("refused", reason, force))
         state = self._receiver.tare(force)
         if state.state == "measuring":
-            self._reference_end = self._newest + 1 + self.plan.reference_groups
-        # What is touched in a forced tare is no room in which nothing is touched.
-        if state.state == "measuring" and self._surveyed:
-            self._in_tare = not force
-            self._kept = None if force else self._survey_from()
+            self._in_place.begin_reference(self.plan.reference_groups)
+            # What is touched in a forced tare is no room in which nothing is touched.
+            if self._surveyed:
+                self._kept = None if force else self._survey_at(Occasion.TARE)
         return state
 
     def _report_tare(self, state: TareState) -> None:
@@ -266,8 +283,7 @@ class StreamReader:
 
     def finish(self) -> list[Reading]:
         """Give the readings of all groups that are still held back."""
-        arrived, self._arrived = self._arrived, deque()
-        readings = self._take(each for group in arrived for each in self._in_place(group))
+        readings = self._take(self._in_place.flush())
         if self._receiver is None and self._kept is not None and self._kept.groups:
             readings += self._adapt(self._kept)
         return readings + self._receiver.finish() if self._receiver is not None else []
@@ -277,12 +293,13 @@ class StreamReader:
         """Groups that another receiver needs before it reads on; 0 for the first one."""
         return 0 if self._receiver is None else self._receiver.acquisition_groups
 
-    def _survey_from(self, first: int | None = None, untouched_groups: int = 0) -> SurveyedGroups:
-        return SurveyedGroups(self._surveyed, self.plan.group_length, first, untouched_groups)
+    def _survey_at(self, occasion: Occasion, untouched_groups: int = 0) -> SurveyedGroups:
+        length = self.plan.group_length
+        return SurveyedGroups(occasion, self._surveyed, length, untouched_groups)
 
     def _adapt(self, kept: SurveyedGroups) -> list[Reading]:
         """Survey the room in the groups kept, and go on with the plan that suits it."""
-        self._kept, self._in_tare = None, False
+        self._kept = None
         last = kept.groups[-1].index
         self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
         survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)

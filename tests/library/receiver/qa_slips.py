@@ -13,7 +13,7 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.estimation.capture import folded_groups
 from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.capture.slips import Slips
-from gnuradio.wiforce.receiver.stream import StreamReader
+from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
 from press_capture import SCENE, array_source
 
@@ -205,7 +205,7 @@ def test_group_left_out_before_a_slip_passes_on_that_the_device_was_tuned():
     """Its phases are new for all that follow, though nothing of the group itself is read."""
     plan = wiforce.plan(SCENE)
     length, first = plan.group_length, plan.reference_groups + 20
-    stream = StreamReader(plan)
+    in_place = GroupsInPlace(length, plan.reference_groups)
 
     def group(index, **found):
         folded = np.zeros((length, plan.waveform.symbol_length), np.complex64)
@@ -213,7 +213,7 @@ def test_group_left_out_before_a_slip_passes_on_that_the_device_was_tuned():
         return SnapshotGroup(index, folded, None, present, kept=present, **found)
 
     begin = first * length
-    given = stream._verified(
+    given = in_place.process(
         [
             group(first, retuned=True, misplaced=[(begin, begin + 9)]),
             group(first + 1),
