@@ -7,39 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / "tests/platforms/run"
 STEPS = ROOT / "tests/platforms/steps"
-
-
-def run(*words):
-    command = [sys.executable, RUN, *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
-
-
-@pytest.mark.parametrize(
-    ("words", "rule"),
-    [
-        (["woody"], "DISTRIBUTION must be one of bookworm, trixie, .*, got 'woody'"),
-        (["../etc"], "DISTRIBUTION must be one of .*, got '../etc'"),
-        (["trixie", "--steps", "create,fly"], "--steps must be some of .*, got 'fly'"),
-        (["trixie", "--packages", "."], "--packages must hold .deb files, got '.'"),
-    ],
-)
-def test_run_with_a_wrong_argument_names_it_in_one_line(words, rule):
-    """An hour later the answer would come as a traceback."""
-    done = run(*words)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
-    assert re.match(f"run: {rule}$", done.stderr.strip()), done.stderr
-
-
-def test_run_help_lists_distributions_and_steps():
-    done = run("--help")
-    assert done.returncode == 0
-    for word in ("bookworm", "trixie", "noble", "lintian", "sudo"):
-        assert word in done.stdout
 
 
 def test_every_script_of_a_step_is_valid_and_used():
