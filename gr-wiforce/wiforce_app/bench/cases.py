@@ -22,16 +22,13 @@ from .air import Air, PathLevels, TagOnAir
 
 
 class SnapshotChain:
-    """Snapshots of the channel in, ratios R out: the receiver without samples and sensors.
+    """Snapshots of the channel in, ratios R out: the receiver without samples and sensors."""
 
-    ``derotated``: whether tones that are given were stopped from turning within a symbol.
-    """
-
-    def __init__(self, plan, derotated=False):
+    def __init__(self, plan):
         self.table = plan.table
         estimator = estimator_named(plan.estimator)
         self.separator = estimator.separation(
-            plan.table, plan.clocks, plan.waveform, derotated, plan.others
+            plan.table, plan.clocks, plan.waveform, False, plan.others
         )
         self.difference = estimator.difference(
             len(plan.clocks), plan.reference_groups, plan.waveform

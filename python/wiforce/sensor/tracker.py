@@ -181,8 +181,7 @@ class PressTracker:
 
     All carriers of the model are used together unless one is given. ``force_walk_n`` is the
     standard deviation of the change of force in one second, which grows with the root of time. The
-    force at a press's first reading is ``start_force_n``, by default 1.1 N above the onset, give or
-    take ``start_std_n``.
+    force at a press's first reading is 1.1 N above the onset, give or take as much.
     """
 
     def __init__(
@@ -191,24 +190,15 @@ class PressTracker:
         group_period_s: float,
         frequency_hz: float | None = None,
         force_walk_n: float = FORCE_WALK_N,
-        start_force_n: float | None = None,
-        start_std_n: float = START_ABOVE_ONSET_N,
     ) -> None:
-        if start_force_n is None:
-            start_force_n = model.onset_force_n + START_ABOVE_ONSET_N
-        settings = {
-            "group_period_s": group_period_s,
-            "force_walk_n": force_walk_n,
-            "start_force_n": start_force_n,
-            "start_std_n": start_std_n,
-        }
-        for name, value in settings.items():
+        settings = ("group_period_s", group_period_s), ("force_walk_n", force_walk_n)
+        for name, value in settings:
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, "must be positive", value)
         self._inverter = model.inverter(frequency_hz)
         self._forward = self._inverter.forward
         self._walk = force_walk_n**2 * group_period_s
-        self._start = (start_force_n, start_std_n)
+        self._start_n = model.onset_force_n + START_ABOVE_ONSET_N
         self._limit = misfit_limit(self._forward.size, 1 - _LOST)
         self._bank: FilterBank | None = None  # of the press that is followed
         self._lost = 0
@@ -230,7 +220,7 @@ class PressTracker:
             return np.nan, np.nan, np.nan, np.nan, ()
         phases, std = self._checked(phases_deg, std_deg)
         if self._bank is None:
-            bank = FilterBank(self._forward, self._coarse, *self._start)
+            bank = FilterBank(self._forward, self._coarse, self._start_n, START_ABOVE_ONSET_N)
         else:
             bank = self._bank
             bank.walk(self._walk)
@@ -240,7 +230,10 @@ class PressTracker:
             self._lost = self._lost + 1 if lost else 0
             if self._lost >= _LOST_AFTER:
                 # another press has begun, or this one slides
-                bank, self._lost = FilterBank(self._forward, self._coarse, *self._start), 0
+                bank, self._lost = (
+                    FilterBank(self._forward, self._coarse, self._start_n, START_ABOVE_ONSET_N),
+                    0,
+                )
                 bank.update(phases, std)
             bank = bank.close_in()
         self._bank = bank
@@ -284,7 +277,9 @@ class PressTracker:
         """Fresh filters on a grid about the location that was found; for a press only."""
         assert self._bank is not None
         ends = self._forward.location_mm[[0, -1]]
-        return FilterBank(self._forward, self._bank.about_place(*ends), *self._start)
+        return FilterBank(
+            self._forward, self._bank.about_place(*ends), self._start_n, START_ABOVE_ONSET_N
+        )
 
     def code_of(self, values: Array, std: Array) -> int:
         """Sum of the flags of force, location and their covariance, ``values`` (6,)."""
@@ -310,8 +305,6 @@ def smooth_press(
     group_period_s: float,
     frequency_hz: float | None = None,
     force_walk_n: float = FORCE_WALK_N,
-    start_force_n: float | None = None,
-    start_std_n: float = START_ABOVE_ONSET_N,
 ) -> Inversion:
     """Force over a whole press and its location, each reading in the light of all of them.
 
@@ -322,9 +315,7 @@ def smooth_press(
     if not phases.size:
         raise InputError("phases_deg", "must hold a reading or more", phases.shape)
     std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
-    tracker = PressTracker(
-        model, group_period_s, frequency_hz, force_walk_n, start_force_n, start_std_n
-    )
+    tracker = PressTracker(model, group_period_s, frequency_hz, force_walk_n)
     for reading, noise in zip(phases, std, strict=True):
         tracker.update(reading, noise)
     # once more, from the start, about where the press turned out to be

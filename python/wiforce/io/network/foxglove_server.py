@@ -19,6 +19,7 @@ from .addresses import host_and_port
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
 # dropped.
 _BACKLOG = 256
+_OPTION = "--foxglove"
 
 
 class FoxgloveServer(Output):
@@ -27,10 +28,10 @@ class FoxgloveServer(Output):
     Clients learn of the sensors' topics when they connect, before there is a message.
     """
 
-    def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
-        host, port = host_and_port(address, option)
+    def __init__(self, address: str, sensors: Iterable[str]) -> None:
+        host, port = host_and_port(address, _OPTION)
         # The writer of mcap_ros2 uses this module; it offers no other way to encode a message.
-        modules = optional_modules(option, ["foxglove", "mcap_ros2._dynamic"])
+        modules = optional_modules(_OPTION, ["foxglove", "mcap_ros2._dynamic"])
         self._foxglove, self._encoding = modules
         self._foxglove.set_log_level("ERROR")
         self._context = self._foxglove.Context()
@@ -48,7 +49,7 @@ class FoxgloveServer(Output):
             )
         except RuntimeError as error:
             reason = str(error).removeprefix("FoxgloveError: ")
-            raise InputError(option, f"cannot be bound ({reason})", address) from error
+            raise InputError(_OPTION, f"cannot be bound ({reason})", address) from error
 
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Send one reading, with ``run``, ``time_utc`` and ``device_time_s``."""

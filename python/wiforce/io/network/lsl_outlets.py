@@ -59,10 +59,9 @@ class LslOutlets(Output):
         period_s: float,
         network: bool = False,
         details: Mapping[str, str] | None = None,
-        option: str = "--lsl",
         surfaces: Iterable[str] = (),
     ) -> None:
-        self._pylsl = optional_module("pylsl", option)
+        self._pylsl = optional_module("pylsl", "--lsl")
         if not network:
             self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
         elif not _has_settings():

@@ -193,15 +193,11 @@ class Replies(_Endpoint):
     kind = "ROUTER"
 
     def __init__(
-        self,
-        endpoint: str,
-        answer: Callable[[str], str | Later],
-        option: str = "--control",
-        keys: ServerKeys | None = None,
+        self, endpoint: str, answer: Callable[[str], str | Later], keys: ServerKeys | None = None
     ) -> None:
         self._answer = answer
         self._later: list[tuple[list[bytes], Later]] = []
-        super().__init__(endpoint, option, keys)
+        super().__init__(endpoint, "--control", keys)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
@@ -310,18 +306,14 @@ class _Handshake:
 
 
 def request(
-    endpoint: str,
-    word: str,
-    timeout_s: float,
-    option: str = "ENDPOINT",
-    keys: ClientKeys | None = None,
+    endpoint: str, word: str, timeout_s: float, keys: ClientKeys | None = None
 ) -> str | None:
     """The answer of :class:`Replies` to a word; None when there is none in time.
 
     InputError when pyzmq is missing, the endpoint is none, or the server does not accept the keys.
     """
-    address = endpoint_of(endpoint, option)
-    zmq = optional_module("zmq", option)
+    address = endpoint_of(endpoint, "ENDPOINT")
+    zmq = optional_module("zmq", "ENDPOINT")
     with zmq.Context() as context, context.socket(zmq.REQ) as client:
         client.setsockopt(zmq.LINGER, 0)
         if keys is not None:
@@ -335,7 +327,7 @@ def request(
             reason = str(error)
             if error.errno == errno.EINVAL:
                 reason = "ADDRESS must be that of one machine"
-            raise InputError(option, f"cannot be connected to ({reason})", endpoint) from error
+            raise InputError("ENDPOINT", f"cannot be connected to ({reason})", endpoint) from error
         finally:
             handshake.close()
 
