@@ -44,7 +44,7 @@ def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndar
 class PowerBasis:
     """1, F^(-1/3), F: touch-down of a beam under a point load plus a linear term."""
 
-    size = 3
+    size, constant = 3, (1.0, 0.0, 0.0)  # ``constant``: coefficients of 1
 
     def __init__(self, knots_n: Array | None = None) -> None:
         pass
@@ -61,7 +61,7 @@ class PowerBasis:
 class CubicBasis:
     """1, F, F^2, F^3, the paper's fit; straight lines outside the first and the last knot."""
 
-    size = 4
+    size, constant = 4, (1.0, 0.0, 0.0, 0.0)
 
     def __init__(self, knots_n: Array) -> None:
         self._low, self._high = float(knots_n[0]), float(knots_n[-1])
@@ -89,6 +89,7 @@ class SplineBasis:
         self._u = np.sort(touch_down(knots_n))
         self._knots = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
         self.size = len(self._u) + 2
+        self.constant = (1.0,) * self.size  # B-splines sum to one
 
     @staticmethod
     def knots_of(force_n: Array) -> Array:
@@ -304,14 +305,10 @@ class CurveModel(SensorModel):
         )
 
     def _whole_turns(self, index: int, ports_deg: Array) -> Array:
-        """Turns of 360 deg in the curves, as coefficients (2, 1, K): scaled, they would not be
+        """Turns of 360 deg in the curves, as coefficients (2, 1, K), which would not stay whole.
 
-        whole. What ports add, touched and untouched phases have in common.
+        What ports add, touched and untouched phases have in common.
         """
-        carrier = self.carriers[index]
         values = self._at_locations(np.linspace(*self.force_span_n, 8), index)
         turns = 360.0 * np.round((values.mean(axis=(0, 2)) - ports_deg) / 360.0)
-        size = carrier.coefficients_deg.shape[-1]
-        # B-splines sum to one; the other forms begin with a constant.
-        constant = np.ones(size) if self.form == "spline" else np.eye(size)[0]
-        return turns[:, None, None] * constant
+        return turns[:, None, None] * np.array(self._basis.constant)
