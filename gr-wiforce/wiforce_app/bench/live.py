@@ -18,6 +18,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
+from ..radio.request import RECEIVE_S
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
@@ -122,7 +123,7 @@ COLUMNS = (
 )
 @click.option(
     "--latency",
-    type=click.Choice(["low", "relaxed"]),
+    type=click.Choice(list(RECEIVE_S)),
     default="low",
     show_default=True,
     help="Option of the live reader.",

@@ -117,7 +117,7 @@ _NAMES_OF_DEVICES = {
 @tracked_presses
 @click.option(
     "--latency",
-    type=click.Choice(["low", "relaxed"]),
+    type=click.Choice(list(RECEIVE_S)),
     default="low",
     show_default=True,
     help="How soon readings come: 'relaxed' takes less processor time and 20 ms more.",

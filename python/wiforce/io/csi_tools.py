@@ -306,7 +306,6 @@ _INTEL_20 = np.r_[-28:-1:2, -1, 1:28:2, 28]
 _INTEL_40 = np.r_[-58:-1:4, 2:59:4]
 # Bit of rate_n_flags of a packet of 40 MHz.
 _INTEL_WIDE = 0x800
-_NEXMON_CHIPS = ("4339", "43455c0", "4358", "4366c0")
 # Shortest record: 27 bytes, and 56 subcarriers of one antenna and stream at 20 bits each. csiread
 # assumes longer ones, and has no room for the rest.
 _ATHEROS_BYTES = 27 + 140
@@ -384,7 +383,7 @@ def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnap
 
 def check_tool(tool: str, mac: str | None = None, second: str | Path | None = None) -> None:
     """Refuse an unknown tool, and what does not go with it, as :func:`open_csi`."""
-    chips = "|".join(_NEXMON_CHIPS)
+    chips = "|".join(_CHIPS.values())
     if not re.fullmatch(rf"intel|atheros|esp32|nexmon/({chips})/(20|40|80)", tool):
         raise InputError("--csi-tool", f"must be one of {', '.join(TOOLS)}", tool)
     if mac is not None:
