@@ -13,6 +13,7 @@ import pytest
 from chain_from_file import Chain
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
 
@@ -125,7 +126,10 @@ MISTAKES = {
         "the receiver is saturated",
     ),
     "end": (lambda codes: said_of(codes[: 3 * GROUP]), "within the untouched reference of 0.288 s"),
-    "early end": (lambda codes: said_of(codes[:1000]), "without a whole phase group of 36 ms"),
+    "early end": (
+        lambda codes: said_of(codes[:1000]),
+        "without a whole phase group of 36 ms behind frame_offset",
+    ),
 }
 
 
@@ -135,6 +139,12 @@ def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
     say, cause = MISTAKES[mistake]
     (sentence,) = say(codes)
     assert sentence.startswith("reader: ") and cause in sentence
+
+
+def test_reader_refuses_a_scene_of_packets_for_what_it_is():
+    """The message blamed the number of antennas, which follows from the packets."""
+    with pytest.raises(InputError, match="packets: says that another device measures the channel"):
+        wiforce.reader("wifi_packets")
 
 
 def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):

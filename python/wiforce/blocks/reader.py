@@ -240,10 +240,14 @@ class reader(Kept, gr.hier_block2):
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
         settings = as_plan(scene)
-        antennas = settings.require_scene().environment.receive_antennas
-        if antennas > 1 and input_type != "folded":
-            rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
-            raise InputError("environment.receive_antennas", rule, 2)
+        if input_type != "folded":
+            folding = settings.waveform.folding
+            if settings.require_scene().environment.receive_antennas > 1:
+                raise InputError(
+                    "environment.receive_antennas",
+                    "must be 1 where samples come in; two antennas are folded, then antenna_ratio",
+                    2,
+                )
         folded_bytes = settings.waveform.symbol_length * gr.sizeof_gr_complex
         gr.hier_block2.__init__(
             self,
@@ -260,11 +264,10 @@ class reader(Kept, gr.hier_block2):
         if input_type == "folded":
             first = phase_group_doppler.collected(length, settings.waveform.symbol_length)
         else:
-            waveform = settings.waveform
             first = self.fold = preamble_fold.collected(
                 length,
-                **waveform.folding,
-                sample_rate=waveform.sample_rate_hz,
+                **folding,
+                sample_rate=settings.waveform.sample_rate_hz,
                 frame_offset=frame_offset,
                 item_type=input_type,
             )

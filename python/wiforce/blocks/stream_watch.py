@@ -313,7 +313,7 @@ class StreamWatch:
                 _NO_GROUPS
                 if folded.frames >= 2 * plan.group_length
                 else f"the stream has ended without a whole phase group of {1e3 * group_s:.3g} ms "
-                "at the carrier and sample rate of the scene; nothing was read"
+                "behind frame_offset, at the carrier and sample rate of the scene; nothing was read"
             )
             return
         received_s, reference_s = groups * group_s, plan.reference_groups * group_s
