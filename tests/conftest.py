@@ -3,6 +3,7 @@
 
 import faulthandler
 import fcntl
+import gc
 import json
 import os
 import signal
@@ -70,6 +71,7 @@ def long_run(request):
 
 
 def pytest_configure(config):
+    gc.disable()  # nothing of what is collected becomes garbage
     config.addinivalue_line("markers", f"timeout(seconds): time limit instead of {TIMEOUT_S} s")
     config.addinivalue_line("markers", "long: runs with --long only, since other cases say as much")
     try:
@@ -98,6 +100,12 @@ def pytest_collection_modifyitems(config, items):
         files.setdefault(item.path, []).append(item)
     pairs = zip_longest(waiting.values(), computing.values(), fillvalue=[])
     items[:] = [item for pair in pairs for file in pair for item in file]
+
+
+def pytest_collection_finish():
+    """Leave the tests and what they have imported out of all later garbage collections."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -12,7 +12,6 @@ from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, 
 from gnuradio.wiforce.io.readings import Reading
 from machine import free_port, wait_until
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.server import PageServer
 
 RUN = "20260101T000000Z-abcdef"
 
@@ -20,6 +19,8 @@ RUN = "20260101T000000Z-abcdef"
 @contextmanager
 def serving(source, token=None, host="127.0.0.1", **options):
     """A page in a thread: its address and its server."""
+    from wiforce_app.web.server import PageServer  # Bokeh takes 1.5 s
+
     address = PageAddress(host, free_port(), token)
     made, ready = [], threading.Event()
 

@@ -21,13 +21,13 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from machine import free_port, wait_until
 from web_pages import RUN, RawViewer, publishing, serving, touched, untouched
-from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.file_source import FileSource
 from wiforce_app.web.page_state import ROW, PageState, loaded, page_row, status_of
 from wiforce_app.web.zmq_source import ZmqSource
 
 TOKEN = "a-token-of-a-test"
+SERVER = "wiforce_app.web.server"  # with Bokeh, which takes 1.5 s
 
 
 class NoSource:
@@ -296,7 +296,7 @@ def test_file_source_refuses_a_file_that_holds_no_readings(tmp_path):
 
 def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     """One laptop that was closed must not fill the memory of the robot."""
-    monkeypatch.setattr(server_module, "STALLED_S", 0.5)
+    monkeypatch.setattr(f"{SERVER}.STALLED_S", 0.5)
 
     with serving(Flood(), history_s=1000.0) as (url, page):
         with (
@@ -370,8 +370,8 @@ def test_viewer_that_sends_without_a_pause_does_not_delay_others(frames):
 @pytest.mark.parametrize("request_line", ["GET /bokeh/bokeh.min.js", "POST /"])
 def test_connection_that_neither_reads_nor_sends_is_closed(request_line, monkeypatch):
     """Some hundred of them kept everybody else out, as long as they were open."""
-    monkeypatch.setattr(server_module, "STALLED_S", 0.5)
-    monkeypatch.setattr(server_module, "_IDLE_S", 0.5)
+    monkeypatch.setattr(f"{SERVER}.STALLED_S", 0.5)
+    monkeypatch.setattr(f"{SERVER}._IDLE_S", 0.5)
     with serving(NoSource()) as (url, _):
         before = len(os.listdir("/proc/self/fd"))
         with closing(socket.socket()) as client:
@@ -451,7 +451,9 @@ def test_forced_tare_is_asked_beside_a_pending_plain_one():
             self.asked.append((force, answer))
 
     async def ask_and_answer():
-        page = server_module.PageServer(source, PageAddress("127.0.0.1", 0), None)
+        from wiforce_app.web.server import PageServer
+
+        page = PageServer(source, PageAddress("127.0.0.1", 0), None)
         for force in (False, True, False):
             page.tare(viewer, force)
         assert [force for force, _ in source.asked] == [False, True]
@@ -483,7 +485,7 @@ def test_zmq_source_asks_for_a_forced_tare_beside_a_pending_plain_one():
 
 
 def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
-    monkeypatch.setattr(server_module, "_MOST_VIEWERS", 2)
+    monkeypatch.setattr(f"{SERVER}._MOST_VIEWERS", 2)
     with serving(NoSource()) as (url, page):
         with (
             closing(RawViewer(url)) as first,
@@ -501,9 +503,9 @@ def test_connections_beyond_the_limit_are_closed_and_others_served(limited, monk
         # Of each connection, this process has both ends. Free descriptors below are taken first.
         most = max(int(name) for name in os.listdir("/proc/self/fd")) + 20
         descriptors = 2 * most if limited == "descriptors" else 1 << 20  # as in containers
-        monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (descriptors,) * 2)
+        monkeypatch.setattr(f"{SERVER}.resource.getrlimit", lambda _: (descriptors,) * 2)
         if limited == "connections":
-            monkeypatch.setattr(server_module, "_MOST_DESCRIPTORS", most)
+            monkeypatch.setattr(f"{SERVER}._MOST_DESCRIPTORS", most)
         place = (urlsplit(url).hostname, urlsplit(url).port)
         with ExitStack() as stack:
             opened = []

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.constants  # noqa: F401  scikit-rf uses it without importing it
-import skrf
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
@@ -110,6 +109,8 @@ def test_phases_of_an_unknown_force_are_unknown_rather_than_untouched(name):
 
 def wide_ground_ohm(ratio, permittivity=1 + 1e-9):
     """Of scikit-rf's line over a wide ground, by the equations of Hammerstad and Jensen."""
+    import skrf  # takes 0.6 s
+
     media = skrf.media.MLine(
         skrf.Frequency(0.9, 0.9, 1, "ghz"),
         w=ratio * 1e-3,
@@ -159,6 +160,8 @@ def test_strips_narrower_than_high_equal_two_wires():
 
 
 def test_reflection_equals_that_of_a_line_of_scikit_rf():
+    import skrf
+
     line, hertz = Microstrip(permittivity=2.0), np.linspace(50e6, 3e9, 60)
     frequency = skrf.Frequency.from_f(hertz, unit="Hz")
     gamma = 2j * np.pi * hertz * np.sqrt(line.effective_permittivity) / 299_792_458
