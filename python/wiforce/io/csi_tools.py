@@ -165,18 +165,17 @@ _WRAP = 1 << 32
 
 
 @dataclass(frozen=True, eq=False)
-class Esp32Packets:
-    """Packets of one sender that an ESP32 has printed."""
+class Packets:
+    """Packets of one sender."""
 
-    time_us: np.ndarray  # (n,), by the device's clock, unwrapped
-    identifier: np.ndarray | None  # (n,), number that the sender has given each packet
-    channel: np.ndarray  # (n, K), complex
+    time_s: np.ndarray  # (n,), by the device's clock, unwrapped
+    channel: np.ndarray  # (n, K) or, of several antennas, (n, K, A); complex
     subcarriers: np.ndarray  # (K,), in multiples of 312.5 kHz
-    sender: str  # its MAC address
-    left_out: tuple[tuple[str, int], ...]  # why lines were left out, and their number
+    left_out: tuple[tuple[str, int], ...]  # why some were left out, and their number
+    identifier: np.ndarray | None = None  # (n,), number that the sender has given each packet
 
 
-def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
+def read_esp32(path: str | Path, mac: str | None = None) -> Packets:
     """Read the lines of an ESP32, of the sender ``mac`` or of the most frequent one.
 
     Packets have the number of subcarriers that most have. Refuses a file without such lines, or
@@ -195,7 +194,7 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
     lengths = Counter(len(row["values"]) for row in own)
     length = lengths.most_common(1)[0][0]
     kept = [row for row in own if len(row["values"]) == length]
-    left_out = (
+    left_out: tuple[tuple[str, int], ...] = (
         ("line that is incomplete or of another kind", odd),
         ("packet of another sender", len(rows) - len(own)),
         ("packet with another number of subcarriers", len(own) - len(kept)),
@@ -208,19 +207,17 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Esp32Packets:
     if all("id" in row and re.fullmatch(r"\d+", row["id"]) for row in kept):
         identifier = np.array([int(row["id"]) for row in kept])
     stamps = np.array([int(row["local_timestamp"]) for row in kept])
-    return Esp32Packets(
-        _unwrapped(stamps), identifier, channel, subcarriers, sender,
-        tuple(each for each in left_out if each[1]),
-    )  # fmt: skip
+    left_out = tuple(each for each in left_out if each[1])
+    return Packets(_unwrapped_s(stamps), channel, subcarriers, left_out, identifier)
 
 
-def _unwrapped(microseconds: np.ndarray) -> np.ndarray:
-    """Times (n,) of a clock of 32 bits that wraps, since the first one."""
+def _unwrapped_s(microseconds: np.ndarray) -> np.ndarray:
+    """Times (n,) of a clock of 32 bits that wraps, since the first one, in s."""
     microseconds = microseconds.astype(np.int64)
-    return np.unwrap(microseconds, period=_WRAP) - microseconds[:1]
+    return (np.unwrap(microseconds, period=_WRAP) - microseconds[:1]) * 1e-6
 
 
-def together(first: Esp32Packets, second: Esp32Packets, path: Path) -> Esp32Packets:
+def together(first: Packets, second: Packets, path: Path) -> Packets:
     """Two ESP32 on one crystal as two antennas (n, K, 2): packets that both have received.
 
     ``path`` is that of the second one. InputError where lines do not number the packets, or
@@ -238,11 +235,10 @@ def together(first: Esp32Packets, second: Esp32Packets, path: Path) -> Esp32Pack
     one, other = one[order], other[order]
     single = len(first.identifier) + len(second.identifier) - 2 * len(one)
     channel = np.stack([first.channel[one], second.channel[other]], axis=2)
-    left_out = (*first.left_out, *second.left_out, ("packet that one device received", single))
-    return Esp32Packets(
-        first.time_us[one], first.identifier[one], channel, first.subcarriers, first.sender,
-        tuple(each for each in left_out if each[1]),
-    )  # fmt: skip
+    left_out = (*first.left_out, *second.left_out)
+    if single:
+        left_out = (*left_out, ("packet that one device received", single))
+    return Packets(first.time_s[one], channel, first.subcarriers, left_out, first.identifier[one])
 
 
 def _rows(path: Path) -> tuple[list[dict[str, Any]], int]:
@@ -374,7 +370,7 @@ def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnap
         packets = together(packets, read_esp32(second, mac), second)
     return checked_snapshots(
         path,
-        packets.time_us * 1e-6,
+        packets.time_s,
         packets.channel,
         packets.subcarriers * _SPACING_HZ,
         left_out=packets.left_out,
@@ -403,7 +399,7 @@ def convert(path: str, tool: str, output: str, mac: str = "") -> None:
     Raises whatever csiread raises; ``mac`` is empty for the most frequent sender.
     """
     name, *settings = tool.split("/")
-    readers: dict[str, Callable[..., _Packets]] = {
+    readers: dict[str, Callable[..., Packets]] = {
         "intel": _intel,
         "atheros": _atheros,
         "nexmon": partial(_nexmon_packets, mac),
@@ -419,20 +415,10 @@ def convert(path: str, tool: str, output: str, mac: str = "") -> None:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Packets:
-    """Times in s, channels (n, K, A), subcarriers (K,), and what was left out."""
-
-    time_s: np.ndarray
-    channel: np.ndarray
-    subcarriers: np.ndarray
-    left_out: tuple[tuple[str, int], ...]
-
-
 _OTHER = "packet with another number of antennas, streams or subcarriers"
 
 
-def _intel(path: str) -> _Packets:
+def _intel(path: str) -> Packets:
     from csiread import Intel
 
     # Four antennas instead of three: a broken permutation then stays inside the array.
@@ -441,12 +427,12 @@ def _intel(path: str) -> _Packets:
     wide = (found.rate & _INTEL_WIDE > 0).astype(int)
     kept = _most_frequent(np.stack([found.Nrx, found.Ntx, wide], axis=1))
     subcarriers = _INTEL_40 if wide[kept].any() else _INTEL_20
-    time_s = _unwrapped(found.timestamp_low) * 1e-6
+    time_s = _unwrapped_s(found.timestamp_low)
     lost = ((_OTHER, int(np.count_nonzero(~kept))),)
-    return _Packets(time_s[kept], _used(found.csi[kept][..., 0]), subcarriers, lost)
+    return Packets(time_s[kept], _used(found.csi[kept][..., 0]), subcarriers, lost)
 
 
-def _atheros(path: str) -> _Packets:
+def _atheros(path: str) -> Packets:
     from csiread import Atheros
 
     most = Path(path).stat().st_size // _ATHEROS_BYTES + 1
@@ -464,10 +450,10 @@ def _atheros(path: str) -> _Packets:
         ("packet without CSI", int(np.count_nonzero(~filled))),
         (_OTHER, int(np.count_nonzero(filled & ~kept))),
     )
-    return _Packets(time_s, channel, subcarriers, lost)
+    return Packets(time_s, channel, subcarriers, lost)
 
 
-def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> _Packets:
+def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> Packets:
     from csiread import Nexmon
 
     found = Nexmon(path, chip=chip, bw=int(mhz), if_report=False)
@@ -491,7 +477,7 @@ def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> _Packets:
         ("frame of another sender", int(np.count_nonzero(~wanted))),
         ("packet that not all cores report", int(np.count_nonzero(~whole))),
     )
-    return _Packets(stamps[first][whole], channel[whole][:, subcarriers], subcarriers, lost)
+    return Packets(stamps[first][whole], channel[whole][:, subcarriers], subcarriers, lost)
 
 
 def _grouped(core: np.ndarray, sequence: np.ndarray, time_s: np.ndarray) -> np.ndarray:
@@ -523,6 +509,3 @@ def _used(channel: np.ndarray) -> np.ndarray:
     """Antennas that most packets hold."""
     power = np.mean(np.abs(channel).sum(axis=1) > 0, axis=0)
     return channel[:, :, power > 0.5]
-
-
-__all__ = ["check_tool", "convert", "open_csi"]
