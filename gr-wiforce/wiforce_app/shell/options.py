@@ -163,13 +163,14 @@ _OF_A_RADIO = (
 )
 
 
-_SCENE = click.option(
-    "--scene",
-    "scene_path",
-    required=True,
-    shell_complete=scene_names,
-    help="Scene file, or name of a shipped scene.",
-)
+def _scene(required):
+    return click.option(
+        "--scene",
+        "scene_path",
+        required=required,
+        shell_complete=scene_names,
+        help="Scene file, or name of a shipped scene.",
+    )
 
 
 def _all(*options):
@@ -184,16 +185,9 @@ def _all(*options):
 
 
 # Options that open a device; the others for a command that can do without one.
-radio_options = _all(_SCENE, *_OF_A_RADIO)
+radio_options = _all(_scene(True), *_OF_A_RADIO)
 optional_radio_options = _all(
-    click.option(
-        "--scene",
-        "scene_path",
-        shell_complete=scene_names,
-        help="Scene file, or name of a shipped scene.",
-    ),
-    click.option("--args", help=_ARGS_HELP),
-    *_OF_A_RADIO[1:],
+    _scene(False), click.option("--args", help=_ARGS_HELP), *_OF_A_RADIO[1:]
 )
 csi_options = _all(
     click.option(
