@@ -14,7 +14,6 @@ from ..signal.bands import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
 from .clocks import (
     FARTHER,
-    ClockReport,
     assess_clocks,
     clocks_for,
     lamp_multiples,
@@ -66,16 +65,12 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
     """What the times of packets, lamps and the static paths may do to readings, a sentence each."""
     scene = plan.require_scene()
     mains_hz = scene.environment.possible_mains_hz
-    near_hz = _NEAR_BINS / plan.group_period_s
-    for clock, name in zip(plan.clocks, scene.sensor_names, strict=True):
-        apart = lamp_distances_hz(clock.clock_hz, mains_hz)
-        near = [line for line, hz in zip(STRONG_LINES, apart.tolist(), strict=True) if hz < near_hz]
-        if near:
-            yield (
-                f"mains: {lines_lie(near, name)} within {near_hz:.3g} Hz of "
-                f"{lamp_multiples(mains_hz)}: where a lamp modulates what it reflects, this tag is "
-                "disturbed"
-            )
+    for found in lines_near_lamps(plan, _NEAR_BINS):
+        yield (
+            f"mains: {lines_lie(found.lines, scene.sensor_names[found.tag])} within "
+            f"{_NEAR_BINS / plan.group_period_s:.3g} Hz of {lamp_multiples(mains_hz)}: where a "
+            "lamp modulates what it reflects, this tag is disturbed"
+        )
     yield from _alias_warnings(plan)
     snr_db = scene.simulation.snr_db
     if scene.environment.reader_clock == "free" and snr_db > _HIGHEST_SNR_DB:
@@ -173,19 +168,10 @@ def warnings(plan: Plan) -> list[str]:
     ]
 
 
-def _assess(plan: Plan) -> ClockReport:
-    tolerance_ppm = max(clock.planned_ppm for clock in plan.clocks)
-    return assess_clocks(
-        plan.clocks_hz,
-        plan.waveform,
-        min(plan.group_length, _LONGEST_ASSESSED),
-        tolerance_ppm=tolerance_ppm,
-        clutter_hz=plan.clutter_hz,
-    )
-
-
 def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
-    report = _assess(plan)
+    length = min(plan.group_length, _LONGEST_ASSESSED)
+    tolerance_ppm = max(clock.planned_ppm for clock in plan.clocks)
+    report = assess_clocks(plan.clocks_hz, plan.waveform, length, tolerance_ppm, plan.clutter_hz)
     names = scene.sensor_names
     yield from report.problems
     loss_db: dict[int, float] = {}

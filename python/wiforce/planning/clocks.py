@@ -338,17 +338,17 @@ class LampLines:
     """A tag with strong lines that a phase group cannot separate from those of lamps."""
 
     tag: int
-    lines: tuple[int, ...]  # of its lines 1, 2 and 4, those within one bin of a lamp's line
+    lines: tuple[int, ...]  # of its lines 1, 2 and 4, those next to a lamp's line
     distance_hz: float  # least distance of a strong line to a lamp's line
 
 
-def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
-    """Tags of a scene whose strong lines lie within one bin of those of lamps."""
+def lines_near_lamps(plan: Plan, bins: float = 1.0) -> Iterator[LampLines]:
+    """Tags of a scene whose strong lines lie within some bins of those of lamps."""
     mains_hz = plan.require_scene().environment.possible_mains_hz
-    bin_hz = 1 / plan.group_period_s
+    near_hz = bins / plan.group_period_s
     for tag, clock in enumerate(plan.clocks):
         distances_hz = lamp_distances_hz(clock.clock_hz, mains_hz)
-        near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < bin_hz)
+        near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < near_hz)
         if near:
             yield LampLines(tag, near, float(distances_hz.min()))
 
