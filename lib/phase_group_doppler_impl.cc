@@ -140,6 +140,7 @@ int phase_group_doppler_impl::general_work(int noutput_items,
             [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
                 std::copy_n(snapshots, n * d_symbol_length, slots);
                 d_noise.write(here, n, noise);
+                return n;
             });
         d_collector.note_saturated(tags_among(count, here, saturated_key).size());
         if (!tags_among(count, here, retuned_key).empty())

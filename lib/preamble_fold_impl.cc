@@ -345,6 +345,7 @@ int group_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t s
         std::min(frames, collector.BATCH),
         [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
             this->d_folder.fold(averaged, n, folded, noise, &this->d_saturated);
+            return n;
         });
     collector.note_saturated(this->d_saturated.size());
     if (collector.is_full())

@@ -60,7 +60,8 @@ recording_source_impl::recording_source_impl(
                [this](std::uint64_t samples) {
                    d_logger->warn("frame timing slipped by {:d} samples; resynchronised",
                                   samples);
-               })
+               }),
+      d_reader(d_frames)
 {
 }
 
@@ -76,25 +77,31 @@ int recording_source_impl::work(int noutput_items,
     auto* out = static_cast<kernel::fc32*>(output_items[0]);
     int produced = 0;
     while (produced < noutput_items) {
-        const std::uint64_t ready = d_frames.ready();
-        if (ready == 0)
-            break;
-        const std::uint64_t first = d_frames.frame();
+        if (d_reader.rest().count == 0) {
+            const std::uint64_t ready = d_frames.ready();
+            if (ready == 0)
+                break;
+            d_reader.begin(d_frames.take(ready));
+        }
+        const std::uint64_t first = d_reader.rest().frame;
         for (; d_slips < d_frames.misplaced().size(); d_slips++)
             add_item_tag(0,
                          nitems_written(0) + produced,
                          slipped_key,
                          slip_value(d_frames.misplaced()[d_slips]));
-        const int count = std::min<std::uint64_t>(ready, noutput_items - produced);
-        d_noise.resize(count);
-        d_frames.fold(count, out + produced * d_frames.symbol_length(), d_noise.data());
+        d_noise.resize(noutput_items - produced);
+        const int count = d_reader.fold(noutput_items - produced,
+                                        out + produced * d_frames.symbol_length(),
+                                        d_noise.data());
+        if (count == 0)
+            continue;
         add_item_tag(0,
                      nitems_written(0) + produced,
                      noise_key,
                      noise_value(d_noise.data(), count));
         if (d_expected != first)
             tag(produced, snapshot_key, first);
-        for (const int frame : d_frames.saturated())
+        for (const int frame : d_reader.saturated())
             tag(produced + frame, saturated_key, 1);
         produced += count;
         d_expected = first + count;

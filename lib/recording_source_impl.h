@@ -28,6 +28,7 @@ private:
     void tag(int item, const pmt::pmt_t& key, std::uint64_t value);
 
     kernel::recorded_frames d_frames;
+    kernel::frame_reader d_reader;
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
     std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
     std::size_t d_slips = 0;                     // that are tagged

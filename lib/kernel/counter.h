@@ -6,7 +6,7 @@
 
 namespace gr::wiforce::kernel {
 
-// Counts in one thread; any thread may read it.
+// Any thread may count, and read it.
 class counter
 {
 public:
@@ -16,7 +16,7 @@ public:
     operator std::uint64_t() const { return d_value.load(std::memory_order_relaxed); }
     void operator+=(std::uint64_t more)
     {
-        d_value.store(*this + more, std::memory_order_relaxed);
+        d_value.fetch_add(more, std::memory_order_relaxed);
     }
 
 private:

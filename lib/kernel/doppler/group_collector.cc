@@ -5,10 +5,11 @@ namespace gr::wiforce::kernel {
 
 group_collector::group_collector(std::unique_ptr<doppler_transform> transform,
                                  int group_length,
-                                 int symbol_length)
+                                 int symbol_length,
+                                 std::shared_ptr<interference_screen> screen)
     : d_transform(std::move(transform)),
       d_group(group_length, symbol_length),
-      d_screen(group_length, symbol_length)
+      d_screen(std::move(screen))
 {
 }
 
@@ -24,8 +25,8 @@ bool group_collector::end()
 {
     d_group.finish();
     if (d_transform->rejects_interference() || d_transform->passes_snapshots()) {
-        const auto& marks = d_screen.examine(d_group);
-        if (d_transform->rejects_interference() && d_screen.rejected() > 0)
+        const auto& marks = d_screen->examine(d_group);
+        if (d_transform->rejects_interference() && d_screen->rejected() > 0)
             d_group.reject(marks);
     }
     return d_group.present() + d_group.rejected() > 0;

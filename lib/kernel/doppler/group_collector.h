@@ -24,9 +24,22 @@ public:
     // known to be finite.
     static constexpr int BATCH = 32;
 
+    // Collectors of the same recording share a screen, which learns from its groups in
+    // order.
     group_collector(std::unique_ptr<doppler_transform> transform,
                     int group_length,
-                    int symbol_length = DEFAULT_SYMBOL_LENGTH);
+                    int symbol_length,
+                    std::shared_ptr<interference_screen> screen);
+    group_collector(std::unique_ptr<doppler_transform> transform,
+                    int group_length,
+                    int symbol_length = DEFAULT_SYMBOL_LENGTH)
+        : group_collector(
+              std::move(transform),
+              group_length,
+              symbol_length,
+              std::make_shared<interference_screen>(group_length, symbol_length))
+    {
+    }
 
     int rows() const { return d_transform->rows(); }
     // Values of a transformed group.
@@ -47,15 +60,15 @@ public:
     }
 
     // Adds some of `available` snapshots from this index on, which
-    // write(count, folded, noise) writes; returns how many.
+    // write(count, folded, noise) writes at most; it and this return how many.
     template <class Write>
     int add(std::uint64_t snapshot, std::uint64_t available, const Write& write)
     {
         d_index = snapshot / d_group.length();
         const int slot = snapshot % d_group.length();
-        const int count = std::min<std::uint64_t>(available, d_group.length() - slot);
+        const int most = std::min<std::uint64_t>(available, d_group.length() - slot);
         fc32* const folded = d_group.reserve(slot);
-        write(count, folded, d_group.noise());
+        const int count = write(most, folded, d_group.noise());
         d_group.accept(count);
         return count;
     }
@@ -69,8 +82,8 @@ public:
     const phase_group& group() const { return d_group; }
     int saturated() const { return d_saturated; } // snapshots
     // Snapshots that interference hit, 1 each.
-    const std::vector<std::uint8_t>& marks() const { return d_screen.marks(); }
-    int marked() const { return d_screen.rejected(); }
+    const std::vector<std::uint8_t>& marks() const { return d_screen->marks(); }
+    int marked() const { return d_screen->rejected(); }
     void transform(fc32* out) { d_transform->transform(d_group, out); }
 
     void clear();
@@ -78,7 +91,7 @@ public:
 private:
     const std::unique_ptr<doppler_transform> d_transform;
     phase_group d_group;
-    interference_screen d_screen;
+    const std::shared_ptr<interference_screen> d_screen;
     std::uint64_t d_index = 0;
     int d_saturated = 0;
 };

@@ -44,6 +44,9 @@ public:
     // Samples that may be passed until decide() is due.
     std::uint64_t until_decision() const { return d_watch.decision() - d_position; }
     bool decision_is_due() const { return until_decision() == 0; }
+    // Of these, samples before those that are watched: they need not be read.
+    std::uint64_t until_watched() const { return d_watch.until_averaged(d_position); }
+    void pass_unwatched(std::uint64_t count) { d_position += count; }
 
     template <class Sample>
     void pass(const Sample* samples, std::uint64_t count)

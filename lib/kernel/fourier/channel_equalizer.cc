@@ -103,13 +103,13 @@ tone_channel::tone_channel(const std::vector<std::complex<double>>& factors,
 {
 }
 
-void tone_channel::append(fc32* transform, std::vector<fc32>& tones)
+void tone_channel::write(fc32* transform, fc32* tones)
 {
     for (int row = 0; row < d_equalizer.rows(); row++) {
         fc32* const channel = transform + std::size_t(row) * symbol_length();
         d_equalizer.equalize(row, channel, channel);
         for (const int bin : d_bins)
-            tones.push_back(channel[bin]);
+            *tones++ = channel[bin];
     }
 }
 

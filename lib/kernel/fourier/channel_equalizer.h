@@ -48,9 +48,8 @@ public:
 
     int symbol_length() const { return d_equalizer.symbol_length(); }
 
-    // Equalizes rows x symbol_length values in place, and appends the bins of each row to
-    // `tones`.
-    void append(fc32* transform, std::vector<fc32>& tones);
+    // Equalizes rows x symbol_length values in place, and writes the bins of each row.
+    void write(fc32* transform, fc32* tones);
 
 private:
     channel_equalizer d_equalizer;

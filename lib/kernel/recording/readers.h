@@ -32,6 +32,7 @@ public:
 
 private:
     const std::unique_ptr<recorded_frames> d_frames;
+    frame_reader d_reader;
     std::mutex d_mutex;
 };
 
@@ -40,7 +41,9 @@ private:
  * subcarriers: what recording_source, phase_group_doppler and ofdm_channel_estimator
  * give, without a flowgraph.
  *
- * Groups without any snapshot are left out, and so is the unfinished last one.
+ * Groups without any snapshot are left out, and so is the unfinished last one. Where the
+ * thread that makes the reader may run on several processors, two groups are folded side
+ * by side; this changes no value.
  */
 class tone_reader
 {
@@ -63,10 +66,12 @@ public:
                 const std::vector<std::complex<double>>& rotation,
                 const std::vector<int>& bins);
 
-    int rows() const { return d_collector.rows(); }
-    const std::vector<int>& bins() const { return d_channel.bins(); }
+    ~tone_reader();
 
-    // Takes an incomplete group and its row in the batch.
+    int rows() const { return d_rows; }
+    const std::vector<int>& bins() const { return d_bins; }
+
+    // Takes an incomplete group and its row in the batch; called in order, by any thread.
     using incomplete_handler = std::function<void(std::size_t, const phase_group&)>;
 
     // The next groups, fewer than `max_groups` at the end only. Any thread may call it,
@@ -76,12 +81,21 @@ public:
     const recorded_frames& frames() const { return *d_frames; }
 
 private:
-    void end_group(batch& groups, const incomplete_handler& take_incomplete);
+    struct worker;
+    struct round;
+
+    bool take_group(std::vector<frame_run>& runs);
+    void work(worker&, round&, batch&, const incomplete_handler&);
+    bool fold_next(worker&, round&, batch&, const incomplete_handler&);
+    void fold(worker&);
+    bool end_group(group_collector&, batch&, const incomplete_handler&);
+    std::size_t values() const { return d_rows * d_bins.size(); } // of a group
 
     const std::unique_ptr<recorded_frames> d_frames;
-    group_collector d_collector;
-    tone_channel d_channel;
-    std::vector<fc32> d_transform; // rows x symbol_length, of one group
+    const int d_group_length;
+    const std::vector<int> d_bins;
+    int d_rows;
+    std::vector<std::unique_ptr<worker>> d_workers;
     std::mutex d_mutex;
 };
 

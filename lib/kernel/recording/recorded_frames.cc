@@ -5,6 +5,15 @@
 
 namespace gr::wiforce::kernel {
 
+namespace {
+
+// A read of half a megabyte costs little more than its copy, and leaves the samples in
+// the second cache. Guards are read as well: leaving them out takes a call per frame,
+// which doubles the time (frames of 720 samples, page cache).
+constexpr std::uint64_t READ_BYTES = 1 << 19;
+
+} // namespace
+
 recorded_frames::recorded_frames(const std::string& path,
                                  const std::string& datatype,
                                  const std::vector<recording::segment>& segments,
@@ -13,7 +22,7 @@ recorded_frames::recorded_frames(const std::string& path,
                                  std::uint64_t header_bytes,
                                  std::function<void(std::uint64_t)> on_slip)
     : d_folder(folder),
-      d_recording(path, datatype, segments, header_bytes, folder.averaged_length()),
+      d_recording(path, datatype, segments, header_bytes),
       d_walk(folder, frame_offset),
       d_on_slip(std::move(on_slip))
 {
@@ -22,35 +31,42 @@ recorded_frames::recorded_frames(const std::string& path,
 std::uint64_t recorded_frames::ready()
 {
     while (true) {
-        pass_lead(std::min(d_recording.held(), d_walk.until_decision()));
+        pass(std::min({ d_recording.ahead(), d_walk.until_decision(), d_walk.lead() }));
         const std::uint64_t whole =
-            d_walk.whole_frames(std::min(d_recording.held(), d_walk.until_decision()));
+            d_walk.whole_frames(std::min(d_recording.ahead(), d_walk.until_decision()));
         if (whole > 0)
             return whole;
         if (d_walk.decision_is_due())
             follow_frames();
-        else if (!d_recording.read_on() && !start_segment())
+        else if (!start_segment())
             return 0;
     }
 }
 
-void recorded_frames::pass_lead(std::uint64_t available)
+frame_run recorded_frames::take(std::uint64_t count)
 {
-    d_recording.visit([&](const auto* samples) {
-        d_recording.drop(d_walk.pass_lead(samples, available));
-    });
+    const frame_run run = { d_recording.sample() + d_walk.lead(), frame(), count };
+    pass(d_walk.span(count));
+    return run;
 }
 
-void recorded_frames::fold(int frames, fc32* folded, snapshot_noise* noise)
+void recorded_frames::pass(std::uint64_t samples)
 {
-    d_recording.visit([&](const auto* samples) {
-        const auto* averaged = samples + d_walk.lead();
-        d_folder.fold(averaged, frames, folded, noise, &d_saturated);
-        const std::uint64_t count = d_walk.span(frames);
-        d_walk.pass(samples, count);
-        d_recording.drop(count);
-    });
-    d_folded += frames;
+    const std::uint64_t unwatched = std::min(samples, d_walk.until_watched());
+    d_walk.pass_unwatched(unwatched);
+    d_recording.pass(unwatched);
+    for (std::uint64_t left = samples - unwatched; left > 0;) {
+        const std::uint64_t count = std::min(left, read_at_once());
+        d_watched.resize(READ_BYTES);
+        const std::uint64_t read =
+            d_recording.read(d_recording.sample(), count, d_watched.data());
+        d_recording.visit(d_watched.data(),
+                          [&](const auto* in) { d_walk.pass(in, read); });
+        if (read < count)
+            d_walk.skip(count - read);
+        d_recording.pass(count);
+        left -= count;
+    }
 }
 
 void recorded_frames::follow_frames()
@@ -66,13 +82,60 @@ void recorded_frames::follow_frames()
 
 bool recorded_frames::start_segment()
 {
-    d_walk.skip(d_recording.held());
+    d_walk.skip(d_recording.ahead());
     const auto start = d_recording.next_segment();
     if (!start)
         return false;
     // A segment's index counts the samples lost before it, those of a slip included.
     d_walk.skip(std::max(*start, d_walk.position()) - d_walk.position());
     return true;
+}
+
+std::uint64_t recorded_frames::read_at_once() const
+{
+    return READ_BYTES / d_recording.sample_bytes();
+}
+
+frame_reader::frame_reader(recorded_frames& frames)
+    : d_frames(frames),
+      d_at_once(std::max<std::uint64_t>(
+          frames.read_at_once() / frames.d_folder.frame_length(), 1))
+{
+}
+
+void frame_reader::read_on()
+{
+    const std::uint64_t frames = std::min(d_run.count, d_at_once);
+    const std::uint64_t wanted = d_frames.span(frames);
+    d_buffer.resize(
+        std::max(d_buffer.size(), wanted * d_frames.d_recording.sample_bytes()));
+    const std::uint64_t read =
+        d_frames.d_recording.read(d_run.sample, wanted, d_buffer.data());
+    d_held = frames;
+    while (d_held > 0 && d_frames.span(d_held) > read)
+        d_held--;
+    d_first = 0;
+    if (d_held < frames)
+        d_run.count = d_held;
+}
+
+std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_noise* noise)
+{
+    if (d_held == 0 && d_run.count > 0)
+        read_on();
+    const std::uint64_t count = std::min(most, d_held);
+    const std::uint64_t stride = d_frames.d_folder.frame_length();
+    d_frames.d_recording.visit(d_buffer.data(), [&](const auto* samples) {
+        d_frames.d_folder.fold(
+            samples + d_first * stride, count, folded, noise, &d_saturated);
+    });
+    d_first += count;
+    d_held -= count;
+    d_run.sample += count * stride;
+    d_run.frame += count;
+    d_run.count -= count;
+    d_frames.d_folded += count;
+    return count;
 }
 
 } // namespace gr::wiforce::kernel

@@ -16,10 +16,6 @@ namespace gr::wiforce::kernel {
 namespace {
 
 constexpr const char* WHERE = "recording";
-// A read of half a megabyte costs little more than its copy, and leaves the samples in
-// the second cache. Guards are read as well: leaving them out takes a call per frame,
-// which doubles the time (frames of 720 samples, page cache).
-constexpr std::uint64_t READ_BYTES = 1 << 19;
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason)
 {
@@ -56,20 +52,19 @@ void check_order(const std::vector<recording::segment>& segments)
 recording::recording(const std::string& path,
                      const std::string& datatype,
                      const std::vector<segment>& segments,
-                     std::uint64_t header_bytes,
-                     std::uint64_t held_samples)
+                     std::uint64_t header_bytes)
     : d_is_integer(is_integer(datatype)),
       d_sample_bytes(d_is_integer ? sizeof(sc16) : sizeof(fc32)),
-      d_header_bytes(header_bytes)
+      d_header_bytes(header_bytes),
+      d_segments(segments)
 {
     check_order(segments);
     open(path);
-    if (samples_in_file() == 0) {
+    note_end(samples_in_file());
+    if (d_end == 0) {
         close(d_file);
         refuse(path, "holds no sample");
     }
-    clip(segments);
-    d_buffer.resize(READ_BYTES + held_samples * d_sample_bytes);
 }
 
 recording::~recording() { close(d_file); }
@@ -97,63 +92,66 @@ std::uint64_t recording::samples_in_file() const
     return (size - std::min(size, d_header_bytes)) / d_sample_bytes;
 }
 
-void recording::clip(const std::vector<segment>& segments)
+void recording::note_end(std::uint64_t sample) const
 {
-    const std::uint64_t in_file = samples_in_file();
-    for (const segment& s : segments) {
-        const std::uint64_t length =
-            std::min(s.length, in_file - std::min(in_file, s.file_sample));
-        d_samples_missing += s.length - length;
-        if (length > 0)
-            d_segments.push_back({ s.file_sample,
-                                   s.global_index - segments.front().global_index,
-                                   length });
+    std::uint64_t end = d_end;
+    while (sample < end && !d_end.compare_exchange_weak(end, sample)) {
     }
+}
+
+std::uint64_t recording::samples_missing() const
+{
+    std::uint64_t missing = 0;
+    for (const segment& s : d_segments) {
+        const std::uint64_t before =
+            d_end - std::min<std::uint64_t>(d_end, s.file_sample);
+        missing += s.length - std::min(s.length, before);
+    }
+    return missing;
 }
 
 std::optional<std::uint64_t> recording::next_segment()
 {
-    if (d_next_segment == d_segments.size())
-        return std::nullopt;
-    const segment& s = d_segments[d_next_segment++];
-    d_next_sample = s.file_sample;
-    d_unread = s.length;
-    d_held = 0;
-    return s.global_index;
+    for (; d_next_segment < d_segments.size(); d_next_segment++) {
+        const segment& s = d_segments[d_next_segment];
+        d_next_sample = s.file_sample;
+        d_unread = s.length;
+        if (ahead() > 0) {
+            d_next_segment++;
+            return s.global_index - d_segments.front().global_index;
+        }
+    }
+    return std::nullopt;
 }
 
-void recording::drop(std::uint64_t samples)
+std::uint64_t recording::ahead()
 {
-    d_first += samples;
-    d_held -= samples;
+    // What is written behind the end while it is read does not count.
+    const std::uint64_t end = std::min<std::uint64_t>(samples_in_file(), d_end);
+    const std::uint64_t held = end - std::min(end, d_next_sample);
+    if (held < d_unread) {
+        d_unread = held;
+        note_end(d_next_sample + held);
+    }
+    return d_unread;
 }
 
-bool recording::read_on()
+std::uint64_t
+recording::read(std::uint64_t sample, std::uint64_t count, char* samples) const
 {
-    if (d_unread == 0)
-        return false;
-    char* const buffer = d_buffer.data();
-    std::memmove(buffer, buffer + d_first * d_sample_bytes, d_held * d_sample_bytes);
-    d_first = 0;
-    const std::uint64_t wanted =
-        std::min(d_unread, d_buffer.size() / d_sample_bytes - d_held);
-    const ssize_t bytes = pread(d_file,
-                                buffer + d_held * d_sample_bytes,
-                                wanted * d_sample_bytes,
-                                d_header_bytes + d_next_sample * d_sample_bytes);
+    const std::uint64_t first = d_header_bytes + sample * d_sample_bytes;
+    const std::uint64_t wanted = count * d_sample_bytes;
+    std::uint64_t bytes = 0;
+    for (ssize_t more = 1; more > 0 && bytes < wanted;
+         bytes += std::max<ssize_t>(more, 0))
+        more = pread(d_file, samples + bytes, wanted - bytes, first + bytes);
     // A page that was cut meanwhile reads as zeros: the size afterwards says what counts.
     const std::uint64_t in_file = samples_in_file();
     const std::uint64_t got =
-        std::min<std::uint64_t>(std::max<ssize_t>(bytes, 0) / d_sample_bytes,
-                                in_file - std::min(in_file, d_next_sample));
-    d_held += got;
-    d_next_sample += got;
-    d_unread -= got;
-    if (got == 0) {
-        d_samples_missing += d_unread;
-        d_unread = 0;
-    }
-    return got > 0;
+        std::min(bytes / d_sample_bytes, in_file - std::min(in_file, sample));
+    if (got < count)
+        note_end(sample + got);
+    return got;
 }
 
 } // namespace gr::wiforce::kernel

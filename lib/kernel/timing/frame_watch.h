@@ -3,6 +3,7 @@
 
 #include "../types.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -51,6 +52,11 @@ public:
     }
     // Samples before it that are averaged; the others are ignored.
     std::uint64_t averaged_samples() const { return AVERAGED * d_length; }
+    // Samples from `position` to the first of them.
+    std::uint64_t until_averaged(std::uint64_t position) const
+    {
+        return d_is_active ? std::max(d_begin, position) - position : NEVER;
+    }
 
     // Takes the samples that follow each other from `position` on, none beyond
     // decision().

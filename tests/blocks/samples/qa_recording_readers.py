@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """tone_reader and folded_reader against the blocks that they stand for."""
 
+import os
 import subprocess
 import threading
 
@@ -158,6 +159,79 @@ def test_tone_reader_releases_the_interpreter_while_it_reads(tmp_path, settings)
         assert reader.snapshots() >= seen
         seen = reader.snapshots()
     assert sorted(np.concatenate(found)) == list(range(10_000))
+
+
+LONG_GROUP = 256  # is not read at once, so that two are folded side by side
+
+
+@pytest.fixture(scope="module")
+def long_groups(tmp_path_factory):
+    """Arguments of tone_reader for 30 groups of noise, a burst in every third of them."""
+    rng = np.random.default_rng(7)
+    frames = rng.integers(-900, 900, (30 * LONG_GROUP, 2 * FRAME), dtype="<i2")
+    for first in range(0, len(frames), 3 * LONG_GROUP):
+        frames[first + 20 : first + 25] += rng.integers(-9000, 9000, (5, 2 * FRAME), dtype="<i2")
+    path = tmp_path_factory.mktemp("long") / "x"
+    path.write_bytes(frames.tobytes())
+    weights = rng.normal(size=(TONES, LONG_GROUP)).astype(complex)
+    shape = "ci16_le", [(0, 0, frames.size // 2)], FRAME, 64, 4, 0, 64
+    return str(path), *shape, weights, WAVEFORM.equalizer(), [], WAVEFORM.bins
+
+
+def read_on_processors(count, settings):
+    """All groups, and the incomplete ones, with so many processors or as many as there are."""
+    usable = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, set(sorted(usable)[:count]))
+    try:
+        incomplete = []
+        found = tone_reader(*settings).read(100, lambda *group: incomplete.append(group))
+        return found, incomplete
+    finally:
+        os.sched_setaffinity(0, usable)
+
+
+def test_groups_folded_side_by_side_are_those_of_one_processor(long_groups):
+    """A machine with more cores must not read anything else."""
+    (one, hit), (two, hit_too) = (read_on_processors(n, long_groups) for n in (1, 2))
+    assert one["index"].tolist() == list(range(30)) and one["rejected"].sum() >= 10 * 5
+    for key, values in one.items():
+        np.testing.assert_array_equal(two[key], values)
+    assert [row for row, *_ in hit] == list(range(0, 30, 3))
+    for group, same in zip(hit, hit_too, strict=True):
+        for value, of_same in zip(group, same, strict=True):
+            np.testing.assert_array_equal(of_same, value)
+
+
+def test_an_error_while_groups_are_folded_reaches_the_caller(long_groups):
+    """A reader whose threads wait for each other for ever would have to be killed."""
+
+    def fail(row, *_):
+        if row == 12:
+            raise OverflowError("no room")
+
+    with pytest.raises(OverflowError, match="no room"):
+        tone_reader(*long_groups).read(100, fail)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_groups_of_a_file_cut_short_meanwhile_end_there(long_groups, tmp_path, seed):
+    path = tmp_path / "x"
+    samples = 400 * LONG_GROUP * FRAME
+    with open(path, "wb") as file:
+        file.truncate(4 * samples)
+    reader = tone_reader(str(path), "ci16_le", [(0, 0, samples)], *long_groups[3:])
+    size = int(np.random.default_rng(seed).integers(4 * samples))
+    cut = threading.Timer(0.005, os.truncate, (path, size))
+    cut.start()
+    found = batches(reader.read, 64)
+    cut.join()
+    missing = reader.samples_missing()
+    # The last frame needs its averaged samples, not its guard.
+    whole = (samples - missing + FRAME - 64 - 256) // FRAME
+    assert reader.snapshots() == whole
+    index = np.concatenate([batch["index"] for batch in found])
+    assert len(index) in (whole // LONG_GROUP, whole // LONG_GROUP + 1)
+    assert index.tolist() == list(range(len(index)))
 
 
 def test_kernels_do_not_load_gnu_radio():

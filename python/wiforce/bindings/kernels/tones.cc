@@ -46,7 +46,9 @@ public:
             throw std::invalid_argument("tone_transform: folded must have shape (" +
                                         std::to_string(d_length) + ", " +
                                         std::to_string(d_channel.symbol_length()) + ")");
-        std::vector<fc32> tones;
+        const py::ssize_t rows = d_accumulator.rows(), bins = d_channel.bins().size();
+        py::array_t<fc32> tones({ rows, bins });
+        fc32* const out = tones.mutable_data();
         {
             py::gil_scoped_release others_may_run;
             d_accumulator.transform(folded.data(), d_transform.data());
@@ -55,10 +57,9 @@ public:
                     reinterpret_cast<const float*>(d_transform.data()),
                     2 * d_transform.size()))
                 throw std::invalid_argument("tone_transform: folded must be finite");
-            d_channel.append(d_transform.data(), tones);
+            d_channel.write(d_transform.data(), out);
         }
-        const py::ssize_t rows = d_accumulator.rows(), bins = d_channel.bins().size();
-        return py::array_t<fc32>({ rows, bins }, tones.data());
+        return tones;
     }
 
 private:
