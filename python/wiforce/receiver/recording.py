@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -28,6 +29,9 @@ from .receiver import Receiver
 
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
 _COMPRESSION_FRAMES = 1000
+# Batches that may be folded, or separated, ahead of the one that is read: some take longer than
+# others. With one of each, the threads often wait for each other.
+_AHEAD = 3
 
 
 class RecordingReader:
@@ -118,21 +122,23 @@ class RecordingReader:
     def __iter__(self) -> Iterator[list[Reading]]:
         # Batches that follow are folded and separated, without Python's lock, while one is read.
         with ThreadPoolExecutor(1, "tones") as fold, ThreadPoolExecutor(1, "ends") as ends:
-            folded = fold.submit(self.source.read)
-            if not len(folded.result()):
-                raise InputError(self._recording.path, "holds no whole frame of finite samples")
+            folded = deque(fold.submit(self.source.read) for _ in range(_AHEAD))
 
             def separate() -> Groups | None:
-                nonlocal folded
-                if not len(groups := folded.result()):
-                    return None
-                folded = fold.submit(self.source.read)
-                return self.receiver.separate(groups)
+                groups = folded.popleft().result()
+                folded.append(fold.submit(self.source.read))
+                return self.receiver.separate(groups) if len(groups) else None
 
-            coming = ends.submit(separate)
-            while (separated := coming.result()) is not None:
-                coming = ends.submit(separate)
-                yield self.receiver.read(separated)
+            try:
+                if not len(folded[0].result()):
+                    raise InputError(self._recording.path, "holds no whole frame of finite samples")
+                coming = deque(ends.submit(separate) for _ in range(_AHEAD))
+                while (separated := coming.popleft().result()) is not None:
+                    coming.append(ends.submit(separate))
+                    yield self.receiver.read(separated)
+            finally:
+                for pool in (ends, fold):
+                    pool.shutdown(wait=False, cancel_futures=True)
         yield self.receiver.finish(self.groups)
 
 
