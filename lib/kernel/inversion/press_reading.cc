@@ -123,18 +123,17 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     for (std::size_t i = 0; i < of.count; i++) {
         const auto& each = of.first[i];
         by_state[each.is] += each.weight;
-        if (each.is != press_filter::mixed && !each.known)
+        if (each.is != mixed && !each.known)
             doubtful += each.weight;
         if (each.turns)
             turning += each.weight;
     }
     const double either =
-        std::min(by_state[press_filter::untouched],
-                 1 - by_state[press_filter::untouched] - by_state[press_filter::mixed]);
-    found.touch = by_state[press_filter::untouched] <= 0.5;
-    if (by_state[press_filter::mixed] > d_limits.doubt)
+        std::min(by_state[untouched], 1 - by_state[untouched] - by_state[mixed]);
+    found.touch = by_state[untouched] <= 0.5;
+    if (by_state[mixed] > d_limits.doubt)
         found.flags |= d_bits.transition;
-    if (by_state[press_filter::unexplained] > d_limits.doubt)
+    if (by_state[unexplained] > d_limits.doubt)
         found.flags |= d_bits.inconsistent;
     found.doubtful = std::max(either, doubtful) > d_limits.doubt;
     if (found.doubtful)
@@ -153,8 +152,7 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.weak;
     found.clear = !found.flags;
     // The deviation of what no press explains is wide.
-    found.unexplained = by_state[press_filter::unexplained] > 0.5 && !of.disturbed &&
-                        !of.flags &&
+    found.unexplained = by_state[unexplained] > 0.5 && !of.disturbed && !of.flags &&
                         !(found.flags & ~(d_bits.inconsistent | d_bits.weak));
     if (wanted && found.touch == 1) {
         invert(of, found, work);
@@ -176,7 +174,7 @@ void press_reading::invert(const group& of,
     double total = 0;
     for (std::size_t i = 0; i < of.count; i++) {
         const auto& each = of.first[i];
-        if (i && !(each.is == press_filter::pressed && each.known))
+        if (i && !(each.is == pressed && each.known))
             continue;
         const double common = std::sqrt(each.common_variance + of.common_variance);
         for (int node = 0; node < 3; node++) {
@@ -186,7 +184,7 @@ void press_reading::invert(const group& of,
                 { phases.deg.data(), phases.std_deg.data(), nullptr }, work, press);
             // Flags are those of the likeliest explanation, at the middle of its common
             // phase. Phases that changed inside the group are those of no press.
-            if (!i && !node && each.is != press_filter::mixed)
+            if (!i && !node && each.is != mixed)
                 to.flags |= (code & ambiguous ? d_bits.ambiguous : 0) |
                             (code & force_unobservable ? d_bits.force_unobservable : 0) |
                             (code & inconsistent ? d_bits.inconsistent : 0) |

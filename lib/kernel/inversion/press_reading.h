@@ -49,7 +49,7 @@ public:
                   const bits& flags,
                   const limits& at);
 
-    using explanation = press_filter::outcome;
+    using explanation = press_outcome;
 
     //! A group, and what may have happened in it: the likeliest explanation first.
     struct group {

@@ -14,7 +14,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
     auto next = follow(from, probability, d_peak);
     if (!next)
         return;
-    next->turning = false;
+    next->turn.goes_on = false;
     next->lasts = true;
     next->claimed = from.claimed;
     give(*next, update_baseline(*next));
@@ -25,16 +25,16 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     auto next = follow(from, probability, d_turn_peak);
     if (!next)
         return;
-    next->turns += sees_turns(from, from.is);
+    next->turn.seen += sees_turns(from, from.is);
     if (from.is != untouched)
         next->age_s = 0;
-    next->turning = next->steady = next->near = false;
-    next->turned_now = true;
-    next->motion.rest();
+    next->turn.goes_on = next->press.steady = next->turn.by_hand = false;
+    next->turn.sudden = true;
+    next->press.motion.rest();
     begin_turn(*next);
-    const auto was = next->motion.phase();
+    const auto was = next->press.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
-    next->motion.widen({ variance, variance, variance });
+    next->press.motion.widen({ variance, variance, variance });
     give(*next, follow_turn(*next, was, from));
 }
 
@@ -44,39 +44,39 @@ void press_filter::turn_slowly(
     auto next = follow(from, probability, d_peak);
     if (!next)
         return;
-    next->turn_speed = speed;
-    next->steady = false;
-    next->turning = how != course::ends;
-    next->near = near;
+    next->turn.speed = speed;
+    next->press.steady = false;
+    next->turn.goes_on = how != course::ends;
+    next->turn.by_hand = near;
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     if (how == course::begins) {
-        next->turns += !near && sees_turns(from, from.is);
+        next->turn.seen += !near && sees_turns(from, from.is);
         begin_turn(*next);
     }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
-        next->strength.mean_variance += hand_variance(speed);
-    const auto was = next->motion.phase();
+        next->press.strength.mean_variance += hand_variance(speed);
+    const auto was = next->press.motion.phase();
     if (how != course::ends) {
         const double by =
             squared(speeds[speed]) * (how == course::begins ? 1 : d_elapsed_s) / 2;
-        next->motion.widen_velocity({ by, by, by });
+        next->press.motion.widen_velocity({ by, by, by });
     }
-    next->motion.predict(d_elapsed_s);
+    next->press.motion.predict(d_elapsed_s);
     if (how == course::ends)
-        next->motion.stop(d_elapsed_s);
+        next->press.motion.stop(d_elapsed_s);
     give(*next, follow_turn(*next, was, from));
 }
 
 void press_filter::begin_turn(explanation& to) const
 {
     if (to.is != untouched) {
-        to.common.widen(
+        to.line.common.widen(
             d_common_noise); // how far it turns is seen with the noise of a group
         return;
     }
-    to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
-    to.strength = to.line;
+    to.press.motion.hold(to.line.phase(), to.line.covariance());
+    to.press.strength = to.line.amplitude;
 }
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
@@ -86,31 +86,32 @@ double press_filter::follow_turn(explanation& to,
                                  const explanation& from) const
 {
     drift(to);
-    double likelihood = to.motion.update(d_group.phase, d_noise);
-    hold_level(to);
-    const auto is = to.motion.phase();
-    const double by = (is[0] - was[0] + is[1] - was[1]) / 2, before = to.strength.mean;
-    if (!to.near)
-        to.strength.mean_variance +=
+    double likelihood = to.press.motion.update(d_group.phase, d_noise);
+    to.hold_level();
+    const auto is = to.press.motion.phase();
+    const double by = (is[0] - was[0] + is[1] - was[1]) / 2,
+                 before = to.press.strength.mean;
+    if (!to.turn.by_hand)
+        to.press.strength.mean_variance +=
             squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
             std::max(1.0, least_turn_s / d_elapsed_s);
-    to.common.turn(by);
+    to.line.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
     const bool second = from.is != untouched && from.age_s < 1.5 * d_elapsed_s;
-    if (second && shows_turns(from) && !from.turning)
+    if (second && shows_turns(from) && !from.turn.goes_on)
         begin_turn_earlier(to, squared(by / 2));
     likelihood += update_strength(to);
     if (second && !shows_turns(from))
-        to.common.widen(squared(by / 2));
-    to.line.mean += to.strength.mean - before;
-    if (!to.near)
-        to.quiet_amplitude += to.strength.mean - before;
-    to.velocity = to.motion.common_velocity();
+        to.line.common.widen(squared(by / 2));
+    to.line.amplitude.mean += to.press.strength.mean - before;
+    if (!to.turn.by_hand)
+        to.hand.quiet_amplitude += to.press.strength.mean - before;
+    to.turn.velocity = to.press.motion.common_velocity();
     if (to.is == untouched) {
-        const auto sure = to.motion.covariance();
-        to.common.reset(to.common.estimate().mean,
-                        (sure.first + sure.second + 2 * sure.both) / 4);
-        to.line = to.strength;
+        const auto sure = to.press.motion.covariance();
+        to.line.common.reset(to.line.common.estimate().mean,
+                             (sure.first + sure.second + 2 * sure.both) / 4);
+        to.line.amplitude = to.press.strength;
         notice_hand(to);
     }
     return likelihood;
@@ -120,48 +121,48 @@ double press_filter::follow_turn(explanation& to,
 // error; a turn of this variance is another cause of it.
 void press_filter::begin_turn_earlier(explanation& to, double variance) const
 {
-    auto& own = to.strength;
-    const double slope = -d_off.slope(to.shown.at),
-                 error = d_off.variance({}, to.shown.at),
+    auto& own = to.press.strength;
+    const double slope = -d_off.slope(to.press.shown.at),
+                 error = d_off.variance({}, to.press.shown.at),
                  seen = error + 4 * d_amplitude_noise,
                  all = squared(slope) * variance + seen;
     // Of what it showed, this is the share that counted as their error.
-    const double of_error = slope * variance / all * to.shown.mean;
+    const double of_error = slope * variance / all * to.press.shown.mean;
     if (error > 0) {
-        to.common.turn(of_error * seen / error);
-        to.common.widen(variance * seen / all);
+        to.line.common.turn(of_error * seen / error);
+        to.line.common.widen(variance * seen / all);
     } else
-        to.common.widen(variance); // no share of it was kept
+        to.line.common.widen(variance); // no share of it was kept
     own.difference -= slope * of_error;
     own.difference_variance += squared(slope * error) * variance / (all * seen);
-    to.with_common -= slope * variance * error / all;
+    to.press.with_common -= slope * variance * error / all;
 }
 
 void press_filter::release(const explanation& from, double probability)
 {
     auto next =
-        follow(from, probability, from.known ? best_baseline(from) : d_contact_peak);
+        follow(from, probability, from.line.known ? best_baseline(from) : d_contact_peak);
     if (!next)
         return;
     next->is = untouched;
     next->age_s = 0;
-    next->steady = false;
+    next->press.steady = false;
     double likelihood;
-    if (from.known)
+    if (from.line.known)
         likelihood = update_baseline(*next);
     else {
         // Now it is seen from where the press before looked as it did.
-        const auto was = from.motion.phase();
+        const auto was = from.press.motion.phase();
         likelihood = std::log(d_image->density({ was[0] - d_group.phase[0],
                                                  was[1] - d_group.phase[1] }) +
                               1e-12) +
                      compare_contact(from, any_amplitude);
         reset_baseline(*next);
-        next->known = true;
+        next->line.known = true;
     }
-    if (next->turning) {
+    if (next->turn.goes_on) {
         begin_turn(*next);
-        next->motion.move(next->velocity);
+        next->press.motion.move(next->turn.velocity);
     }
     give(*next, likelihood);
 }
@@ -173,10 +174,10 @@ void press_filter::touch(const explanation& from, double probability, state is)
         return;
     next->is = is;
     next->age_s = 0;
-    next->turning &= is == pressed;
+    next->turn.goes_on &= is == pressed;
     begin_press(*next);
-    if (next->turning)
-        next->motion.move(next->velocity);
+    if (next->turn.goes_on)
+        next->press.motion.move(next->turn.velocity);
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next))
         touch_with_strength(from, *next, spread);
@@ -188,7 +189,7 @@ void press_filter::touch(const explanation& from, double probability, state is)
 // another one from now on.
 void press_filter::move_line(const explanation& from, double probability)
 {
-    if (!from.known)
+    if (!from.line.known)
         return;
     auto next = follow(from, probability, d_move_peak);
     if (!next)
@@ -196,16 +197,16 @@ void press_filter::move_line(const explanation& from, double probability)
     if (from.is != untouched)
         next->age_s = 0;
     next->is = untouched;
-    next->turning = next->steady = false;
-    next->turned_now = true;
-    next->quiet_amplitude = d_amplitude;
+    next->turn.goes_on = next->press.steady = false;
+    next->turn.sudden = true;
+    next->hand.quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
-    next->common.widen(variance / 2);
-    next->difference.widen(2 * variance);
-    next->line.mean_variance += squared(d_set.turn_np);
+    next->line.common.widen(variance / 2);
+    next->line.difference.widen(2 * variance);
+    next->line.amplitude.mean_variance += squared(d_set.turn_np);
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off_differ)
-        next->line.difference_variance += 4 * squared(d_set.turn_np);
+        next->line.amplitude.difference_variance += 4 * squared(d_set.turn_np);
     give(*next, update_baseline(*next));
 }
 
@@ -214,8 +215,8 @@ void press_filter::stop_changing(const explanation& from, double probability)
     auto next = follow(from, probability, d_peak);
     if (!next)
         return;
-    next->motion.predict(d_elapsed_s);
-    next->motion.stop(d_elapsed_s);
+    next->press.motion.predict(d_elapsed_s);
+    next->press.motion.stop(d_elapsed_s);
     give(*next, rest_pressed(*next));
 }
 
@@ -227,11 +228,10 @@ void press_filter::hold(const explanation& from, double probability)
     next->lasts = true;
     next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and looks like it.
-    const double likelihood = update_phases(next->held_common, next->held_difference);
-    next->common.share_rates(next->held_common);
-    next->difference.share_rates(next->held_difference);
-    next->motion.hold(phases_of(next->held_common, next->held_difference),
-                      covariance_of(next->held_common, next->held_difference));
+    auto& held = next->press.held;
+    const double likelihood = update_phases(held);
+    next->line.share_rates(held);
+    next->press.motion.hold(held.phase(), held.covariance());
     give(*next, likelihood + update_strength(*next));
 }
 
@@ -243,9 +243,9 @@ void press_filter::change_steadily(const explanation& from,
     auto next = follow(from, probability, d_peak);
     if (!next)
         return;
-    next->steady = true;
-    next->slides = slides;
-    next->speed = speed;
+    next->press.steady = true;
+    next->press.slides = slides;
+    next->press.speed = speed;
     next->age_s = 0;
     drift(*next);
     // What slides, or rolls, moves both phases in any direction.
@@ -253,17 +253,17 @@ void press_filter::change_steadily(const explanation& from,
     const double aside = slides ? 1.0 : direction_variance(from);
     // The speed begins, or changes as much within a second. A change has the error of the
     // direction, also where a force that swings turns back.
-    const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
-    next->motion.widen_velocity(covariance_along(direction, along, aside * along));
-    if (from.turning) { // by what it turned before, or by anything
-        const double by =
-            squared(speeds[from.turn_speed]) * (from.velocity == 0 ? 1 : d_elapsed_s);
-        next->motion.widen_velocity({ by, by, by });
+    const double along = squared(speeds[speed]) * (from.press.steady ? d_elapsed_s : 1.0);
+    next->press.motion.widen_velocity(covariance_along(direction, along, aside * along));
+    if (from.turn.goes_on) { // by what it turned before, or by anything
+        const double by = squared(speeds[from.turn.speed]) *
+                          (from.turn.velocity == 0 ? 1 : d_elapsed_s);
+        next->press.motion.widen_velocity({ by, by, by });
     }
-    next->motion.predict(d_elapsed_s);
-    const auto was = from.motion.phase();
-    double likelihood = next->motion.update(d_group.phase, d_noise);
-    if (from.turning)
+    next->press.motion.predict(d_elapsed_s);
+    const auto was = from.press.motion.phase();
+    double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    if (from.turn.goes_on)
         part_turn(*next, was, direction);
     doubt_off_states(*next);
     likelihood += update_strength(*next);
@@ -276,14 +276,14 @@ void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
                              const pair_of_ends& direction) const
 {
-    const auto is = to.motion.phase();
-    const double expected = to.velocity * d_elapsed_s;
+    const auto is = to.press.motion.phase();
+    const double expected = to.turn.velocity * d_elapsed_s;
     const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
-    const double by_turn = squared(speeds[to.turn_speed] * d_elapsed_s),
-                 by_force = squared(speeds[to.speed] * d_elapsed_s),
+    const double by_turn = squared(speeds[to.turn.speed] * d_elapsed_s),
+                 by_force = squared(speeds[to.press.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
     // What slides moves both in any direction, which only amplitudes tell from a turn.
-    const double across = to.slides && shows_turns(to) ? by_force : 0;
+    const double across = to.press.slides && shows_turns(to) ? by_force : 0;
     const double x = direction[0], y = direction[1];
     const double a = by_force * x * x + across * y * y + by_turn + noise,
                  b = by_force * y * y + across * x * x + by_turn + noise,
@@ -291,25 +291,25 @@ void press_filter::part_turn(explanation& to,
     const double determinant = a * b - ab * ab;
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
-    to.common.turn(expected + turned);
-    to.common.widen(std::max(doubt, 0.0));
-    to.velocity += 0.3 * turned / d_elapsed_s;
+    to.line.common.turn(expected + turned);
+    to.line.common.widen(std::max(doubt, 0.0));
+    to.turn.velocity += 0.3 * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.
 void press_filter::turn_unseen(explanation& to, double part) const
 {
-    const double by = to.velocity * d_elapsed_s,
-                 bends = squared(speeds[to.turn_speed] * d_elapsed_s) * d_elapsed_s;
-    to.common.turn(part * by);
-    to.common.widen(squared(by) / 12 + bends);
-    to.motion.turn(part * by);
+    const double by = to.turn.velocity * d_elapsed_s,
+                 bends = squared(speeds[to.turn.speed] * d_elapsed_s) * d_elapsed_s;
+    to.line.common.turn(part * by);
+    to.line.common.widen(squared(by) / 12 + bends);
+    to.press.motion.turn(part * by);
 }
 
 void press_filter::jump(const explanation& from, double probability)
 {
     // What hardly differs is no jump.
-    const auto was = from.motion.phase();
+    const auto was = from.press.motion.phase();
     double jumped = 0;
     for (int e = 0; e < 2; e++)
         jumped += squared(wrapped(d_group.phase[e] - was[e]));
@@ -318,11 +318,11 @@ void press_filter::jump(const explanation& from, double probability)
     auto next = follow(from, probability, d_peak + log_differs);
     if (!next)
         return;
-    next->motion.rest();
-    if (next->turning)
-        next->motion.move(next->velocity);
+    next->press.motion.rest();
+    if (next->turn.goes_on)
+        next->press.motion.move(next->turn.velocity);
     const double along = squared(jump_deg * deg);
-    next->motion.widen(
+    next->press.motion.widen(
         covariance_along(press_direction(from), along, direction_variance(from) * along));
     give(*next, rest_pressed(*next) + log_differs);
 }
@@ -331,10 +331,10 @@ void press_filter::jump(const explanation& from, double probability)
 double press_filter::rest_pressed(explanation& to) const
 {
     to.age_s = 0;
-    to.steady = false;
+    to.press.steady = false;
     drift(to);
-    const double likelihood = to.motion.update(d_group.phase, d_noise);
-    hold_level(to);
+    const double likelihood = to.press.motion.update(d_group.phase, d_noise);
+    to.hold_level();
     doubt_off_states(to);
     return likelihood + update_strength(to);
 }
@@ -346,19 +346,12 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     if (!next)
         return;
     next->is = mixed;
-    next->steady = false;
-    if (next->turning && next->near)
+    next->press.steady = false;
+    if (next->turn.goes_on && next->turn.by_hand)
         lose_sight_of_hand(*next);
-    else if (next->turning)
+    else if (next->turn.goes_on)
         turn_unseen(*next, 1);
-    next->mixed_group = mixture;
-    if (from.is == mixed)
-        next->groups++;
-    else {
-        next->groups = 1;
-        next->before = from.is;
-        next->age_before_s = from.age_s;
-    }
+    next->mixture = mixture;
     give(*next, log_any_mixture + mixture.log_density);
 }
 
@@ -366,20 +359,28 @@ void press_filter::mix(const explanation& from, double probability, double ends)
 press_filter::mixture press_filter::mixture_after(const explanation& from,
                                                   double ends) const
 {
-    mixture found{ from.mixed_group.start, seen_ratio(), d_difference_noise / 2 };
-    if (from.is == mixed)
+    auto found = from.mixture;
+    found.seen = seen_ratio();
+    found.seen_variance = d_difference_noise / 2;
+    found.log_density = 0;
+    if (from.is == mixed) {
+        found.groups++;
         return found;
+    }
+    found.before = from.is;
+    found.age_s = from.age_s;
+    found.groups = 1;
     if (from.is == untouched)
         found.start = untouched_ratio(from);
     else {
-        const auto was = from.motion.phase();
+        const auto was = from.press.motion.phase();
         const auto strength = seen_strength(from);
         for (int e = 0; e < 2; e++)
             found.start[e] = std::polar(
                 std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
     }
     // Where a press ends, it is known what comes after.
-    if (ends > 0 && from.known)
+    if (ends > 0 && from.line.known)
         found.log_density = log_sum(
             std::log(ends) + chord(found, untouched_ratio(from), 0), std::log1p(-ends));
     return found;

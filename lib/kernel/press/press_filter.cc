@@ -62,19 +62,17 @@ void press_filter::take(const press_observation& group)
         start(group);
     const double steps = step_probability();
     for (auto& from : d_kept) {
-        from.common.predict(d_elapsed_s);
-        from.difference.predict(d_elapsed_s);
-        from.held_common.predict(d_elapsed_s);
-        from.held_difference.predict(d_elapsed_s);
+        from.line.predict(d_elapsed_s);
+        from.press.held.predict(d_elapsed_s);
         const double fades = squared(d_set.fading_np) * d_elapsed_s;
-        for (auto* amplitudes : { &from.line, &from.strength }) {
+        for (auto* amplitudes : { &from.line.amplitude, &from.press.strength }) {
             amplitudes->mean_variance += fades;
             // What fades is the way to the tag, which both ends share.
             amplitudes->difference_variance += d_off_differ ? 0 : fades;
         }
         from.age_s += d_elapsed_s;
-        from.turned_now = false;
-        from.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
+        from.turn.sudden = false;
+        from.turn.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
@@ -97,8 +95,9 @@ void press_filter::start(const press_observation& group)
     // Both ends drift by themselves: their mean by less, their difference by more.
     const double mean = std::sqrt(0.5), apart = std::sqrt(2.0);
     explanation first;
-    first.common = stated ? drift_bank::stated(rate * mean) : drift_bank::learning(mean);
-    first.difference =
+    first.line.common =
+        stated ? drift_bank::stated(rate * mean) : drift_bank::learning(mean);
+    first.line.difference =
         stated ? drift_bank::stated(rate * apart) : drift_bank::learning(apart);
     reset_baseline(first);
     const double sure = group.untouched > 0 ? group.untouched : 0.5;
@@ -107,7 +106,7 @@ void press_filter::start(const press_observation& group)
     // A press that began before the first group: the untouched line is unknown.
     auto touched = first;
     touched.is = pressed;
-    touched.known = false;
+    touched.line.known = false;
     touched.log_weight = std::log1p(-sure);
     begin_press(touched);
     give(touched, 0);
@@ -161,15 +160,15 @@ void press_filter::with_courses(const explanation& from,
         changed(other);
         event(other, probability * share);
     };
-    if (from.turning && from.near) {
+    if (from.turn.goes_on && from.turn.by_hand) {
         course(1, [&](explanation& other) { lose_sight_of_hand(other); });
         return;
     }
-    if (from.turning) {
+    if (from.turn.goes_on) {
         course(going_on(), [&](explanation& other) { turn_unseen(other, 1); });
         course(1 - going_on(), [&](explanation& other) {
             turn_unseen(other, 0.5);
-            other.turning = false;
+            other.turn.goes_on = false;
         });
         return;
     }
@@ -178,12 +177,13 @@ void press_filter::with_courses(const explanation& from,
         event(from, probability * (1 - turns));
     course(turns, [&](explanation& other) {
         const double variance = squared(d_set.turn_deg * deg);
-        other.turned_now = true;
-        other.turns += sees_turns(from, from.is == mixed ? from.before : from.is);
-        other.common.widen(variance);
-        other.motion.widen({ variance, variance, variance });
-        other.line.mean_variance += squared(d_set.turn_np);
-        other.strength.mean_variance += squared(d_set.turn_np);
+        other.turn.sudden = true;
+        other.turn.seen +=
+            sees_turns(from, from.is == mixed ? from.mixture.before : from.is);
+        other.line.common.widen(variance);
+        other.press.motion.widen({ variance, variance, variance });
+        other.line.amplitude.mean_variance += squared(d_set.turn_np);
+        other.press.strength.mean_variance += squared(d_set.turn_np);
     });
 }
 
@@ -194,10 +194,13 @@ void press_filter::branch_untouched(const explanation& from)
                  between = between_groups(),
                  hands = -std::expm1(-d_set.hands * d_elapsed_s);
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
-    if (from.turning) {
+    if (from.turn.goes_on) {
         go_on_turning(from, quiet * goes_on);
-        turn_slowly(
-            from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
+        turn_slowly(from,
+                    quiet * (1 - goes_on),
+                    course::ends,
+                    from.turn.speed,
+                    from.turn.by_hand);
     } else {
         remain_untouched(from, quiet * (1 - turns));
         // Hands take nothing from what remains. Beside a press what they turn is not
@@ -224,34 +227,37 @@ void press_filter::branch_touched(const explanation& from)
     const double sudden = may.all - may.steadily + turns;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
-    if (from.turning && from.steady) {
+    if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends.
         const double ends = quiet * (1 - goes_on) / 2;
         go_on_changing(from, quiet * goes_on);
         auto resting = from, held = from;
-        resting.turning = false;
-        resting.motion.push(-from.velocity);
-        change_steadily(resting, ends, from.slides, from.speed);
-        held.steady = false;
-        held.motion.move(from.velocity);
-        turn_slowly(held, ends, course::goes_on, from.turn_speed, from.near);
-    } else if (from.turning) {
+        resting.turn.goes_on = false;
+        resting.press.motion.push(-from.turn.velocity);
+        change_steadily(resting, ends, from.press.slides, from.press.speed);
+        held.press.steady = false;
+        held.press.motion.move(from.turn.velocity);
+        turn_slowly(held, ends, course::goes_on, from.turn.speed, from.turn.by_hand);
+    } else if (from.turn.goes_on) {
         go_on_turning(from, quiet * goes_on * (1 - begins));
-        turn_slowly(
-            from, quiet * (1 - goes_on), course::ends, from.turn_speed, from.near);
+        turn_slowly(from,
+                    quiet * (1 - goes_on),
+                    course::ends,
+                    from.turn.speed,
+                    from.turn.by_hand);
         begin_changing(from, quiet * goes_on * begins);
-    } else if (from.steady) {
+    } else if (from.press.steady) {
         go_on_changing(from, quiet * goes_on * (1 - turns));
         const double each = quiet * goes_on * turns / turning_speeds;
         if (may_count(from, each, d_peak)) {
             auto turning = from;
-            turning.turning = true;
-            turning.turns += sees_turns(from, from.is);
-            turning.near = false;
-            turning.velocity = 0;
+            turning.turn.goes_on = true;
+            turning.turn.seen += sees_turns(from, from.is);
+            turning.turn.by_hand = false;
+            turning.turn.velocity = 0;
             for (std::size_t i = 0; i < turning_speeds; i++) {
-                turning.turn_speed = i;
-                change_steadily(turning, each, from.slides, from.speed);
+                turning.turn.speed = i;
+                change_steadily(turning, each, from.press.slides, from.press.speed);
             }
         }
         stop_changing(from, quiet * (1 - goes_on));
@@ -275,32 +281,32 @@ void press_filter::branch_touched(const explanation& from)
 
 void press_filter::branch_mixed(const explanation& from)
 {
-    const changes may(from.age_before_s, d_elapsed_s, 1, d_set);
+    const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from);
     const double lasts = lasting();
-    const bool touched = from.before != untouched;
+    const bool touched = from.mixture.before != untouched;
     const double all = (may.all - (touched ? may.steadily : 0) + turns) / (1 - lasts);
     // What was seen of a single group of change lies between the states before and after
     // it.
-    const bool single = from.groups == 1;
-    const auto& mixture = from.mixed_group;
+    const bool single = from.mixture.groups == 1;
+    const auto& mixture = from.mixture;
     const double known = single ? mixture.log_density : 0;
     const double to_this =
         single ? chord(mixture, seen_ratio(), d_difference_noise / 2) - known : 0;
     auto next = from;
-    next.is = from.before;
-    next.age_s = from.age_before_s;
+    next.is = from.mixture.before;
+    next.age_s = from.mixture.age_s;
     next.log_weight = from.log_weight + to_this;
     turn_suddenly(next, turns / all);
     touch(next, may.unexplained / all / 2, unexplained);
     move_line(next, may.unexplained / all / 2);
     // How well the mixture is explained is not known before.
     with_courses(from, 1, unlimited, [&](const explanation& tag, double share) {
-        const double to_untouched = single && tag.known && !tag.turned_now
+        const double to_untouched = single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture, untouched_ratio(tag), 0) - known
                                         : to_this;
         next = tag;
-        next.is = from.before;
+        next.is = from.mixture.before;
         next.log_weight = tag.log_weight + to_untouched;
         // Without a press before it was a tap.
         release(next, (touched ? may.release : 0.1 * may.press) * share / all);
@@ -333,25 +339,33 @@ void press_filter::begin_changing(const explanation& from, double probability)
 // A force that rises ever more slowly is one change, and it may begin to slide.
 void press_filter::go_on_changing(const explanation& from, double probability)
 {
-    const double ends = 1 - going_on(), slows = from.speed > 0 ? ends : 0,
-                 slides = from.slides ? 0 : sliding * ends;
-    change_steadily(from, probability * (1 - slows - slides), from.slides, from.speed);
+    const double ends = 1 - going_on(), slows = from.press.speed > 0 ? ends : 0,
+                 slides = from.press.slides ? 0 : sliding * ends;
+    change_steadily(
+        from, probability * (1 - slows - slides), from.press.slides, from.press.speed);
     if (slows > 0)
-        change_steadily(from, probability * slows, from.slides, from.speed - 1);
+        change_steadily(
+            from, probability * slows, from.press.slides, from.press.speed - 1);
     if (slides > 0)
-        change_steadily(from, probability * slides, true, from.speed);
+        change_steadily(from, probability * slides, true, from.press.speed);
 }
 
 // A turn that becomes steadier is one turn, as a force that rises ever more slowly. Where
 // amplitudes do not show it, a change of force explains it as well.
 void press_filter::go_on_turning(const explanation& from, double probability)
 {
-    const double slows = d_off_differ && from.turn_speed > 0 ? 1 - going_on() : 0;
-    turn_slowly(
-        from, probability * (1 - slows), course::goes_on, from.turn_speed, from.near);
+    const double slows = d_off_differ && from.turn.speed > 0 ? 1 - going_on() : 0;
+    turn_slowly(from,
+                probability * (1 - slows),
+                course::goes_on,
+                from.turn.speed,
+                from.turn.by_hand);
     if (slows > 0)
-        turn_slowly(
-            from, probability * slows, course::goes_on, from.turn_speed - 1, from.near);
+        turn_slowly(from,
+                    probability * slows,
+                    course::goes_on,
+                    from.turn.speed - 1,
+                    from.turn.by_hand);
 }
 
 double press_filter::turn_probability(const explanation& of) const
@@ -434,7 +448,8 @@ void press_filter::keep_claim()
 
 double press_filter::turn_rate(const explanation& of) const
 {
-    return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.watched_s);
+    return (d_set.turns * d_set.turns_s + of.turn.seen) /
+           (d_set.turns_s + of.turn.watched_s);
 }
 
 // Whether both have the untouched line at the same place, as far as they know it. Off
@@ -442,9 +457,10 @@ double press_filter::turn_rate(const explanation& of) const
 // change, which many courses of a press would leave no room.
 bool press_filter::one_line(const explanation& a, const explanation& b) const
 {
-    const auto one = a.common.estimate(), other = b.common.estimate();
-    const bool same_kind = a.turning == b.turning && (a.is == mixed) == (b.is == mixed);
-    return a.known == b.known && (!d_off_differ || same_kind) &&
+    const auto one = a.line.common.estimate(), other = b.line.common.estimate();
+    const bool same_kind =
+        a.turn.goes_on == b.turn.goes_on && (a.is == mixed) == (b.is == mixed);
+    return a.line.known == b.line.known && (!d_off_differ || same_kind) &&
            squared(wrapped(one.mean - other.mean)) <
                9 * (std::min(one.variance, other.variance) + d_common_noise);
 }
@@ -453,31 +469,36 @@ bool press_filter::one_line(const explanation& a, const explanation& b) const
 // a press, its strength is what the amplitudes of the group leave.
 bool press_filter::alike(const explanation& a, const explanation& b) const
 {
-    if (a.is != b.is || a.known != b.known || a.turning != b.turning ||
-        (a.turning && (a.near != b.near || a.turn_speed != b.turn_speed)) ||
-        (a.steady && (a.speed != b.speed || a.slides != b.slides)) ||
+    if (a.is != b.is || a.line.known != b.line.known ||
+        a.turn.goes_on != b.turn.goes_on ||
+        (a.turn.goes_on &&
+         (a.turn.by_hand != b.turn.by_hand || a.turn.speed != b.turn.speed)) ||
+        (a.press.steady &&
+         (a.press.speed != b.press.speed || a.press.slides != b.press.slides)) ||
         a.last.is != b.last.is || a.last.known != b.last.known)
         return false;
-    if (a.is == mixed && (a.before != b.before || a.groups != b.groups))
+    if (a.is == mixed &&
+        (a.mixture.before != b.mixture.before || a.mixture.groups != b.mixture.groups))
         return false;
     const auto near = [](double x, double y, double variance) {
         return squared(wrapped(x - y)) < 0.1 * variance;
     };
     if (a.is == pressed || a.is == unexplained) {
-        if (a.steady != b.steady)
+        if (a.press.steady != b.press.steady)
             return false;
-        if (!a.motion.near(b.motion))
+        if (!a.press.motion.near(b.press.motion))
             return false;
     }
-    const auto common = a.common.estimate(), other = b.common.estimate();
-    const auto apart = a.difference.estimate(), other_apart = b.difference.estimate();
+    const auto common = a.line.common.estimate(), other = b.line.common.estimate();
+    const auto apart = a.line.difference.estimate(),
+               other_apart = b.line.difference.estimate();
     if (!near(common.mean, other.mean, common.variance + d_common_noise) ||
         !near(apart.mean, other_apart.mean, apart.variance + d_difference_noise) ||
         common.variance > 4 * other.variance + d_common_noise ||
         other.variance > 4 * common.variance + d_common_noise)
         return false;
-    if (a.near_square > 4 * b.near_square + d_common_noise ||
-        b.near_square > 4 * a.near_square + d_common_noise)
+    if (a.hand.square > 4 * b.hand.square + d_common_noise ||
+        b.hand.square > 4 * a.hand.square + d_common_noise)
         return false;
     return a.last.is != pressed || (near(a.last.baseline[0],
                                          b.last.baseline[0],
@@ -538,15 +559,16 @@ void press_filter::claim_untouched(double probability)
         // newest group.
         explanation next = d_kept.front();
         const auto strength = seen_strength(next);
-        const bool held = (next.is == pressed || next.is == unexplained) && !next.steady;
+        const bool held =
+            (next.is == pressed || next.is == unexplained) && !next.press.steady;
         next.is = untouched;
-        next.known = true;
-        next.turning = false;
+        next.line.known = true;
+        next.turn.goes_on = false;
         reset_baseline(next);
         if (held) {
-            begin_at(next.common, next.difference, next.motion);
-            next.line = strength;
-            next.quiet_amplitude = next.line.mean;
+            next.line.reset(next.press.motion.phase(), next.press.motion.covariance());
+            next.line.amplitude = strength;
+            next.hand.quiet_amplitude = next.line.amplitude.mean;
         } else
             next.age_s = 0;
         next.now = describe(next);
@@ -557,20 +579,20 @@ void press_filter::claim_untouched(double probability)
             kept.claimed = kept.is != untouched;
             if (kept.is == mixed) {
                 kept.is = unexplained;
-                kept.turning = false;
+                kept.turn.goes_on = false;
                 begin_press(kept);
                 if (shows_turns(kept)) {
                     const auto caused =
-                        d_off.amplitude(change(kept, kept.motion.phase()));
-                    kept.strength.mean -= (caused[0] + caused[1]) / 2;
-                    kept.strength.difference -= caused[0] - caused[1];
-                    kept.with_common = 0;
+                        d_off.amplitude(kept.change(kept.press.motion.phase()));
+                    kept.press.strength.mean -= (caused[0] + caused[1]) / 2;
+                    kept.press.strength.difference -= caused[0] - caused[1];
+                    kept.press.with_common = 0;
                 }
-            } else if (kept.steady)
-                hold_level(kept);
+            } else if (kept.press.steady)
+                kept.hold_level();
             else
                 continue;
-            kept.steady = false;
+            kept.press.steady = false;
             kept.age_s = 0;
         }
         next.claimed = true;
@@ -598,7 +620,7 @@ void press_filter::change_reference(const pair_of_ends& phase, const pair_of_end
     d_amplitude += amplitude;
     d_amplitude_difference += by[0] - by[1];
     for (auto& kept : d_kept) {
-        recount(kept, phase, by);
+        kept.recount(phase, by);
         for (auto* group : { &kept.now, &kept.last }) {
             group->amplitude += amplitude;
             for (int e = 0; e < 2; e++) {

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "drift_bank.h"
+#include "explanation.h"
 #include "off_states.h"
-#include "phase_motion.h"
 #include "press_image.h"
 #include "press_parameters.h"
 
@@ -41,33 +40,8 @@ struct press_observation {
 class press_filter
 {
 public:
-    enum state {
-        untouched,
-        pressed,     // as the model has it
-        unexplained, // touched, but not by any press of the model
-        mixed,       // something changed inside the group
-    };
-
-    //! Phases and amplitudes of both ends, averaged for as long as nothing changes.
-    struct average_of_groups {
-        pair_of_ends phase{}, amplitude{}, variance{}; // rad, Np, of each
-        pair_of_ends weight{};                         // of the groups before
-    };
-
-    //! What an explanation says of one group.
-    struct outcome {
-        std::int64_t row = 0; // of the group in its batch
-        double weight = 0;
-        state is = untouched;
-        bool known =
-            true; // the baseline; a first press may have begun before the first group
-        bool turns = false;      // the tag or an antenna turns in this group
-        pair_of_ends baseline{}; // phases of the untouched line, rad
-        double common_variance = 0,
-               difference_variance = 0; // of their mean and difference
-        double amplitude = 0;           // of both ends, Np
-        average_of_groups mean;         // of what was received
-    };
+    using outcome = press_outcome;
+    using state = press_state;
 
     press_filter(std::shared_ptr<const press_image> image,
                  const press_parameters& settings,
@@ -90,65 +64,7 @@ public:
     std::vector<outcome> before_newest() const;
 
 private:
-    using complex = std::complex<double>;
-    using both_ends = std::array<complex, 2>;
-
-    // Mean and difference of the logarithms of both amplitudes.
-    struct both_amplitudes {
-        double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
-    };
-
-    // By how much the difference of the amplitudes of a contact is not what the off
-    // states cause. They are right about the untouched line, by definition.
-    struct off_error {
-        pair_of_ends at{}; // change of both phases
-        double mean = 0, variance = 0;
-    };
-
-    // What is seen of groups in which something changes, and from where.
-    struct mixture {
-        both_ends start{}, seen{};
-        double seen_variance = 0;
-        double log_density = 0; // over that of any mixture
-    };
-
-    struct explanation {
-        double log_weight = 0;
-        state is = untouched;
-        double age_s = 0; // of the state
-        // The untouched line.
-        drift_bank common, difference;
-        both_amplitudes line;
-        // A hand nearby adds a phasor: the line without it, and its square.
-        double quiet_amplitude = 0, quiet_phase = 0, near_square = 0;
-        bool known = true;
-        // The tag.
-        bool turning = false, turned_now = false;
-        bool near =
-            false; // it is a hand that comes near, which changes the amplitude as well
-        double velocity = 0;        // of the turn, rad/s
-        std::size_t turn_speed = 0; // how fast its velocity changes
-        double turns = 0,
-               watched_s = 0; // turns seen where nothing looks alike, in this time
-        // Both phases of the press, or of the untouched line while the tag turns; and
-        // whether the press changes steadily: at a speed, sliding or not.
-        phase_motion motion;
-        drift_bank held_common, held_difference;
-        both_amplitudes strength; // where the off states differ, less than they cause
-        double with_common = 0;   // its difference's covariance with the common phase
-        off_error shown;          // by the group before
-        bool steady = false, slides = false;
-        std::size_t speed = 0;
-        // A mixture: what was before, what was seen, and the groups it has lasted.
-        state before = untouched;
-        double age_before_s = 0;
-        mixture mixed_group;
-        int groups = 0;
-        bool lasts = false;   // nothing has changed since the group before
-        bool claimed = false; // nor since the user said that it is untouched
-        average_of_groups mean;
-        outcome now, last;
-    };
+    using mixture = explanation::mixture_of_states;
 
     enum class course { begins, goes_on, ends };
 
@@ -219,21 +135,16 @@ private:
     void average(explanation& to) const;
     double step_probability() const;
     void step_receiver(explanation& to) const;
-    void
-    recount(explanation& to, const pair_of_ends& phase, const pair_of_ends& gain) const;
 
     // Phases of the untouched line, and of a press.
-    pair_of_ends baseline(const explanation& of) const;
     void reset_baseline(explanation& to) const;
     double update_baseline(explanation& to) const;
+    double update_phases(drifting_phases& line) const;
+    double update_amplitude(both_amplitudes& own) const;
     void drift(explanation& to) const;
-    pair_of_ends seen_beside(const drift_bank& difference) const;
-    double update_phases(drift_bank& common, drift_bank& difference) const;
     void begin_press(explanation& to) const;
-    void hold_level(explanation& to) const;
     pair_of_ends press_direction(const explanation& of) const;
     double direction_variance(const explanation& of) const;
-    pair_of_ends change(const explanation& of, const pair_of_ends& phase) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double contact_phases(const explanation& of) const;
 
@@ -242,7 +153,6 @@ private:
     void lose_sight_of_hand(explanation& to) const;
     double hand_variance(std::size_t speed) const;
     double compare_contact(const explanation& with, double spread) const;
-    double update_amplitude(both_amplitudes& own) const;
     double update_strength(explanation& to) const;
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;

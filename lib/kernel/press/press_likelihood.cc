@@ -41,11 +41,9 @@ void press_filter::find_peaks()
 // Largest log density that the untouched line may predict the group with.
 double press_filter::best_baseline(const explanation& of) const
 {
-    const auto [common, apart] = seen_beside(of.difference);
-    const auto& line = of.line;
+    const auto& line = of.line.amplitude;
     const double square =
-        of.common.least_square(common, d_common_noise) +
-        of.difference.least_square(apart, d_difference_noise) +
+        of.line.least_square(d_group.phase, d_noise) +
         squared(d_amplitude - line.mean) / (line.mean_variance + d_amplitude_noise) +
         squared(d_amplitude_difference - line.difference) /
             (line.difference_variance + 4 * d_amplitude_noise);
@@ -62,7 +60,7 @@ bool press_filter::may_count(const explanation& from,
 }
 
 // What follows, before the event has changed it; nothing where it cannot count.
-std::optional<press_filter::explanation>
+std::optional<explanation>
 press_filter::follow(const explanation& from, double probability, double best) const
 {
     if (!may_count(from, probability, best))
@@ -119,95 +117,47 @@ double press_filter::step_probability() const
     return steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
 }
 
-// Counted from where everything has turned and grown by this.
-void press_filter::recount(explanation& to,
-                           const pair_of_ends& phase,
-                           const pair_of_ends& gain) const
-{
-    const double apart = wrapped(phase[0] - phase[1]), turn = phase[1] + apart / 2,
-                 growth = (gain[0] + gain[1]) / 2;
-    to.common.turn(turn);
-    to.difference.turn(apart);
-    to.held_common.turn(turn);
-    to.held_difference.turn(apart);
-    to.motion.turn(phase);
-    to.quiet_phase += turn;
-    to.quiet_amplitude += growth;
-    for (auto* amplitude : { &to.line, &to.strength }) {
-        amplitude->mean += growth;
-        amplitude->difference += gain[0] - gain[1];
-    }
-    for (int e = 0; e < 2; e++) {
-        to.mean.phase[e] += phase[e];
-        to.mean.amplitude[e] += gain[e];
-    }
-    if (to.is == mixed)
-        for (int e = 0; e < 2; e++)
-            for (auto* ends : { &to.mixed_group.start, &to.mixed_group.seen })
-                (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
-}
-
 void press_filter::step_receiver(explanation& to) const
 {
     const bool unknown = d_group.retuned;
     const double by = unknown ? 0 : d_group.receiver_phase,
                  gain = unknown ? 0 : d_group.receiver_amplitude,
                  variance = unknown ? unknown_phase : 2 * d_group.receiver_variance;
-    recount(to, { by, by }, { gain, gain });
-    to.common.widen(variance);
-    to.held_common.widen(variance);
-    to.motion.widen({ variance, variance, variance });
-    to.line.mean_variance += variance;
-    to.strength.mean_variance += variance;
+    to.recount({ by, by }, { gain, gain });
+    to.line.common.widen(variance);
+    to.press.held.common.widen(variance);
+    to.press.motion.widen({ variance, variance, variance });
+    to.line.amplitude.mean_variance += variance;
+    to.press.strength.mean_variance += variance;
     if (unknown)
         to.mean.weight = {};
 }
 
 void press_filter::reset_baseline(explanation& to) const
 {
-    const double apart = wrapped(d_group.phase[0] - d_group.phase[1]);
-    to.common.reset(d_group.phase[1] + apart / 2, d_common_noise);
-    to.difference.reset(apart, d_difference_noise);
-    to.line = seen_amplitude();
-    to.quiet_amplitude = d_amplitude;
-    to.quiet_phase = to.common.estimate().mean;
-    to.near_square = 0;
+    to.line.reset(d_group.phase, d_noise);
+    to.line.amplitude = seen_amplitude();
+    to.hand.quiet_amplitude = d_amplitude;
+    to.hand.quiet_phase = to.line.common.estimate().mean;
+    to.hand.square = 0;
 }
 
 void press_filter::drift(explanation& to) const
 {
-    const double common = squared(to.common.usual_rate()) * d_elapsed_s,
-                 apart = squared(to.difference.usual_rate()) * d_elapsed_s / 4;
-    to.motion.widen({ common + apart, common + apart, common - apart });
-}
-
-// Mean and difference of the phases of the group, nearest to those of a line.
-pair_of_ends press_filter::seen_beside(const drift_bank& difference) const
-{
-    const double mean = difference.estimate().mean,
-                 apart = mean + wrapped(d_group.phase[0] - d_group.phase[1] - mean);
-    return { d_group.phase[1] + apart / 2, apart };
+    to.press.motion.widen(to.line.walk(d_elapsed_s));
 }
 
 // Takes the phases of the group as those of a line that drifts.
-double press_filter::update_phases(drift_bank& common, drift_bank& difference) const
+double press_filter::update_phases(drifting_phases& line) const
 {
     const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
-    const auto [mean, apart] = seen_beside(difference);
-    return common.update(mean, d_common_noise, memory) +
-           difference.update(apart, d_difference_noise, memory);
-}
-
-// A press is held from where it is now.
-void press_filter::hold_level(explanation& to) const
-{
-    begin_at(to.held_common, to.held_difference, to.motion);
+    return line.update(d_group.phase, d_noise, memory);
 }
 
 double press_filter::update_baseline(explanation& to) const
 {
-    double likelihood = update_phases(to.common, to.difference);
-    likelihood += update_amplitude(to.line);
+    double likelihood = update_phases(to.line);
+    likelihood += update_amplitude(to.line.amplitude);
     notice_hand(to);
     return likelihood;
 }
@@ -215,35 +165,36 @@ double press_filter::update_baseline(explanation& to) const
 // It goes on to where it presses.
 void press_filter::lose_sight_of_hand(explanation& to) const
 {
-    to.turning = false;
-    to.near_square += squared(to.velocity * d_set.near_s);
+    to.turn.goes_on = false;
+    to.hand.square += squared(to.turn.velocity * d_set.near_s);
 }
 
 // A hand that comes near adds a phasor. While it moves the untouched line shows how large
 // that is; during a press, the phase that it adds is known to no better than this.
 void press_filter::notice_hand(explanation& to) const
 {
-    const bool moves = to.turning && to.near;
-    const double phase = to.common.estimate().mean,
-                 turned = moves ? wrapped(phase - to.quiet_phase) : 0,
-                 grown = to.line.mean - to.quiet_amplitude;
+    const bool moves = to.turn.goes_on && to.turn.by_hand;
+    const double phase = to.line.common.estimate().mean,
+                 turned = moves ? wrapped(phase - to.hand.quiet_phase) : 0,
+                 grown = to.line.amplitude.mean - to.hand.quiet_amplitude;
     const double forgets = std::min(1.0, d_elapsed_s / d_set.near_s);
-    to.near_square = std::max((1 - forgets) * to.near_square,
-                              squared(turned) + squared(grown) - to.line.mean_variance);
-    to.quiet_phase = phase - turned * (1 - forgets / 4);
-    to.quiet_amplitude += forgets / 4 * grown;
+    to.hand.square =
+        std::max((1 - forgets) * to.hand.square,
+                 squared(turned) + squared(grown) - to.line.amplitude.mean_variance);
+    to.hand.quiet_phase = phase - turned * (1 - forgets / 4);
+    to.hand.quiet_amplitude += forgets / 4 * grown;
 }
 
 // Log density of the phases of a contact that begins in this group.
 double press_filter::contact_phases(const explanation& of) const
 {
-    if (!of.known)
+    if (!of.line.known)
         return log_any_phases;
     const double explained = density(of, d_group.phase);
     if (of.is == pressed)
         return std::log(explained + 1e-12);
     double near = 0;
-    const auto at = baseline(of);
+    const auto at = of.line.phase();
     for (int e = 0; e < 2; e++)
         near += squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
     near = 0.99 * std::exp(-squared(near) / 2);
@@ -253,13 +204,13 @@ double press_filter::contact_phases(const explanation& of) const
 double press_filter::compare_contact(const explanation& with, double spread) const
 {
     const double known =
-        with.line.mean_variance + with.near_square / 2 + d_amplitude_noise;
+        with.line.amplitude.mean_variance + with.hand.square / 2 + d_amplitude_noise;
     const auto density = [&](double loss) {
-        return log_normals(d_amplitude - with.line.mean,
+        return log_normals(d_amplitude - with.line.amplitude.mean,
                            known + squared(loss) / 2,
-                           d_amplitude_difference - with.line.difference,
-                           with.line.difference_variance + 4 * d_amplitude_noise +
-                               2 * squared(loss));
+                           d_amplitude_difference - with.line.amplitude.difference,
+                           with.line.amplitude.difference_variance +
+                               4 * d_amplitude_noise + 2 * squared(loss));
     };
     // Good contacts lose nothing.
     return log_sum(density(spread), density(0)) - std::log(2.0);
@@ -273,19 +224,7 @@ double press_filter::hand_variance(std::size_t speed) const
 
 double press_filter::update_amplitude(both_amplitudes& own) const
 {
-    const double mean = d_amplitude - own.mean,
-                 difference = d_amplitude_difference - own.difference;
-    const double mean_variance = own.mean_variance + d_amplitude_noise,
-                 difference_variance = own.difference_variance + 4 * d_amplitude_noise;
-    const double likelihood =
-        log_normals(mean, mean_variance, difference, difference_variance);
-    const double by_mean = own.mean_variance / mean_variance,
-                 by_difference = own.difference_variance / difference_variance;
-    own.mean += by_mean * mean;
-    own.difference += by_difference * difference;
-    own.mean_variance *= 1 - by_mean;
-    own.difference_variance *= 1 - by_difference;
-    return likelihood;
+    return own.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
 }
 
 // Whether the amplitudes show how far both ends have turned.
@@ -298,14 +237,7 @@ bool press_filter::shows_turns(const explanation& of) const
 bool press_filter::sees_turns(const explanation& of, state is) const
 {
     return is == untouched ||
-           (d_off_differ && of.known && (is == pressed || is == unexplained));
-}
-
-// Of both phases against the untouched line.
-pair_of_ends press_filter::change(const explanation& of, const pair_of_ends& phase) const
-{
-    const auto at = baseline(of);
-    return { phase[0] - at[0], phase[1] - at[1] };
+           (d_off_differ && of.line.known && (is == pressed || is == unexplained));
 }
 
 // Takes the amplitudes of a press. Where the off states differ they show the common
@@ -314,7 +246,7 @@ pair_of_ends press_filter::change(const explanation& of, const pair_of_ends& pha
 // phase.
 double press_filter::update_strength(explanation& to) const
 {
-    auto& own = to.strength;
+    auto& own = to.press.strength;
     if (!shows_turns(to)) {
         // Hands move beside a press as often as beside the untouched line. Otherwise a
         // change of amplitude would speak for the latter.
@@ -338,39 +270,35 @@ double press_filter::update_strength(explanation& to) const
             all += std::exp(likelihood - best);
         return best + std::log(all);
     }
-    const double known = to.common.estimate().variance;
-    const auto seen = change(to, d_group.phase);
+    const double known = to.line.common.estimate().variance;
+    const auto seen = to.change(d_group.phase);
     pair_of_ends expected;
     double turn = 0, slope = 0, variance = 1, off = 0, by_turn = 0;
     for (int i = 0; i < (known < squared(deg) ? 1 : iterations); i++) {
         const pair_of_ends at{ seen[0] - turn, seen[1] - turn };
         expected = d_off.amplitude(at);
         slope = -d_off.slope(at);
-        variance = slope * slope * known + 2 * slope * to.with_common +
+        variance = slope * slope * known + 2 * slope * to.press.with_common +
                    own.difference_variance + 4 * d_amplitude_noise;
-        by_turn = (slope * known + to.with_common) / variance;
+        by_turn = (slope * known + to.press.with_common) / variance;
         off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
               slope * turn;
         turn = by_turn * off;
     }
-    const double by_loss = (slope * to.with_common + own.difference_variance) / variance;
-    double likelihood = log_normal(off, variance);
+    const double by_loss =
+        (slope * to.press.with_common + own.difference_variance) / variance;
+    const double likelihood = log_normal(off, variance);
     own.difference += by_loss * off;
     own.difference_variance =
         std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
-    to.with_common -= by_turn * by_loss * variance;
-    to.common.turn(turn);
-    to.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    to.shown = { change(to, to.motion.phase()),
-                 own.difference - to.line.difference,
-                 own.difference_variance };
-    const double mean = d_amplitude - (expected[0] + expected[1]) / 2 - own.mean,
-                 mean_variance = own.mean_variance + d_amplitude_noise,
-                 by_mean = own.mean_variance / mean_variance;
-    likelihood += log_normal(mean, mean_variance);
-    own.mean += by_mean * mean;
-    own.mean_variance *= 1 - by_mean;
-    return likelihood;
+    to.press.with_common -= by_turn * by_loss * variance;
+    to.line.common.turn(turn);
+    to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
+    to.press.shown = { to.change(to.press.motion.phase()),
+                       own.difference - to.line.amplitude.difference,
+                       own.difference_variance };
+    return likelihood + own.update_mean(d_amplitude - (expected[0] + expected[1]) / 2,
+                                        d_amplitude_noise);
 }
 
 // Begins a contact that loses something, or nothing.
@@ -380,30 +308,33 @@ void press_filter::touch_with_strength(const explanation& from,
 {
     // What the press before or the untouched line showed of the off states, whichever
     // says more of this press.
-    const auto at = change(next, d_group.phase);
-    off_error error;
+    const auto at = next.change(d_group.phase);
+    explanation::held_or_moving::off_error error;
     error.variance = d_off.variance(error.at, at);
-    const double since = from.shown.variance + d_off.variance(from.shown.at, at);
-    const bool pressed_before = (from.is == mixed ? from.before : from.is) == pressed,
+    const double since =
+        from.press.shown.variance + d_off.variance(from.press.shown.at, at);
+    const bool pressed_before =
+                   (from.is == mixed ? from.mixture.before : from.is) == pressed,
                goes_on = pressed_before && since < error.variance;
     if (goes_on)
-        error = { at, from.shown.mean, since };
+        error = { at, from.press.shown.mean, since };
     // A press is one resistance that both ends see; unexplained contacts may be more.
     for (const bool alike : { true, false }) {
         if (!alike && next.is == pressed)
             break;
         auto contact = next;
         contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
-        contact.with_common = goes_on ? from.with_common : 0;
+        contact.press.with_common = goes_on ? from.press.with_common : 0;
         // What a hand nearby turns is a turn as well, which the amplitudes show.
-        contact.common.widen(from.near_square / 2);
-        contact.near_square = 0;
-        contact.strength = { from.line.mean,
-                             from.line.difference + error.mean,
-                             from.line.mean_variance + from.near_square / 2 +
-                                 squared(spread) / 2,
-                             from.line.difference_variance +
-                                 (alike ? 0 : 2 * squared(spread)) + error.variance };
+        contact.line.common.widen(from.hand.square / 2);
+        contact.hand.square = 0;
+        contact.press.strength = { from.line.amplitude.mean,
+                                   from.line.amplitude.difference + error.mean,
+                                   from.line.amplitude.mean_variance +
+                                       from.hand.square / 2 + squared(spread) / 2,
+                                   from.line.amplitude.difference_variance +
+                                       (alike ? 0 : 2 * squared(spread)) +
+                                       error.variance };
         const double likelihood = update_strength(contact);
         give(contact, likelihood + contact_phases(contact));
     }
@@ -413,16 +344,16 @@ void press_filter::touch_with_strength(const explanation& from,
 void press_filter::doubt_off_states(explanation& to) const
 {
     if (shows_turns(to))
-        to.strength.difference_variance +=
-            d_off.variance(to.shown.at, change(to, to.motion.phase()));
+        to.press.strength.difference_variance +=
+            d_off.variance(to.press.shown.at, to.change(to.press.motion.phase()));
 }
 
-press_filter::both_amplitudes press_filter::seen_strength(const explanation& of) const
+both_amplitudes press_filter::seen_strength(const explanation& of) const
 {
-    auto seen = of.strength;
+    auto seen = of.press.strength;
     if (!shows_turns(of))
         return seen;
-    const auto caused = d_off.amplitude(change(of, of.motion.phase()));
+    const auto caused = d_off.amplitude(of.change(of.press.motion.phase()));
     seen.mean += (caused[0] + caused[1]) / 2;
     seen.difference += caused[0] - caused[1];
     return seen;
@@ -430,15 +361,14 @@ press_filter::both_amplitudes press_filter::seen_strength(const explanation& of)
 
 void press_filter::begin_press(explanation& to) const
 {
-    to.steady = false;
-    to.motion.hold(d_group.phase, d_noise);
-    to.held_common = to.common;
-    to.held_difference = to.difference;
-    hold_level(to);
-    to.strength = seen_amplitude();
+    to.press.steady = false;
+    to.press.motion.hold(d_group.phase, d_noise);
+    to.press.held = to.line;
+    to.hold_level();
+    to.press.strength = seen_amplitude();
 }
 
-press_filter::both_amplitudes press_filter::seen_amplitude() const
+both_amplitudes press_filter::seen_amplitude() const
 {
     return {
         d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
@@ -447,8 +377,8 @@ press_filter::both_amplitudes press_filter::seen_amplitude() const
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
 {
-    const double variance = of.common.estimate().variance + of.near_square / 2;
-    const auto changed = change(of, phase);
+    const double variance = of.line.common.estimate().variance + of.hand.square / 2;
+    const auto changed = of.change(phase);
     const double middle = d_image->density(changed);
     if (variance < squared(deg))
         return middle;
@@ -490,50 +420,45 @@ double press_filter::chord(const mixture& from, const both_ends& to, double vari
     return std::log(on * std::exp(-log_any_mixture) + 0.25);
 }
 
-press_filter::both_ends press_filter::untouched_ratio(const explanation& of) const
+both_ends press_filter::untouched_ratio(const explanation& of) const
 {
-    const auto at = baseline(of);
-    const double half = of.line.difference / 2;
-    return { std::polar(std::exp(of.line.mean + half), at[0]),
-             std::polar(std::exp(of.line.mean - half), at[1]) };
+    const auto at = of.line.phase();
+    const double half = of.line.amplitude.difference / 2;
+    return { std::polar(std::exp(of.line.amplitude.mean + half), at[0]),
+             std::polar(std::exp(of.line.amplitude.mean - half), at[1]) };
 }
 
-press_filter::both_ends press_filter::seen_ratio() const
+both_ends press_filter::seen_ratio() const
 {
     return { std::polar(std::exp(d_group.amplitude[0]), d_group.phase[0]),
              std::polar(std::exp(d_group.amplitude[1]), d_group.phase[1]) };
 }
 
-pair_of_ends press_filter::baseline(const explanation& of) const
-{
-    return phases_of(of.common, of.difference);
-}
-
 // Of the direction, rad^2; any where the model does not say.
 double press_filter::direction_variance(const explanation& of) const
 {
-    return of.known && of.is == pressed ? squared(d_set.aside) : 1.0;
+    return of.line.known && of.is == pressed ? squared(d_set.aside) : 1.0;
 }
 
 pair_of_ends press_filter::press_direction(const explanation& of) const
 {
-    if (!of.known || of.is != pressed)
+    if (!of.line.known || of.is != pressed)
         return alike_both;
-    return d_image->direction(change(of, of.motion.phase()));
+    return d_image->direction(of.change(of.press.motion.phase()));
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
-    const auto common = of.common.estimate(), apart = of.difference.estimate();
+    const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
     return { 0,
              0,
              of.is,
-             of.known,
-             (of.turned_now || of.turning) && !shows_turns(of),
-             baseline(of),
-             common.variance + (of.is == pressed ? of.near_square / 2 : 0),
+             of.line.known,
+             (of.turn.sudden || of.turn.goes_on) && !shows_turns(of),
+             of.line.phase(),
+             common.variance + (of.is == pressed ? of.hand.square / 2 : 0),
              apart.variance,
-             of.line.mean,
+             of.line.amplitude.mean,
              of.mean };
 }
 

@@ -56,32 +56,6 @@ inline double squared(double x) { return x * x; }
 inline const double log_any_phases = -2 * std::log(two_pi);
 inline const double log_any_mixture = log_any_phases - 2 * std::log(0.7);
 
-// Of both ends, whose mean and difference these are.
-inline pair_of_ends phases_of(const drift_bank& common, const drift_bank& difference)
-{
-    const double mean = common.estimate().mean, apart = difference.estimate().mean;
-    return { mean + apart / 2, mean - apart / 2 };
-}
-
-inline phase_covariance covariance_of(const drift_bank& common,
-                                      const drift_bank& difference)
-{
-    const double mean = common.estimate().variance,
-                 apart = difference.estimate().variance / 4;
-    return { mean + apart, mean + apart, mean - apart };
-}
-
-// A line that begins where these phases are.
-inline void
-begin_at(drift_bank& common, drift_bank& difference, const phase_motion& where)
-{
-    const auto is = where.phase();
-    const auto sure = where.covariance();
-    const double apart = wrapped(is[0] - is[1]);
-    common.reset(is[1] + apart / 2, (sure.first + sure.second + 2 * sure.both) / 4);
-    difference.reset(apart, sure.first + sure.second - 2 * sure.both);
-}
-
 inline const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
 
 

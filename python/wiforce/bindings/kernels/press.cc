@@ -2,8 +2,8 @@
 #include "kernels.h"
 
 #include <kernel/inversion/press_reading.h>
+#include <kernel/phases/sensor_groups.h>
 #include <kernel/press/press_filter.h>
-#include <kernel/press/sensor_groups.h>
 
 #include <pybind11/stl.h>
 
@@ -18,7 +18,7 @@ using namespace gr::wiforce::kernel;
 
 namespace {
 
-using outcome = press_filter::outcome;
+using outcome = press_outcome;
 
 py::array_t<outcome> array_of(const std::vector<outcome>& rows)
 {
@@ -119,9 +119,8 @@ void bind_press(py::module& m)
         "std"_a,
         "contact_np"_a,
         "Whether amplitudes distinguish a turn of the tag from a press (off_states.h).");
-    PYBIND11_NUMPY_DTYPE(
-        press_filter::average_of_groups, phase, amplitude, variance, weight);
-    PYBIND11_NUMPY_DTYPE(press_filter::outcome,
+    PYBIND11_NUMPY_DTYPE(average_of_groups, phase, amplitude, variance, weight);
+    PYBIND11_NUMPY_DTYPE(press_outcome,
                          row,
                          weight,
                          is,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <kernel/press/sensor_groups.h>
+#include <kernel/phases/sensor_groups.h>
 
 #include <pybind11/stl.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "press_filter.h"
+#include "../press/press_filter.h"
 
 #include <array>
 #include <complex>

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "explanation.h"
+
+#include <cmath>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+double of_mean(const phase_covariance& each)
+{
+    return (each.first + each.second + 2 * each.both) / 4;
+}
+
+double of_difference(const phase_covariance& each)
+{
+    return each.first + each.second - 2 * each.both;
+}
+
+// Mean and difference of both phases, without wrapping.
+pair_of_ends mean_and_difference(const pair_of_ends& phase)
+{
+    const double apart = wrapped(phase[0] - phase[1]);
+    return { phase[1] + apart / 2, apart };
+}
+
+phase_covariance of_ends(double mean, double difference)
+{
+    const double half = difference / 4;
+    return { mean + half, mean + half, mean - half };
+}
+
+// A Kalman filter of one value; gives the log density that was expected of it.
+double take(double& mean, double& variance, double seen, double noise)
+{
+    const double off = seen - mean, all = variance + noise, gain = variance / all;
+    mean += gain * off;
+    variance *= 1 - gain;
+    return log_normal(off, all);
+}
+
+} // namespace
+
+pair_of_ends drifting_phases::phase() const
+{
+    const double mean = common.estimate().mean, apart = difference.estimate().mean;
+    return { mean + apart / 2, mean - apart / 2 };
+}
+
+phase_covariance drifting_phases::covariance() const
+{
+    return of_ends(common.estimate().variance, difference.estimate().variance);
+}
+
+void drifting_phases::reset(const pair_of_ends& phase, const phase_covariance& covariance)
+{
+    const auto [mean, apart] = mean_and_difference(phase);
+    common.reset(mean, of_mean(covariance));
+    difference.reset(apart, of_difference(covariance));
+}
+
+void drifting_phases::turn(const pair_of_ends& by)
+{
+    const auto [mean, apart] = mean_and_difference(by);
+    common.turn(mean);
+    difference.turn(apart);
+}
+
+void drifting_phases::predict(double seconds)
+{
+    common.predict(seconds);
+    difference.predict(seconds);
+}
+
+phase_covariance drifting_phases::walk(double seconds) const
+{
+    const auto variance = [seconds](double rate) { return rate * rate * seconds; };
+    return of_ends(variance(common.usual_rate()), variance(difference.usual_rate()));
+}
+
+// Mean and difference of phases, nearest to those of the line.
+pair_of_ends drifting_phases::beside(const pair_of_ends& phase) const
+{
+    const double mean = difference.estimate().mean,
+                 apart = mean + wrapped(phase[0] - phase[1] - mean);
+    return { phase[1] + apart / 2, apart };
+}
+
+double drifting_phases::update(const pair_of_ends& phase,
+                               const phase_covariance& noise,
+                               double memory)
+{
+    const auto [mean, apart] = beside(phase);
+    return common.update(mean, of_mean(noise), memory) +
+           difference.update(apart, of_difference(noise), memory);
+}
+
+double drifting_phases::least_square(const pair_of_ends& phase,
+                                     const phase_covariance& noise) const
+{
+    const auto [mean, apart] = beside(phase);
+    return common.least_square(mean, of_mean(noise)) +
+           difference.least_square(apart, of_difference(noise));
+}
+
+void drifting_phases::share_rates(const drifting_phases& other)
+{
+    common.share_rates(other.common);
+    difference.share_rates(other.difference);
+}
+
+void both_amplitudes::grow(const pair_of_ends& by)
+{
+    mean += (by[0] + by[1]) / 2;
+    difference += by[0] - by[1];
+}
+
+double both_amplitudes::update(double seen_mean, double seen_difference, double noise)
+{
+    return update_mean(seen_mean, noise) +
+           take(difference, difference_variance, seen_difference, 4 * noise);
+}
+
+double both_amplitudes::update_mean(double seen, double noise)
+{
+    return take(mean, mean_variance, seen, noise);
+}
+
+pair_of_ends explanation::change(const pair_of_ends& phase) const
+{
+    const auto at = line.phase();
+    return { phase[0] - at[0], phase[1] - at[1] };
+}
+
+void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
+{
+    const auto [turned, apart] = mean_and_difference(phase);
+    line.turn(phase);
+    press.held.turn(phase);
+    press.motion.turn(phase);
+    hand.quiet_phase += turned;
+    hand.quiet_amplitude += (gain[0] + gain[1]) / 2;
+    line.amplitude.grow(gain);
+    press.strength.grow(gain);
+    for (int e = 0; e < 2; e++) {
+        mean.phase[e] += phase[e];
+        mean.amplitude[e] += gain[e];
+    }
+    if (is == mixed)
+        for (int e = 0; e < 2; e++)
+            for (auto* ends : { &mixture.start, &mixture.seen })
+                (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "drift_bank.h"
+#include "phase_motion.h"
+#include "press_image.h"
+
+#include <array>
+#include <complex>
+#include <cstddef>
+#include <cstdint>
+
+namespace gr::wiforce::kernel {
+
+using both_ends = std::array<std::complex<double>, 2>;
+
+//! States of a sensor.
+enum press_state {
+    untouched,
+    pressed,     // as the model has it
+    unexplained, // touched, but not by any press of the model
+    mixed,       // something changed inside the group
+};
+
+//! Phases and amplitudes of both ends, averaged for as long as nothing changes.
+struct average_of_groups {
+    pair_of_ends phase{}, amplitude{}, variance{}; // rad, Np, of each
+    pair_of_ends weight{};                         // of the groups before
+};
+
+//! What an explanation says of one group.
+struct press_outcome {
+    std::int64_t row = 0; // of the group in its batch
+    double weight = 0;
+    press_state is = untouched;
+    // Whether the untouched line is; a first press may have begun before the first group.
+    bool known = true;
+    bool turns = false;      // the tag or an antenna turns in this group
+    pair_of_ends baseline{}; // phases of the untouched line, rad
+    double common_variance = 0, difference_variance = 0; // of their mean and difference
+    double amplitude = 0;                                // of both ends, Np
+    average_of_groups mean;                              // of what was received
+};
+
+//! Phases of both ends, rad, whose mean and difference drift, each by itself.
+struct drifting_phases {
+    drift_bank common, difference;
+
+    pair_of_ends phase() const;
+    phase_covariance covariance() const;
+    //! Begin at phases; what is known of the rates stays.
+    void reset(const pair_of_ends& phase, const phase_covariance& covariance);
+    void turn(const pair_of_ends& by);
+    void predict(double seconds);
+    //! By how much they drift in this time.
+    phase_covariance walk(double seconds) const;
+    //! Take phases with this noise; give the log density that was expected of them.
+    double
+    update(const pair_of_ends& phase, const phase_covariance& noise, double memory);
+    //! Of what is seen from what is expected, over the variances.
+    double least_square(const pair_of_ends& phase, const phase_covariance& noise) const;
+    void share_rates(const drifting_phases& other);
+
+private:
+    pair_of_ends beside(const pair_of_ends& phase) const;
+};
+
+//! Mean and difference of the logarithms of both amplitudes, Np.
+struct both_amplitudes {
+    double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
+
+    void grow(const pair_of_ends& by);
+    //! Take both as they are seen, the difference with four times the noise of the mean;
+    //! give the log density that was expected.
+    double update(double seen_mean, double seen_difference, double noise);
+    double update_mean(double seen, double noise);
+};
+
+/*!
+ * \brief What may have happened to a sensor up to now, and how likely that is.
+ *
+ * Each part says what it is about; only while the tag turns they depend on each other.
+ */
+struct explanation {
+    double log_weight = 0;
+    press_state is = untouched;
+    double age_s = 0; // of the state
+
+    //! What would be received if nobody touched.
+    struct untouched_line : drifting_phases {
+        both_amplitudes amplitude;
+        bool known = true; // a press may have begun before the first group
+    } line;
+
+    //! The tag or an antenna turns, or a hand comes near, which changes amplitudes too.
+    struct tag_turn {
+        bool goes_on = false, sudden = false; // in this group
+        bool by_hand = false;
+        double velocity = 0;   // rad/s
+        std::size_t speed = 0; // how fast its velocity changes, of `speeds`
+        // Turns seen where nothing looks alike, in this time.
+        double seen = 0, watched_s = 0;
+    } turn;
+
+    //! A hand nearby adds a phasor: the line without it, and the phasor's square.
+    struct nearby_hand {
+        double quiet_amplitude = 0, quiet_phase = 0, square = 0;
+    } hand;
+
+    //! Both phases and amplitudes of the press, or of the line while the tag turns it.
+    struct held_or_moving {
+        phase_motion motion;  // as it changes steadily,
+        drifting_phases held; // or drifts like the untouched line
+        bool steady = false, slides = false;
+        std::size_t speed = 0; // of the steady change, of `speeds`
+        // Where the off states differ, less than they cause.
+        both_amplitudes strength;
+        double with_common =
+            0; // covariance of its difference with the line's common phase
+        // By how much the difference of the amplitudes was not what the off states cause,
+        // at this change of both phases. They are right about the untouched line, by
+        // definition.
+        struct off_error {
+            pair_of_ends at{};
+            double mean = 0, variance = 0;
+        } shown; // by the group before
+    } press;
+
+    //! Groups in which something changes: from where, what is seen of them, how many.
+    struct mixture_of_states {
+        press_state before = untouched;
+        double age_s = 0; // of the state before
+        both_ends start{}, seen{};
+        double seen_variance = 0;
+        double log_density = 0; // over that of any mixture
+        int groups = 0;
+    } mixture;
+
+    bool lasts = false;   // nothing has changed since the group before
+    bool claimed = false; // nor since the user said that it is untouched
+    average_of_groups mean;
+    press_outcome now, last;
+
+    pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
+    //! Counted from where everything has turned and grown by this.
+    void recount(const pair_of_ends& phase, const pair_of_ends& gain);
+    //! Press from where it is now.
+    void hold_level()
+    {
+        press.held.reset(press.motion.phase(), press.motion.covariance());
+    }
+};
+
+} // namespace gr::wiforce::kernel
