@@ -150,17 +150,18 @@ class PressEvidence:
         """Whether the ends are swapped or have another off state: no reading is consistent."""
         return self._record.swapped or self._record.other_off
 
-    def take(self, read: Array) -> None:
+    def take(self, read: Array) -> Array:
         """Take what the groups of a batch say, (G,): R against the untouched sensor, ``level``;
         phases and their standard deviations in degrees; touch; whether no stage before the
         inversion flags the group, ``clear``; and whether nothing does but that it is no press of
         the model, ``unexplained``.
 
-        Groups that are touched while the sensor is ``contradicted`` are flagged.
+        Gives which of them are touched while the sensor is ``contradicted``, bool, shape (G,).
         """
+        contradicting = np.zeros(len(read), bool)
         if not (self._open or self._odd or 1 in read["touch"].tolist()):
-            return
-        for row in read:
+            return contradicting
+        for i, row in enumerate(read):
             touched = row["touch"]
             if touched == 0 and (self._open or self._odd):
                 self._close()
@@ -170,8 +171,8 @@ class PressEvidence:
                 self._record.readings += 1
                 self._record.unexplained += bool(row["flags"] & _NO_PRESS)
                 self._open.add(row["level"], row["phases_deg"], row["psi_std_deg"])
-            if self.contradicted and touched == 1:
-                row["flags"] |= Flag.INCONSISTENT.value
+            contradicting[i] = touched == 1 and self.contradicted
+        return contradicting
 
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""

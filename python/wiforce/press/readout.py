@@ -22,7 +22,7 @@ _GAP = flag_words(Flag.GAP.value)
 class Readout:
     """Gives the readings of all sensors of a run, one group late.
 
-    What a group was is clear when the next one is known. Earlier groups than ``first_group`` are
+    What a group was is clear when the next one is stages. Earlier groups than ``first_group`` are
     not given; ``counts`` continues those of the readings given before. R is a ``change``, ``step``
     or ``square`` (see ``estimators.Estimator``).
     """
@@ -62,13 +62,13 @@ class Readout:
             readings += self._read(*self._waiting, first)
         if len(groups) > 1:
             others = [later(found[found["row"].searchsorted(1) :], -1) for found, _ in taken]
-            readings += self._read(groups[:-1], [known[:-1] for _, known in taken], others)
-        self._waiting = groups[-1:], [known[-1:] for _, known in taken]
+            readings += self._read(groups[:-1], [stages[:-1] for _, stages in taken], others)
+        self._waiting = groups[-1:], [stages[-1:] for _, stages in taken]
         return readings
 
-    def _read(self, groups: Groups, known: list[Array], found: list[Array]) -> list[Reading]:
+    def _read(self, groups: Groups, stages: list[Array], found: list[Array]) -> list[Reading]:
         sensors = self.sensors.values()
-        read = [sensor.read(*each) for sensor, *each in zip(sensors, found, known, strict=True)]
+        read = [sensor.read(*each) for sensor, *each in zip(sensors, found, stages, strict=True)]
         if self.on_groups is not None or self._surface is not None:
             groups = groups.having(**as_arrays(read))
         if self.on_groups is not None:

@@ -90,25 +90,26 @@ class SensorReadout:
         Gives outcomes of the group before each of these, and what the stages before say of these,
         shape (G,).
         """
-        rows, known = self._stages.of(vars(groups), sensor, receiver)
+        rows, stages = self._stages.of(vars(groups), sensor, receiver)
         found, retuned = self.state.take(groups, sensor, self._period_s, rows)
         if True in retuned.tolist():
-            known["flags"][retuned] |= Flag.MOVED.value
-        return found, known
+            stages["flags"][retuned] |= Flag.MOVED.value
+        return found, stages
 
-    def read(self, found: Array, known: Array) -> Array:
+    def read(self, found: Array, stages: Array) -> Array:
         """Read groups by their outcomes and what the stages before say of them, (G,).
 
         Gives a structured array (G,): the fields of a reading, and what the evidence needs.
         """
-        read = self._reading.read(found, known, self._tracker is None)
+        read = self._reading.read(found, stages, self._tracker is None)
         self.state.note_doubt(read["doubtful"].tolist(), self._period_s)
         touched = read["touch"] == 1
         if self._tracker is not None:
             self._track(read)
             read["flags"][touched & ~(read["force_std_n"] <= WEAK_FORCE_N)] |= Flag.WEAK.value
         if self.state.evidence is not None:
-            self.state.evidence.take(read)
+            contradicting = self.state.evidence.take(read)
+            read["flags"][contradicting] |= Flag.INCONSISTENT.value
         if True in touched.tolist():
             newest = read[touched][-1]
             self.force_n, self.location_mm = float(newest["force_n"]), float(newest["location_mm"])

@@ -60,9 +60,8 @@ def judged(model, ratios, touch, batch=None):
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
     read = rows_of(ratios, psi, touch)
     batch = batch or len(touch)
-    for i in range(0, len(touch), batch):
-        evidence.take(read[i : i + batch])
-    return evidence, read["flags"] == Flag.INCONSISTENT.value
+    found = [evidence.take(read[i : i + batch]) for i in range(0, len(touch), batch)]
+    return evidence, np.concatenate(found)
 
 
 @pytest.mark.parametrize(("contact", "kinds"), [(1.0, []), (0.98, []), (0.9, ["amplitude"])])
