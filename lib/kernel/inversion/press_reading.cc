@@ -47,12 +47,7 @@ press_reading::press_reading(const press_posterior& posterior,
                              const sensor& of,
                              const bits& flags,
                              const limits& at)
-    : d_posterior(posterior),
-      d_sensor(of),
-      d_on_circle(off_states(of.untouched_rad, of.off, of.off_std)
-                      .differ(press_parameters{}.contact_np)),
-      d_bits(flags),
-      d_limits(at)
+    : d_posterior(posterior), d_sensor(of), d_bits(flags), d_limits(at)
 {
 }
 
@@ -76,11 +71,13 @@ press_reading::phases press_reading::phases_of(const explanation& of,
         const complex off = d_sensor.off[end],
                       start = std::polar(1.0, d_sensor.untouched_rad[end]);
         const complex circle = on_circle(level[end], start - off, off);
-        const complex switched = d_on_circle ? circle - off : level[end] * (start - off);
+        const complex switched =
+            d_sensor.off_states_differ ? circle - off : level[end] * (start - off);
         const complex reflection = off + switched;
         const double slope =
-            d_on_circle ? std::norm(switched) / (switched * std::conj(reflection)).real()
-                        : std::abs(switched) / std::abs(reflection);
+            d_sensor.off_states_differ
+                ? std::norm(switched) / (switched * std::conj(reflection)).real()
+                : std::abs(switched) / std::abs(reflection);
         double variance =
             of.mean.variance[end] + of.difference_variance / 4 + common_variance;
         if (d_sensor.tag_ratio) {

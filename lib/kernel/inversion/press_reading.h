@@ -28,7 +28,10 @@ public:
     struct sensor {
         pair untouched_rad;
         std::array<complex, 2> off; // G_off / rho of both switches
-        double off_std;   // of the real and the imaginary part of each off state
+        double off_std; // of the real and the imaginary part of each off state
+        // Whether phases are those of arg R alone, on the circle of |G| = rho: what turns
+        // the tag changes |R| of both ends as well.
+        bool off_states_differ;
         double tag_ratio; // amplitude of the tag over the static path; 0 for one antenna
         double ruler_mm2; // variance of all locations by the ruler
     };
@@ -88,9 +91,6 @@ private:
 
     const press_posterior& d_posterior;
     const sensor d_sensor;
-    // Whether phases are those of arg R alone, on the circle of |G| = rho: what turns the
-    // tag changes |R| of both ends as well.
-    const bool d_on_circle;
     const bits d_bits;
     const limits d_limits;
 };

@@ -47,6 +47,8 @@ public:
                  const press_parameters& settings,
                  const off_states& off = {});
 
+    //! Whether amplitudes distinguish a turn of the tag from a press.
+    bool off_states_differ() const { return d_off_differ; }
     //! Takes the next group that was received.
     void take(const press_observation& group);
     //! The next group shows what the receiver has done, but not the tag.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Array
-from ..wiforce_kernels import off_states_differ, press_filter, press_outcome, press_parameters
+from ..wiforce_kernels import press_filter, press_outcome, press_parameters
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -81,10 +81,10 @@ def _new_filter(
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - np.array(off))
     step = float(np.log(forces[1] / forces[0]))
     image = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
-    if off_states_differ(off, off_std, values["contact_np"][0]):
-        return press_filter(*image, untouched_rad.tolist(), off, off_std)
+    made = press_filter(*image, untouched_rad.tolist(), off, off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
     spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))
-    if spread > 0:
-        values["contact_np"] = np.hypot(values["contact_np"], spread)
+    if made.off_states_differ or spread == 0:
+        return made
+    values["contact_np"] = np.hypot(values["contact_np"], spread)
     return press_filter(*image)

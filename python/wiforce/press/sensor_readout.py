@@ -69,6 +69,7 @@ class SensorReadout:
             np.radians(model.untouched_deg(frequency_hz)),
             off,
             off_std,
+            state.shows_turns,
             tag_ratio,
             inverter.ruler_mm2,
             [flag.value for flag in _FLAGS],

@@ -101,6 +101,11 @@ class SensorState:
         return self._filter.newest() if index == self._last else NOTHING
 
     @property
+    def shows_turns(self) -> bool:
+        """Whether amplitudes distinguish a turn of the tag from a press (off_states.h)."""
+        return self._filter.off_states_differ
+
+    @property
     def touched(self) -> bool:
         """Whether the sensor is touched now, or was in a part of the newest group."""
         return self.touch_probability >= 0.5

@@ -24,6 +24,7 @@ def read(ratios, std_deg=0.0, off_std=0.0):
         np.radians(UNTOUCHED_DEG),
         OFF,
         off_std,
+        True,
         0.0,
         0.0,
         [1] * 7,

@@ -110,15 +110,6 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
 
 void bind_press(py::module& m)
 {
-    m.def(
-        "off_states_differ",
-        [](const std::array<std::complex<double>, 2>& off,
-           double std,
-           double contact_np) { return off_states({}, off, std).differ(contact_np); },
-        "off"_a,
-        "std"_a,
-        "contact_np"_a,
-        "Whether amplitudes distinguish a turn of the tag from a press (off_states.h).");
     PYBIND11_NUMPY_DTYPE(average_of_groups, phase, amplitude, variance, weight);
     PYBIND11_NUMPY_DTYPE(press_outcome,
                          row,
@@ -189,6 +180,7 @@ void bind_press(py::module& m)
              "untouched"_a = pair_of_ends{},
              "off"_a = std::array<std::complex<double>, 2>{},
              "off_std"_a = 0.0)
+        .def_property_readonly("off_states_differ", &press_filter::off_states_differ)
         .def("__copy__", [](const press_filter& filter) { return filter; })
         .def("take",
              &take,
@@ -221,6 +213,7 @@ void bind_press(py::module& m)
                          const std::array<double, 2>& untouched_rad,
                          const std::array<std::complex<double>, 2>& off,
                          double off_std,
+                         bool off_states_differ,
                          double tag_ratio,
                          double ruler_mm2,
                          const std::array<std::int64_t, 7>& bits,
@@ -229,7 +222,12 @@ void bind_press(py::module& m)
                      throw std::invalid_argument("posterior must be of one carrier");
                  return press_reading(
                      posterior,
-                     { untouched_rad, off, off_std, tag_ratio, ruler_mm2 },
+                     { untouched_rad,
+                       off,
+                       off_std,
+                       off_states_differ,
+                       tag_ratio,
+                       ruler_mm2 },
                      { bits[0], bits[1], bits[2], bits[3], bits[4], bits[5], bits[6] },
                      { limits[0], limits[1], limits[2] });
              }),
@@ -238,6 +236,7 @@ void bind_press(py::module& m)
              "untouched_rad"_a,
              "off"_a,
              "off_std"_a,
+             "off_states_differ"_a,
              "tag_ratio"_a,
              "ruler_mm2"_a,
              "bits"_a,
