@@ -22,7 +22,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_turn_peak);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     next->turn.seen += sees_turns(from, from.is);
@@ -96,12 +96,10 @@ double press_filter::follow_turn(explanation& to,
             squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
             std::max(1.0, least_turn_s / d_elapsed_s);
     to.line.common.turn(by);
-    // What is seen in the second group of a press may have begun in the first.
-    const bool second = from.is != untouched && from.age_s < 1.5 * d_elapsed_s;
-    if (second && shows_turns(from) && !from.turn.goes_on)
-        begin_turn_earlier(to, squared(by / 2));
     likelihood += update_strength(to);
-    if (second && !shows_turns(from))
+    // What is seen in the second group of a press may have begun in the first. Amplitudes
+    // that show turns have shown that as well.
+    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s && !shows_turns(from))
         to.line.common.widen(squared(by / 2));
     to.line.amplitude.mean += to.press.strength.mean - before;
     if (!to.turn.by_hand)
@@ -117,31 +115,9 @@ double press_filter::follow_turn(explanation& to,
     return likelihood;
 }
 
-// What the first group of a press showed beside the stated off states was taken for their
-// error; a turn of this variance is another cause of it.
-void press_filter::begin_turn_earlier(explanation& to, double variance) const
-{
-    auto& own = to.press.strength;
-    const double slope = -d_off.slope(to.press.shown.at),
-                 error = d_off.variance({}, to.press.shown.at),
-                 seen = error + 4 * d_amplitude_noise,
-                 all = squared(slope) * variance + seen;
-    // Of what it showed, this is the share that counted as their error.
-    const double of_error = slope * variance / all * to.press.shown.mean;
-    if (error > 0) {
-        to.line.common.turn(of_error * seen / error);
-        to.line.common.widen(variance * seen / all);
-    } else
-        to.line.common.widen(variance); // no share of it was kept
-    own.difference -= slope * of_error;
-    own.difference_variance += squared(slope * error) * variance / (all * seen);
-    to.press.with_common -= slope * variance * error / all;
-}
-
 void press_filter::release(const explanation& from, double probability)
 {
-    auto next =
-        follow(from, probability, from.line.known ? best_baseline(from) : d_contact_peak);
+    auto next = follow(from, probability, from.line.known ? d_peak : d_contact_peak);
     if (!next)
         return;
     next->is = untouched;
@@ -191,7 +167,7 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
-    auto next = follow(from, probability, d_move_peak);
+    auto next = follow(from, probability, d_peak);
     if (!next)
         return;
     if (from.is != untouched)
