@@ -3,6 +3,8 @@
 
 #include "press_image.h"
 
+#include <utility>
+
 namespace gr::wiforce::kernel {
 
 //! Covariance of both phases, rad^2.
@@ -46,7 +48,12 @@ public:
     void move(double velocity);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
-    double common_velocity() const { return (d_state[2] + d_state[3]) / 2; }
+    //! Mean of both velocities, and its variance.
+    std::pair<double, double> common_velocity() const
+    {
+        return { (d_state[2] + d_state[3]) / 2,
+                 (d_covariance[2][2] + d_covariance[3][3] + 2 * d_covariance[2][3]) / 4 };
+    }
     void widen_velocity(const phase_covariance& by);
     //! A steady change ended somewhere in the last `seconds`.
     void stop(double seconds);

@@ -104,7 +104,7 @@ double press_filter::follow_turn(explanation& to,
     to.line.amplitude.mean += to.press.strength.mean - before;
     if (!to.turn.by_hand)
         to.hand.quiet_amplitude += to.press.strength.mean - before;
-    to.turn.velocity = to.press.motion.common_velocity();
+    to.turn.velocity = to.press.motion.common_velocity().first;
     if (to.is == untouched) {
         const auto sure = to.press.motion.covariance();
         to.line.common.reset(to.line.common.estimate().mean,

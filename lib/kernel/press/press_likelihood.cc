@@ -143,11 +143,12 @@ double press_filter::update_baseline(explanation& to) const
     return likelihood;
 }
 
-// It goes on to where it presses.
+// It goes on to where it presses, at its velocity as far as that is no noise.
 void press_filter::lose_sight_of_hand(explanation& to) const
 {
+    const auto [velocity, variance] = to.press.motion.common_velocity();
     to.turn.goes_on = false;
-    to.hand.square += squared(to.turn.velocity * d_set.near_s);
+    to.hand.square += std::max(squared(velocity) - variance, 0.0) * squared(d_set.near_s);
 }
 
 // A hand that comes near adds a phasor. While it moves the untouched line shows how large
