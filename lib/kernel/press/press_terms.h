@@ -12,34 +12,35 @@
 namespace gr::wiforce::kernel {
 
 // Explanations that are kept, and of them those that agree on where the untouched line
-// lies: otherwise the many courses of what is likely leave no room for what is not. And
-// the logarithm of a weight that counts: of 1e-8.
+// lies: otherwise the many courses of what is likely leave no room for what is not, and
+// the deviation of presses beside turning tags grows from 0.2 to 0.55 N.
 constexpr std::size_t most_kept = 32, most_of_line = 12;
-constexpr double negligible = -18;
-// Explanations with less weight than this change no reading.
-constexpr double least_weight = 1e-5;
-constexpr double deg = two_pi / 360;
+// Logarithm of a weight that counts, of 1e-8; explanations with less than 1e-5 change no
+// reading.
+constexpr double negligible = -18, least_weight = 1e-5;
+constexpr double deg = two_pi / 360; // rad
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
-// tap.
+// tap. The first three are those of tags, the first two those of hands nearby.
 constexpr std::array<double, 4> speeds{ 5 * deg, 50 * deg, 500 * deg, 3000 * deg };
-constexpr std::size_t turning_speeds = 3, near_speeds = 2; // of tags, and of hands nearby
-// Turns keep their speed for about so long.
+constexpr std::size_t turning_speeds = 3, near_speeds = 2;
+// s: a turn changes its amplitude for so long at least, also in shorter groups.
 constexpr double least_turn_s = 0.05;
-// A sudden change that takes no more than this of a group is not seen to be inside it.
+// s: a sudden change that takes no more than this of a group is not seen to be inside it.
 constexpr double unseen_s = 0.004;
-// Contacts change the phases by more.
+// deg: what changes both phases by less is no contact that the model does not contain.
 constexpr double least_contact_deg = 10;
-// By how much a press at one location changes the phases, at once.
+// deg: standard deviation of a jump of the force, and what is hardly one.
 constexpr double jump_deg = 10, least_jump_deg = 2;
-// Presses that slide, of those that change steadily.
+// Share of steady changes that slide, across the direction of more force.
 constexpr double sliding = 0.2;
-// Change of the phases by the force in a group in which a press begins or ends.
+// deg: change of the phases by the force in a group in which a press begins or ends.
 constexpr double ramp_deg = 4;
-// Density per rad^2 below which the model does not contain a press.
+// Per rad^2: density of the image below which the model does not contain a press; 1 / 8
+// of that of phases that may be anything.
 constexpr double outside = 0.003;
-// Variance of a phase of which nothing is known, rad^2.
+// rad^2: variance of a phase of which nothing is known.
 constexpr double unknown_phase = two_pi * two_pi / 12;
-// Spread of amplitudes of contacts that the model does not contain, Np.
+// Np: spread of amplitudes of contacts that the model does not contain.
 constexpr double any_amplitude = 0.3;
 
 inline double log_sum(double a, double b)
@@ -52,11 +53,10 @@ inline double part_of_decay(double x) { return x > 1e-9 ? -std::expm1(-x) / x : 
 
 inline double squared(double x) { return x * x; }
 
-// Of phases and amplitudes that may be anything.
+// Log densities of phases, and of phases and amplitudes, that may be anything.
 inline const double log_any_phases = -2 * std::log(two_pi);
 inline const double log_any_mixture = log_any_phases - 2 * std::log(0.7);
 
 inline const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
-
 
 } // namespace gr::wiforce::kernel
