@@ -114,14 +114,8 @@ struct explanation {
         // Where the off states differ, less than they cause.
         both_amplitudes strength;
         double with_common =
-            0; // covariance of its difference with the line's common phase
-        // By how much the difference of the amplitudes was not what the off states cause,
-        // at this change of both phases. They are right about the untouched line, by
-        // definition.
-        struct off_error {
-            pair_of_ends at{};
-            double mean = 0, variance = 0;
-        } shown; // by the group before
+            0;                // covariance of its difference with the line's common phase
+        pair_of_ends shown{}; // change of both phases that the off states have shown
     } press;
 
     //! Groups in which something changes: from where, what is seen of them, how many.

@@ -276,50 +276,30 @@ double press_filter::update_strength(explanation& to) const
     to.press.with_common -= by_turn * by_loss * variance;
     to.line.common.turn(turn);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    to.press.shown = { to.change(to.press.motion.phase()),
-                       own.difference - to.line.amplitude.difference,
-                       own.difference_variance };
+    to.press.shown = to.change(to.press.motion.phase());
     return likelihood + own.update_mean(d_amplitude - (expected[0] + expected[1]) / 2,
                                         d_amplitude_noise);
 }
 
-// Begins a contact that loses something, or nothing.
+// Begins a contact that loses something, or nothing. A press is one resistance that both
+// ends see.
 void press_filter::touch_with_strength(const explanation& from,
                                        explanation& next,
                                        double spread)
 {
-    // What the press before or the untouched line showed of the off states, whichever
-    // says more of this press.
-    const auto at = next.change(d_group.phase);
-    explanation::held_or_moving::off_error error;
-    error.variance = d_off.variance(error.at, at);
-    const double since =
-        from.press.shown.variance + d_off.variance(from.press.shown.at, at);
-    const bool pressed_before =
-                   (from.is == mixed ? from.mixture.before : from.is) == pressed,
-               goes_on = pressed_before && since < error.variance;
-    if (goes_on)
-        error = { at, from.press.shown.mean, since };
-    // A press is one resistance that both ends see; unexplained contacts may be more.
-    for (const bool alike : { true, false }) {
-        if (!alike && next.is == pressed)
-            break;
-        auto contact = next;
-        contact.log_weight -= next.is == pressed ? 0 : std::log(2.0);
-        contact.press.with_common = goes_on ? from.press.with_common : 0;
-        // What a hand nearby turns is a turn as well, which the amplitudes show.
-        contact.line.common.widen(from.hand.square / 2);
-        contact.hand.square = 0;
-        contact.press.strength = { from.line.amplitude.mean,
-                                   from.line.amplitude.difference + error.mean,
-                                   from.line.amplitude.mean_variance +
-                                       from.hand.square / 2 + squared(spread) / 2,
-                                   from.line.amplitude.difference_variance +
-                                       (alike ? 0 : 2 * squared(spread)) +
-                                       error.variance };
-        const double likelihood = update_strength(contact);
-        give(contact, likelihood + contact_phases(contact));
-    }
+    const auto& line = from.line.amplitude;
+    // What a hand nearby turns is a turn as well, which the amplitudes show.
+    const double hand = from.hand.square / 2,
+                 error = d_off.variance({}, next.change(d_group.phase));
+    next.line.common.widen(hand);
+    next.hand.square = 0;
+    next.press.with_common = 0;
+    next.press.strength = { line.mean,
+                            line.difference,
+                            line.mean_variance + hand + squared(spread) / 2,
+                            line.difference_variance + error };
+    const double likelihood = update_strength(next);
+    give(next, likelihood + contact_phases(next));
 }
 
 // The amplitudes of another press, by off states that are not quite known.
@@ -327,7 +307,7 @@ void press_filter::doubt_off_states(explanation& to) const
 {
     if (shows_turns(to))
         to.press.strength.difference_variance +=
-            d_off.variance(to.press.shown.at, to.change(to.press.motion.phase()));
+            d_off.variance(to.press.shown, to.change(to.press.motion.phase()));
 }
 
 both_amplitudes press_filter::seen_strength(const explanation& of) const
