@@ -26,6 +26,8 @@ _PACKAGES = {
     "tornado": (None, "bokeh"),
     "zmq": ("python3-zmq", "pyzmq"),
 }
+# What ./bootstrap installs for its tests only.
+_OF_TESTS = {"distributed"}
 
 
 def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
@@ -58,7 +60,9 @@ def _missing(where: object, names: Iterable[str]) -> InputError:
     if len(debian) == len(needed):
         ways.insert(0, f"apt install {' '.join(debian)}")
     rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
-    return InputError(where, rule + ", or ".join([*ways, "./bootstrap in a checkout"]))
+    if not _OF_TESTS.intersection(packages):
+        ways.append("./bootstrap in a checkout")
+    return InputError(where, rule + ", or ".join(ways))
 
 
 def optional_module(name: str, where: object) -> Any:

@@ -2,12 +2,14 @@
 """Messages of typical mistakes: each says what to change, so that nobody needs to read it twice."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.calibration.tables import read_touchstone_index
 from gnuradio.wiforce.errors import InputError, gnuradio_rule
+from gnuradio.wiforce.io import optional
 from wiforce_app.main import main
 from wiforce_app.shell.workers import _connect
 
@@ -224,8 +226,18 @@ def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, modu
 def test_missing_package_of_clusters_is_named_before_anything_is_connected(monkeypatch):
     remove("distributed", monkeypatch)
     rule = "--scheduler: needs distributed: apt install python3-distributed, or pip install"
-    with pytest.raises(InputError, match=rule):
+    with pytest.raises(InputError, match=f"{rule} distributed$"):
         _connect("tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize("module", sorted(optional._PACKAGES))
+def test_bootstrap_installs_each_package_for_which_it_is_named(module):
+    """csiread was missing after the ./bootstrap that the message asked for."""
+    script = (Path(__file__).parents[3] / "bootstrap").read_text()
+    installed = script[script.index("packages=(") : script.index("# What only the tests need.")]
+    debian, pypi = optional._PACKAGES[module]
+    named = "./bootstrap" in str(optional._missing("FILE", [module]))
+    assert named == (pypi.strip('"') in installed or str(debian) in installed)
 
 
 @pytest.mark.parametrize("module", ["SoapySDR", "gnuradio.soapy"])
