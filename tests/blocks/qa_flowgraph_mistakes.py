@@ -75,6 +75,10 @@ def bytes_of(codes):
     return (codes // 256).astype(np.int8).ravel().view(np.int16).reshape(-1, 2)
 
 
+def clipped(codes):
+    return np.clip(8 * codes.astype(int), -32768, 32767).astype(np.int16)
+
+
 def noise(codes):
     return (1000 * np.random.default_rng(1).standard_normal(codes.shape)).astype(np.int16)
 
@@ -122,7 +126,7 @@ MISTAKES = {
         "arm: it may have been touched while its reference was measured",
     ),
     "clipping": (
-        lambda codes: said_of(np.clip(8 * codes.astype(int), -32768, 32767).astype(np.int16)),
+        lambda codes: said_of(clipped(codes)),
         "the receiver is saturated",
     ),
     "end": (lambda codes: said_of(codes[: 3 * GROUP]), "within the untouched reference of 0.288 s"),
@@ -164,21 +168,45 @@ def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(
     assert said_of(codes, SLOW) == []
 
 
-def test_chain_names_a_press_in_the_whole_reference(tmp_path, monkeypatch):
-    """It gave clear readings before the release, and doubtful ones without a word behind it."""
-    codes = press_codes_of(SLOW, tmp_path)[3125 * 360 :]
+def test_reader_names_a_press_in_the_reference_that_later_groups_solve(tmp_path):
+    """A file that ran faster than time was solved before its reader was asked, and said nothing."""
+    codes = press_codes_of("tabletop", tmp_path)
+    (sentence,) = said_of(codes[round(1.2 * 1.25e6) :], "tabletop")
+    assert sentence.startswith("reader: arm: it may have been touched while its reference")
+
+
+def chain_says(codes, scene, monkeypatch):
+    """What a chain of blocks logs of samples, and its readings."""
     logged, readings = [], []
     module = importlib.import_module("gnuradio.wiforce.blocks.chain")
     monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
-    chain = Chain(wiforce.plan(SLOW), readings.append)
-    fold = wiforce.preamble_fold(frame_length=360, item_type="sc16", sample_rate=2.5e6)
+    plan = wiforce.plan(scene)
+    chain = Chain(plan, readings.append)
+    rate_hz = plan.waveform.sample_rate_hz
+    fold = wiforce.preamble_fold(**plan.waveform.folding, item_type="sc16", sample_rate=rate_hz)
     source, flowgraph = array_source(codes), gr.top_block()
     chain.connect(flowgraph, source, fold)
     flowgraph.run()
     chain.check()
+    return logged, readings
+
+
+def test_chain_names_a_press_in_the_whole_reference(tmp_path, monkeypatch):
+    """It gave clear readings before the release, and doubtful ones without a word behind it."""
+    codes = press_codes_of(SLOW, tmp_path)[3125 * 360 :]
+    logged, readings = chain_says(codes, SLOW, monkeypatch)
     assert any(reading.flags == () for reading in readings)  # before the release
     (sentence,) = logged
     assert sentence.startswith("force_inversion: arm: it may have been touched while its reference")
+
+
+def test_chain_names_a_saturated_receiver(codes, monkeypatch):
+    """It blamed a touch in the reference."""
+    logged, readings = chain_says(clipped(codes), SCENE, monkeypatch)
+    assert all("saturated" in reading.flags for reading in readings)
+    assert logged == [
+        "force_inversion: arm: the receiver is saturated; lower its gain until nothing is clipped"
+    ]
 
 
 def test_reader_names_a_press_in_a_part_of_the_reference(tmp_path):
@@ -202,10 +230,10 @@ def watched(folded=None):
 def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
     """A flowgraph that was stopped early blamed the type of its samples."""
     watch, said = watched(lambda: Folded(5000, 3))
-    watch.end(lambda _: "")
+    watch.end(lambda _: "", lambda _: "")
     assert len(said) == 1 and "within the untouched reference of" in said[0]
     watch, said = watched(lambda: Folded(5000, 0))
-    watch.end(lambda _: "")
+    watch.end(lambda _: "", lambda _: "")
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 
@@ -216,6 +244,17 @@ def test_watch_says_since_when_a_tag_is_not_received():
     watch.read([Reading(0.1 * i, "arm", flags=("weak",)) for i in range(21, 60)], lambda _: "")
     assert said == [
         "reader: arm is not received since 2.00 s; its readings are empty until it returns"
+    ]
+
+
+def test_watch_says_what_all_readings_say_of_a_second_tag_or_another_file():
+    """Two tags at exactly one clock, of which no phase is weak, gave a list of things to check."""
+    watch, said = watched()
+    watch.read([Reading(0.1 * i, "arm", flags=("inconsistent",)) for i in range(30)], lambda _: "")
+    assert said == [
+        "reader: arm: more than this tag is received at its clock of 1000 Hz, such as another tag "
+        "with the same clock; switch it off, or change a clock; or the sensor file is that of "
+        "another sensor"
     ]
 
 

@@ -90,7 +90,7 @@ def warn_of_end(capture, reader):
         return
     unread = reader.counts.groups and not reader.counts.clear
     problems = {
-        name: state.lasting_problem or (unread and state.problem)
+        name: state.final_problem if unread else state.lasting_problem
         for name, state in receiver.states.items()
     }
     for name, problem in problems.items():

@@ -371,12 +371,12 @@ class force_inversion(ReadingPort, GroupBlock):
     def finish(self) -> None:
         """Give the readings of the last group, which has no later neighbour."""
         self.publish(self.stage.flush())
-        self._warn()
+        self._warn(unread=not self.counts.clear)
 
-    def _warn(self) -> None:
+    def _warn(self, unread: bool = False) -> None:
         """Say once of a sensor that its untouched phases are not known."""
         for name, sensor in self.stage.sensors.items():
-            problem = sensor.state.lasting_problem
+            problem = sensor.state.final_problem if unread else sensor.state.lasting_problem
             if problem and name not in self._doubted:
                 self._doubted.add(name)
                 gr.log.warn(f"force_inversion: {describe_doubt(name, problem)}")

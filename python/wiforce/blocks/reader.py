@@ -151,7 +151,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self._publish(self.stream.finish())
-        self.watch.end(self.stream.reference_problem)
+        self.watch.end(self.stream.lasting_problem, self.stream.final_problem)
         self.end_tare("the run has ended")
 
     def start(self) -> bool:
@@ -164,7 +164,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
 
     def _publish(self, readings: list[Reading]) -> None:
         self.publish(readings)
-        self.watch.read(readings, self.stream.reference_problem)
+        self.watch.read(readings, self.stream.lasting_problem)
 
     def _warn(self, sentence: str) -> None:
         self.on_warning(sentence)

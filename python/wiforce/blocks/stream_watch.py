@@ -24,7 +24,7 @@ from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.plan import Plan
 from ..planning.room.findings import Finding, wrong_rate
-from ..press.sensor_state import PATIENCE_S, describe_doubt, describe_silence
+from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
 from ..wiforce_python import rx_time_value
@@ -201,7 +201,9 @@ class StreamWatch:
             self.say(self._problem)
 
     def read(self, readings: Sequence[Reading], problem: Callable[[str], str]) -> None:
-        """Look at readings; ``problem`` says why a sensor's untouched phases are not known."""
+        """Look at readings; ``problem`` says why a sensor's untouched phases were not known for a
+        second.
+        """
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
@@ -229,7 +231,7 @@ class StreamWatch:
         """What all of some readings have in common; empty where they are as they should be."""
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
-            return f"{sensor}: the receiver is saturated; lower its gain until nothing is clipped"
+            return describe_doubt(sensor, CLIPPED)
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
             return describe_doubt(sensor, doubt)
@@ -238,10 +240,11 @@ class StreamWatch:
             # Otherwise: a press may be weak for long.
             return describe_silence(sensor, self._received_s[sensor]) if silent else ""
         own = next(s for s in self._plan.require_scene().sensors if s.name == sensor)
-        if {"inconsistent", "weak"} <= flags:
+        if "inconsistent" in flags:
+            file = "" if "weak" in flags else "; or the sensor file is that of another sensor"
             return (
                 f"{sensor}: more than this tag is received at its clock of {own.clock_hz:g} Hz, "
-                "such as another tag with the same clock; switch it off, or change a clock"
+                f"such as another tag with the same clock; switch it off, or change a clock{file}"
             )
         if "weak" not in flags:
             return ""
@@ -300,8 +303,11 @@ class StreamWatch:
         """End watching."""
         self._stopped.set()
 
-    def end(self, problem: Callable[[str], str]) -> None:
-        """Say why a stream that has ended was not read; ``problem`` as for :meth:`read`."""
+    def end(self, problem: Callable[[str], str], final: Callable[[str], str]) -> None:
+        """Say why a stream that has ended was not read, or is in doubt.
+
+        ``problem`` is as for :meth:`read`, ``final`` the same where no reading was clear.
+        """
         self.stop()
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)
@@ -320,16 +326,16 @@ class StreamWatch:
         if received_s <= reference_s:
             self.say(
                 f"the stream has ended after {received_s:.3g} s, within the untouched reference of "
-                f"{reference_s:.3g} s; nothing was read"
+                f"{reference_s:.3g} s; there are no readings beyond it"
             )
             return
         for sensor, readings in self._readings.items():
             if readings and sensor not in self._clear:
-                self.say(self._cause(sensor, readings, problem))
+                self.say(self._cause(sensor, readings, final))
+        for each in plan.sensors:
+            if doubt := (problem if self._clear else final)(each.name):
+                self.say(describe_doubt(each.name, doubt))
         if not self._clear:
-            for each in plan.sensors:
-                if doubt := problem(each.name):
-                    self.say(describe_doubt(each.name, doubt))
             if rate := self._wrong_rate():
                 self.say(rate)
             if self._readings:

@@ -103,7 +103,8 @@ class SensorReadout:
         Gives a structured array (G,): the fields of a reading, and what the evidence needs.
         """
         read = self._reading.read(found, stages, self._tracker is None)
-        self.state.note_doubt(read["doubtful"].tolist(), self._period_s)
+        clipped = (read["flags"] & Flag.SATURATED.value) != 0
+        self.state.note_doubt(read["doubtful"].tolist(), clipped.tolist(), self._period_s)
         touched = read["touch"] == 1
         if self._tracker is not None:
             self._track(read)

@@ -21,6 +21,8 @@ DOUBT = 0.01
 # Why it is not known which phases are those of the untouched sensor.
 RETUNED = "the device was opened or tuned again"
 UNCLEAR = "it may have been touched while its reference was measured or forced"
+# Why nothing is known of it.
+CLIPPED = "the receiver is saturated; lower its gain until nothing is clipped"
 # Time for which a sensor is not received, or in doubt, before a sentence says so.
 PATIENCE_S = 1.0
 # Time after which no other receiver reads a group again: surveys and references are shorter.
@@ -41,7 +43,8 @@ class SensorState:
         self._make, self._filter = make_filter, make_filter()
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
-        self._doubt_s = self._longest_doubt_s = 0.0
+        self._doubt_s = 0.0
+        self._doubt = self._lasting = ""
         # Only one end has a reference: a press within it looks like noise around the tag's lines.
         self._one_ended = False
         self._last = -1  # newest group that was taken
@@ -132,19 +135,34 @@ class SensorState:
         either = min(untouched, float(steady["weight"].sum()) - untouched)
         return UNCLEAR if max(doubtful, either) > DOUBT else ""
 
-    def note_doubt(self, doubtful: Sequence[bool], period_s: float) -> None:
-        """Note of each next reading whether it is not known which phases are those untouched."""
-        if not self._doubt_s and True not in doubtful:
+    def note_doubt(
+        self, doubtful: Sequence[bool], clipped: Sequence[bool], period_s: float
+    ) -> None:
+        """Note of each next reading whether it is not known which phases are those untouched.
+
+        Where samples are clipped, that is the cause.
+        """
+        if not self._doubt and True not in doubtful and True not in clipped:
             return
-        for each in doubtful:
-            self._doubt_s = self._doubt_s + period_s if each else 0.0
-            self._longest_doubt_s = max(self._longest_doubt_s, self._doubt_s)
+        for each, saturated in zip(doubtful, clipped, strict=True):
+            if not (each or saturated):
+                self._doubt, self._doubt_s = "", 0.0
+                continue
+            self._doubt_s += period_s
+            if saturated or not self._doubt:
+                self._doubt = CLIPPED if saturated else UNCLEAR
+            if self._doubt_s >= PATIENCE_S:
+                self._lasting = self._doubt
 
     @property
     def lasting_problem(self) -> str:
         """The problem of a second or more of readings since the last tare, also if it is solved."""
-        lasting = self.retuned or self._longest_doubt_s >= PATIENCE_S
-        return (self.problem or UNCLEAR) if lasting else ""
+        return RETUNED if self.retuned else self._lasting
+
+    @property
+    def final_problem(self) -> str:
+        """The problem to name where no reading at all was clear: one that lasts, or the newest."""
+        return self.lasting_problem or self._doubt or self.problem
 
     def claim_untouched(self, forced: bool) -> None:
         """The user says that the sensor is untouched in the reference that begins now."""
@@ -204,7 +222,7 @@ class SensorState:
         claim, self._claim = self._claim, None
         if claim is not None:
             self.retuned = False
-            self._doubt_s = self._longest_doubt_s = 0.0
+            self._doubt_s, self._doubt, self._lasting = 0.0, "", ""
             if self.evidence is not None:
                 self.evidence.reset()
         return claim
@@ -212,6 +230,8 @@ class SensorState:
 
 def describe_doubt(sensor: str, problem: str) -> str:
     """What to do where it is not known which phases are those of the untouched sensor."""
+    if problem == CLIPPED:
+        return f"{sensor}: {problem}"
     other = " (if nobody did, look for another tag with its clock)" if problem == UNCLEAR else ""
     return f"{sensor}: {problem}{other}; begin untouched, or release it and tare"
 

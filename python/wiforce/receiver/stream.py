@@ -22,6 +22,7 @@ from ..planning.room.adaptation import adapted, expecting_snr, readapted
 from ..planning.room.findings import Finding, findings
 from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
 from ..press.evidence import Suspicion
+from ..press.sensor_state import SensorState
 from ..press.tares import StreamTares, TareState
 from .receiver import Receiver
 
@@ -255,8 +256,21 @@ class StreamReader:
         """Why it is not known which phases of a sensor are those untouched; empty if they are, and
         for a surface.
         """
-        sensors = {} if self._receiver is None else self._receiver.readout.sensors
-        return sensors[sensor].state.problem if sensor in sensors else ""
+        state = self._state_of(sensor)
+        return "" if state is None else state.problem
+
+    def lasting_problem(self, sensor: str) -> str:
+        """As :meth:`reference_problem`, of a second or more of readings, also if it is solved."""
+        state = self._state_of(sensor)
+        return "" if state is None else state.lasting_problem
+
+    def final_problem(self, sensor: str) -> str:
+        """The problem to name where no reading at all was clear."""
+        state = self._state_of(sensor)
+        return "" if state is None else state.final_problem
+
+    def _state_of(self, sensor: str) -> SensorState | None:
+        return None if self._receiver is None else self._receiver.states.get(sensor)
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
         """Mistakes that the presses suggest: see ``Receiver.suspicions``."""
