@@ -178,8 +178,10 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     found = _units(table, touched, length_mm)
     if found:
         return found
-    for frequency in carriers_of(touched):
+    for frequency in carriers_of(table):
         own = table.take(same_carrier(table.frequency_hz, frequency))
+        if own.untouched.all():
+            continue
         rows, _ = touched_rows(own, untouched_phases(own))
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
         found += (

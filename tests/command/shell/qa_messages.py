@@ -67,9 +67,9 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
             "'--frequency-hz': 900.0 is not in the range 1000000.0<=x<=100000000000.0.",
         ),
         (
-            HEADER + "0.9,20,1,2,30\n",
+            HEADER + "0.9,,1,0,30\n0.9,20,1,2,30\n",
             CALIBRATE,
-            "freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 0.9",
+            "row 2: freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 0.9",
         ),
         (HEADER, ["evaluate", "demo", "--outptu", "x"], "evaluate: No such option: --outptu"),
         (HEADER, ["check", "folder"], "folder: is a folder; name a file of the capture in it"),
