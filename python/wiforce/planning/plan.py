@@ -186,6 +186,13 @@ class Plan:
             self.room,
         )
 
+    def stating(self, **fields: Any) -> "Plan":
+        """The plan with other fields that neither its weights nor its sensors depend on."""
+        plan = replace(self, **fields)
+        kept = self.__dict__.keys() & {"table", "sensors", "skin"}
+        plan.__dict__.update({name: self.__dict__[name] for name in kept})
+        return plan
+
     def check_clocks(self) -> None:
         """Refuse clocks off by more than 1000 ppm that no survey has measured."""
         for tag, clock in enumerate(self.clocks):

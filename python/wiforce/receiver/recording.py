@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +79,7 @@ class RecordingReader:
         plan = adapted(plan, self.survey)
         if survey and scene.environment.receive_antennas == 1:
             found = _compression_of(recording, plan.waveform, frame_offset)
-            plan = expecting_snr(replace(plan, compression=found), self.survey)
+            plan = expecting_snr(plan.stating(compression=found), self.survey)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source = _groups_of(recording, plan, frame_offset)

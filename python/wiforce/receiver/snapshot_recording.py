@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +137,7 @@ class SnapshotReader:
         noise = shared_noise(now.packets, now.shared, known, time_s, table)
         packets = noise.removed(now.packets)
         self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=now.hidden)
-        self.plan = replace(now.plan, tag_ratios=now.ratios)
+        self.plan = now.plan.stating(tag_ratios=now.ratios)
 
     @property
     def notes(self) -> list[str]:

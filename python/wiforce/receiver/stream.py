@@ -358,7 +358,7 @@ class StreamReader:
         self._tones = FoldedGroups(plan.table, plan.waveform)
         former = self._receiver
         self._receiver = Receiver(
-            expecting_snr(replace(plan, compression=self.compression), self.survey),
+            expecting_snr(plan.stating(compression=self.compression), self.survey),
             self._tracked,
             on_groups=self._give,
             first_group=first_group,

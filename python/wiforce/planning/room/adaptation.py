@@ -47,7 +47,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
         plan = plan.with_clocks(clocks)
     two_antennas = plan.require_scene().environment.receive_antennas > 1
     if two_antennas:
-        plan = replace(plan, tag_ratios=_tag_ratios(plan, survey))
+        plan = plan.stating(tag_ratios=_tag_ratios(plan, survey))
     if plan.estimator != "harmonic":
         return plan
     plan = _with_band(plan, survey)
@@ -82,8 +82,8 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     """
     if survey is None:
         return plan
-    plan = replace(plan, in_lamps=_in_lamps(plan, survey))
-    return plan if plan.others else replace(plan, surveyed_snr_db=survey.snr_db)
+    plan = plan.stating(in_lamps=_in_lamps(plan, survey))
+    return plan if plan.others else plan.stating(surveyed_snr_db=survey.snr_db)
 
 
 def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
