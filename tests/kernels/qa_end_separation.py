@@ -157,7 +157,7 @@ def in_numpy(run, jointly, update):
         received = np.array([tracker.seen_s >= center_s - 1e-9 for tracker in trackers])
         weights, inverse, level = run.weights[group], noise.inverse, noise.level
         if update:
-            fit, colorer = fit_of(group, phase, rate), np.linalg.inv(weights.whitener)
+            fit, colorer = fit_of(group, phase, rate), weights.colorer
             information = phase_expansion(fit).information(inverse)
             measured = np.array(phase_errors(*(each[0] for each in information))).T
             for tag, (tracker, likelihood) in enumerate(

@@ -15,6 +15,7 @@ from gnuradio.wiforce.wiforce_kernels import (
     noise_estimate,
     phase_expansion,
     raised_subcarriers,
+    whiten,
 )
 
 GROUPS, TONES, SUBCARRIERS = 3, 14, 6
@@ -24,10 +25,16 @@ def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
+def pairs(values):
+    """Means (..., M) of both tones of each pair: the phase of its parts has no meaning."""
+    means = values.reshape(*values.shape[:-1], -1, 2).mean(axis=-1)
+    return np.repeat(means, 2, axis=-1)
+
+
 def fitted(tags, seed=1):
     """Random waveforms and tones, and their fit."""
     rng = np.random.default_rng(seed)
-    mixed = normal(rng, GROUPS, TONES, 4 * tags)
+    mixed = rng.standard_normal((GROUPS, TONES, 4 * tags))
     tones = normal(rng, GROUPS, TONES, SUBCARRIERS)
     return mixed, tones, end_fit(mixed, tones)
 
@@ -57,12 +64,12 @@ def test_end_fit_is_the_least_squares_solution(tags):
 def test_end_fit_of_ends_that_look_the_same_is_the_pseudo_inverse(error):
     """Two tags on one clock: what they have in common is read, and nothing grows without end."""
     rng = np.random.default_rng(2)
-    mixed, tones = normal(rng, 2, TONES, 8), normal(rng, 2, TONES, SUBCARRIERS)
+    mixed, tones = rng.standard_normal((2, TONES, 8)), normal(rng, 2, TONES, SUBCARRIERS)
     mixed[0, :, 2:4] = mixed[0, :, :2] * (1 + error)
     fit = end_fit(mixed, tones)
-    gram = mixed[:, :, :4].conj().swapaxes(1, 2) @ mixed[:, :, :4]
+    gram = mixed[:, :, :4].swapaxes(1, 2) @ mixed[:, :, :4]
     inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    expected = inverse @ mixed[:, :, :4].conj().swapaxes(1, 2)
+    expected = inverse @ mixed[:, :, :4].swapaxes(1, 2)
     np.testing.assert_allclose(fit.solver, expected, atol=1e-7)
     np.testing.assert_allclose(fit.ends, expected @ tones, atol=1e-7)
 
@@ -79,15 +86,16 @@ def test_end_fit_without_tags_leaves_the_tones():
 def test_coherent_residual_is_that_of_both_estimators():
     """It is the only sign of an interferer that is alike on all subcarriers."""
     rng = np.random.default_rng(4)
-    mixed, tones = normal(rng, GROUPS, TONES, 8), normal(rng, GROUPS, TONES, SUBCARRIERS)
+    mixed = rng.standard_normal((GROUPS, TONES, 8))
+    tones = normal(rng, GROUPS, TONES, SUBCARRIERS)
     common = 30 * normal(rng, 1, SUBCARRIERS)
     tones[1:] += normal(rng, GROUPS - 1, TONES, 1) * common + mixed[1:, :, :1] @ (5 * common)
     fit, inverse_noise = end_fit(mixed, tones), rng.uniform(0.5, 2, (GROUPS, SUBCARRIERS))
     matched = fit.ends.conj() * inverse_noise[:, None]
     energy = np.sum(matched * fit.ends, axis=2).real
     along = np.abs(matched @ fit.residual.swapaxes(1, 2)) ** 2 / energy[:, :, None]
-    leverage = np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1).real
-    shares = np.abs(fit.solver) ** 2
+    leverage = pairs(np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1))
+    shares = pairs(fit.solver**2)
     errors = np.sum(shares * along / np.maximum(1 - leverage, 0.1)[:, None], axis=2)
     sandwich, mean = errors / shares.sum(axis=2), along.sum(axis=2) / fit.freedom
     spread, count = fit.freedom**-0.5, np.arange(1, GROUPS + 1)[:, None]
@@ -200,7 +208,13 @@ def test_clock_likelihood_is_the_energy_in_the_lines_of_both_ends():
 
 @pytest.mark.parametrize(
     ("mixed", "tones"),
-    [((2, 5, 6), (2, 5, 3)), ((2, 5, 4), (3, 5, 3)), ((2, 5, 4), (2, 6, 3)), ((5, 4), (5, 3))],
+    [
+        ((2, 6, 6), (2, 6, 3)),
+        ((2, 6, 4), (3, 6, 3)),
+        ((2, 6, 4), (2, 8, 3)),
+        ((6, 4), (6, 3)),
+        ((2, 5, 4), (2, 5, 3)),
+    ],
 )
 def test_end_fit_refuses_arrays_of_other_shapes(mixed, tones):
     """A kernel must not read beyond its arrays."""
@@ -235,7 +249,7 @@ CLOCKS_HZ, AVERAGING_S = (1000.0, 1790.0), 20.48e-6
 def test_switched_tones_are_those_of_the_waveforms_in_numpy():
     """Every reading is computed from these; delays and duty cycles are those of real tags."""
     table = design_weights(CLOCKS_HZ, 625, 57.6e-6)
-    gain = np.exp(1j * np.linspace(0, 1, len(table.tones)))[:, None]
+    gain = 1 - np.abs(np.linspace(-0.5, 0.5, len(table.tones)))[:, None]
     weights = GroupWeights(table, gain, table.times_s)
     rng, groups = np.random.default_rng(1), 20
     phase = rng.uniform(-20, 20, (groups, 2))
@@ -261,13 +275,13 @@ def test_switched_tones_are_those_of_the_waveforms_in_numpy():
 )
 def test_mixer_refuses_arrays_of_other_shapes(clocks, pulses):
     """A kernel must not read beyond its arrays."""
-    weights = group_weights(np.ones((4, 5)), np.arange(5.0), np.eye(4))
+    weights = group_weights(np.ones((5, 4)), np.arange(5.0), np.eye(4))
     with pytest.raises(ValueError, match="must have shape"):
         weights.switched(np.ones(clocks), np.ones(pulses))
 
 
 @pytest.mark.parametrize(
-    ("mixer", "whitener"), [((4, 6), (4, 4)), ((5,), (0, 0)), ((4, 5), (3, 3))]
+    ("mixer", "whitener"), [((6, 4), (4, 4)), ((5,), (0, 0)), ((5, 4), (3, 3)), ((5, 3), (3, 3))]
 )
 def test_weights_refuse_arrays_of_other_shapes(mixer, whitener):
     """Weights, times and whitener must be those of the same snapshots and tones."""
@@ -275,10 +289,25 @@ def test_weights_refuse_arrays_of_other_shapes(mixer, whitener):
         group_weights(np.ones(mixer), np.arange(5.0), np.ones(whitener))
 
 
-def test_colorer_is_the_inverse_of_the_whitener():
+def test_colored_parts_are_the_tones():
     """The lines of a tag are taken from it where others are subtracted."""
     rng = np.random.default_rng(2)
-    whitener = np.tril(rng.standard_normal((7, 7)) + 1j * rng.standard_normal((7, 7)))
-    whitener += 5 * np.eye(7)
-    weights = group_weights(np.ones((7, 5)), np.arange(5.0), whitener)
-    np.testing.assert_allclose(weights.colorer, np.linalg.inv(whitener), atol=1e-12)
+    tones, whitener = normal(rng, 1, 8, SUBCARRIERS), np.tril(rng.standard_normal((8, 8)))
+    whitener += 5 * np.eye(8)
+    weights = group_weights(np.ones((5, 8)), np.arange(5.0), whitener)
+    white, level = whiten(whitener, tones)
+    np.testing.assert_allclose(weights.colorer @ white[0], tones[0], atol=1e-12)
+    assert level == pytest.approx(np.mean(np.abs(white) ** 2))
+
+
+@pytest.mark.parametrize("present", [None, np.arange(625) % 9 > 1])
+def test_parts_of_white_noise_are_white_and_follow_the_waveforms(present):
+    """Least squares weighs every part of the tones alike."""
+    table = design_weights(CLOCKS_HZ, 625, 57.6e-6)
+    mask = np.ones(625, bool) if present is None else present
+    own = table if present is None else table.for_present(mask)
+    weights = GroupWeights(own, np.ones((len(table.tones), 1)), table.times_s[mask])
+    np.testing.assert_allclose(weights.mixer.T @ weights.mixer, np.eye(len(table.tones)), atol=1e-9)
+    waveform = np.random.default_rng(3).standard_normal((mask.sum(), 3))
+    white, _ = whiten(own.whitener, (own.weights @ waveform)[None])
+    np.testing.assert_allclose(white[0], weights.mix(waveform), atol=1e-7)

@@ -3,8 +3,8 @@
 
 #include "../clones.h"
 #include "../require.h"
-#include "../separation/complex_product.h"
 #include "../separation/complex_rows.h"
+#include "../separation/matrix_product.h"
 
 namespace gr::wiforce::kernel {
 
@@ -27,17 +27,29 @@ std::array<double, 3> clock_likelihood::at(double phase,
                                            const double* inverse_noise,
                                            std::size_t subcarriers) const
 {
-    std::vector<complex> sums(6 * subcarriers); // u, u' and u'', two rows each
-    const std::size_t lines = d_lines.size();
-    auto turned = d_derivatives;
+    const std::size_t lines = d_lines.size(), rows = 6; // of u, u' and u'', two each
+    // Products with the real and, behind them, with the imaginary parts.
+    std::vector<double> turned(2 * rows * lines), packed;
     for (std::size_t line = 0; line < lines; line++) {
         const complex turn = std::polar(1.0, -d_lines[line] * phase);
-        for (std::size_t row = 0; row < 6; row++)
-            turned[row * lines + line] *= turn;
+        for (std::size_t row = 0; row < rows; row++) {
+            const complex value = d_derivatives[row * lines + line] * turn;
+            turned[row * lines + line] = value.real();
+            turned[(rows + row) * lines + line] = value.imag();
+        }
     }
-    std::vector<double> packed;
-    add_product(
-        { turned.data(), lines, 1 }, 6, lines, tones, subcarriers, sums.data(), packed);
+    std::vector<complex> sums(2 * rows * subcarriers);
+    add_product({ turned.data(), lines, 1 },
+                2 * rows,
+                lines,
+                tones,
+                subcarriers,
+                sums.data(),
+                packed);
+    for (std::size_t i = 0; i < rows * subcarriers; i++) {
+        const complex by_imag = sums[rows * subcarriers + i];
+        sums[i] += complex{ -by_imag.imag(), by_imag.real() };
+    }
     std::array<double, 3> found{};
     for (std::size_t element = 0; element < 2; element++)
         for (std::size_t k = 0; k < subcarriers; k++) {

@@ -51,13 +51,13 @@ switching_mixer::switching_mixer(const std::vector<double>& weights,
     }
 }
 
-std::vector<std::complex<double>> switching_mixer::mix(const clock* clocks,
-                                                       const pulses* of,
-                                                       std::size_t tags,
-                                                       bool with_slopes) const
+std::vector<double> switching_mixer::mix(const clock* clocks,
+                                         const pulses* of,
+                                         std::size_t tags,
+                                         bool with_slopes) const
 {
-    const std::size_t tones = d_columns / 2, snapshots = d_times_s.size();
-    std::vector<std::complex<double>> mixed(tones * 4 * tags);
+    const std::size_t parts = d_columns, snapshots = d_times_s.size();
+    std::vector<double> mixed(parts * 4 * tags);
     const std::size_t lists = 2 * tags;
     const std::unique_ptr<edge[]> edges(new edge[lists * snapshots]);
     std::vector<edge*> ends{ edges.get() }; // of each list in each stretch of snapshots
@@ -76,20 +76,19 @@ std::vector<std::complex<double>> switching_mixer::mix(const clock* clocks,
                                     std::min(from + stretch, snapshots),
                                     ends.back()));
     std::vector<double> sums(2 * width * lists);
-    for (std::size_t first = 0; first < tones; first += width / 2) {
+    for (std::size_t first = 0; first < parts; first += width) {
         std::fill(sums.begin(), sums.end(), 0.0);
         for (std::size_t i = 0; i + 1 < ends.size(); i++)
             add(ends[i],
                 ends[i + 1],
-                &d_sums[2 * first * snapshots],
+                &d_sums[first * snapshots],
                 with_slopes,
                 &sums[i % lists * 2 * width]);
-        for (std::size_t tone = 0; tone < std::min(width / 2, tones - first); tone++) {
-            auto* const to = &mixed[(first + tone) * 2 * lists];
+        for (std::size_t part = 0; part < std::min(width, parts - first); part++) {
+            auto* const to = &mixed[(first + part) * 2 * lists];
             for (std::size_t i = 0; i < lists; i++) {
-                const double* const sum = &sums[2 * (width * i + tone)];
-                to[i] = { sum[0], sum[1] };
-                to[lists + i] = { sum[width], sum[width + 1] };
+                to[i] = sums[2 * width * i + part];
+                to[lists + i] = sums[width * (2 * i + 1) + part];
             }
         }
     }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <complex>
 #include <cstddef>
 #include <vector>
 
@@ -32,13 +31,13 @@ public:
     // Length of a row.
     int columns() const { return d_columns; }
 
-    // Rows are those of M complex tones. Response of the tones to the averages of both
+    // Rows are those of the M parts of tones. Their response to the averages of both
     // waveforms of S tags over each snapshot, and behind these to their derivatives by
     // the phase of the clock, which are 0 unless they are asked for: M x 4S.
-    std::vector<std::complex<double>> mix(const clock* clocks,
-                                          const pulses* of,
-                                          std::size_t tags,
-                                          bool with_slopes = true) const;
+    std::vector<double> mix(const clock* clocks,
+                            const pulses* of,
+                            std::size_t tags,
+                            bool with_slopes = true) const;
 
 private:
     // A snapshot, and by how much less the average over the next one is, and its slope.

@@ -24,21 +24,6 @@ inline void add_scaled(std::complex<double> factor,
     }
 }
 
-// Sum of conj(first) x second.
-inline std::complex<double> inner_product(const std::complex<double>* first,
-                                          const std::complex<double>* second,
-                                          std::size_t count)
-{
-    const auto* const a = reinterpret_cast<const double*>(first);
-    const auto* const b = reinterpret_cast<const double*>(second);
-    double real = 0, imag = 0;
-    for (std::size_t i = 0; i < 2 * count; i += 2) {
-        real += a[i] * b[i] + a[i + 1] * b[i + 1];
-        imag += a[i] * b[i + 1] - a[i + 1] * b[i];
-    }
-    return { real, imag };
-}
-
 // Sum of |row|^2, in sums that do not wait for each other.
 inline __attribute__((always_inline)) double power_of(const std::complex<double>* row,
                                                       std::size_t count)

@@ -2,16 +2,16 @@
 #include "end_fit.h"
 
 #include "../clones.h"
-#include "complex_product.h"
 #include "complex_rows.h"
-#include "hermitian.h"
+#include "matrix_product.h"
+#include "symmetric.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace gr::wiforce::kernel {
 
-end_fit::end_fit(const shape& of, const complex* mixed, const complex* tones)
+end_fit::end_fit(const shape& of, const double* mixed, const complex* tones)
     : sizes(of),
       mixing(of.groups * of.tones * of.ends),
       slopes(mixing.size()),
@@ -33,22 +33,21 @@ WIFORCE_CLONES
 void end_fit::invert()
 {
     const std::size_t n = sizes.ends, tones = sizes.tones;
-    std::vector<complex> gram(n * n), adjoint(n * tones);
-    std::vector<double> packed;
+    std::vector<double> gram(n * n), transposed(n * tones), packed;
     for (std::size_t group = 0; group < sizes.groups; group++) {
-        const complex* const matrix = mixing.data() + group * tones * n;
+        const double* const matrix = mixing.data() + group * tones * n;
         std::fill(gram.begin(), gram.end(), 0.0);
-        add_product({ matrix, 1, n, 1, true }, n, tones, matrix, n, gram.data(), packed);
+        add_product({ matrix, 1, n }, n, tones, matrix, n, gram.data(), packed);
         const auto inverse = inverse_of(gram, n);
         for (std::size_t end = 0; end < n; end++) {
-            gain[group * n + end] = inverse[end * n + end].real();
+            gain[group * n + end] = inverse[end * n + end];
             for (std::size_t tone = 0; tone < tones; tone++)
-                adjoint[end * tones + tone] = std::conj(matrix[tone * n + end]);
+                transposed[end * tones + tone] = matrix[tone * n + end];
         }
         add_product({ inverse.data(), n, 1 },
                     n,
                     n,
-                    adjoint.data(),
+                    transposed.data(),
                     tones,
                     &solver[group * n * tones],
                     packed);
@@ -83,22 +82,6 @@ void end_fit::solve(const complex* tones)
     }
 }
 
-WIFORCE_CLONES
-double whiten(const std::complex<double>* whitener,
-              const std::complex<double>* tones,
-              std::size_t count,
-              std::size_t subcarriers,
-              std::complex<double>* white)
-{
-    std::fill_n(white, count * subcarriers, 0.0);
-    left_factor factor{ whitener, count, 1 };
-    factor.triangular = true;
-    std::vector<double> packed;
-    add_product(factor, count, count, tones, subcarriers, white, packed);
-    return power_of(white, count * subcarriers) /
-           double(std::max<std::size_t>(count * subcarriers, 1));
-}
-
 std::size_t end_fit::freedom() const
 {
     return sizes.tones > sizes.ends ? sizes.tones - sizes.ends : 1;
@@ -121,39 +104,57 @@ end_fit::coherence end_fit::coherent(const double* inverse_noise) const
     const auto [groups, count, columns, subcarriers] = sizes;
     coherence found{ std::vector<double>(groups * columns),
                      std::vector<double>(groups * columns) };
-    std::vector<complex> matched(subcarriers * columns), along(count * columns);
+    // Complex products in real ones: along = residual x matched, whose rows are of the
+    // real and of the imaginary parts.
+    std::vector<double> matched(subcarriers * columns * 4), along(count * columns * 2);
     std::vector<double> energy(columns), leverage(count), packed;
     for (std::size_t group = 0; group < groups; group++) {
         const complex* const channels = &ends[group * columns * subcarriers];
-        const complex* const responses = &mixing[group * count * columns];
-        const complex* const solvers = &solver[group * count * columns];
+        const double* const responses = &mixing[group * count * columns];
+        const double* const solvers = &solver[group * count * columns];
         std::fill(energy.begin(), energy.end(), 1e-300);
-        for (std::size_t end = 0; end < columns; end++)
-            for (std::size_t k = 0; k < subcarriers; k++) {
+        for (std::size_t k = 0; k < subcarriers; k++) {
+            const double weight = inverse_noise[group * subcarriers + k];
+            double* const by_real = &matched[4 * k * columns];
+            double* const by_imag = by_real + 2 * columns;
+            for (std::size_t end = 0; end < columns; end++) {
                 const complex value = channels[end * subcarriers + k];
-                const double weight = inverse_noise[group * subcarriers + k];
-                matched[k * columns + end] = std::conj(value) * weight;
-                energy[end] += weight * std::norm(value);
+                const double real = weight * value.real(), imag = weight * value.imag();
+                by_real[2 * end] = by_imag[2 * end + 1] = real;
+                by_real[2 * end + 1] = -imag;
+                by_imag[2 * end] = imag;
+                energy[end] += real * value.real() + imag * value.imag();
             }
+        }
         std::fill(along.begin(), along.end(), 0.0);
-        add_product({ &residual[group * count * subcarriers], subcarriers, 1 },
-                    count,
-                    subcarriers,
-                    matched.data(),
-                    columns,
-                    along.data(),
-                    packed);
+        add_product(
+            { reinterpret_cast<const double*>(&residual[group * count * subcarriers]),
+              2 * subcarriers,
+              1 },
+            count,
+            2 * subcarriers,
+            matched.data(),
+            2 * columns,
+            along.data(),
+            packed);
         std::fill(leverage.begin(), leverage.end(), 0.0);
         for (std::size_t tone = 0; tone < count; tone++)
             for (std::size_t end = 0; end < columns; end++)
-                leverage[tone] += real_product(std::conj(responses[tone * columns + end]),
-                                               solvers[end * count + tone]);
+                leverage[tone] +=
+                    responses[tone * columns + end] * solvers[end * count + tone];
+        const auto power_at = [&](std::size_t tone, std::size_t end) {
+            const double* const value = &along[2 * (tone * columns + end)];
+            return (value[0] * value[0] + value[1] * value[1]) / energy[end];
+        };
         for (std::size_t end = 0; end < columns; end++) {
+            const double* const own = solvers + end * count;
             double errors = 0, shares = 0, sum = 0;
-            for (std::size_t tone = 0; tone < count; tone++) {
-                const double power = std::norm(along[tone * columns + end]) / energy[end];
-                const double share = std::norm(solvers[end * count + tone]);
-                errors += share * power / std::max(1 - leverage[tone], 0.1);
+            for (std::size_t tone = 0; tone + 1 < count; tone += 2) {
+                const double power = power_at(tone, end) + power_at(tone + 1, end);
+                const double share =
+                    own[tone] * own[tone] + own[tone + 1] * own[tone + 1];
+                const double left = 1 - (leverage[tone] + leverage[tone + 1]) / 2;
+                errors += share / 2 * power / std::max(left, 0.1);
                 shares += share;
                 sum += power;
             }

@@ -7,41 +7,33 @@
 
 namespace gr::wiforce::kernel {
 
-// Makes the noise of tones (M x K) white by a lower triangular matrix (M x M); gives the
-// mean power of the result.
-double whiten(const std::complex<double>* whitener,
-              const std::complex<double>* tones,
-              std::size_t count,
-              std::size_t subcarriers,
-              std::complex<double>* white);
-
-// Least-squares fit of the tags' ends to the whitened tones of some groups, each by
-// itself: tones = mixing x ends + residual (docs/theory.md, Ends). Arrays hold the
-// groups one after the other, matrices row by row.
+// Least-squares fit of the tags' ends to the whitened parts of the tones of some groups
+// (`group_weights.h`), each by itself: tones = mixing x ends + residual (docs/theory.md,
+// Ends). Arrays hold the groups one after the other, matrices row by row.
 class end_fit
 {
 public:
     using complex = std::complex<double>;
 
-    // Sizes: groups, tones M, ends E of the tags that are fitted, two each, and
-    // subcarriers K.
+    // Sizes: groups, tones M (an even number), ends E of the tags that are fitted, two
+    // each, and subcarriers K.
     struct shape {
         std::size_t groups, tones, ends, subcarriers;
     };
 
     // `mixed`: M x 2E of every group, the tags' waveforms as whitened tones, and behind
     // them their derivatives by the clocks' phases. `tones`: M x K, whitened.
-    end_fit(const shape& sizes, const complex* mixed, const complex* tones);
+    end_fit(const shape& sizes, const double* mixed, const complex* tones);
 
     // Fits other tones of the same groups at the same clocks.
     void solve(const complex* tones);
 
     const shape sizes;
-    std::vector<complex> mixing, slopes; // M x E
-    std::vector<complex> solver;         // E x M, the pseudo-inverse of the mixing
-    std::vector<double> gain;            // E: variance of an end over that of H
-    std::vector<complex> ends;           // E x K
-    std::vector<complex> residual;       // M x K
+    std::vector<double> mixing, slopes; // M x E
+    std::vector<double> solver;         // E x M, the pseudo-inverse of the mixing
+    std::vector<double> gain;           // E: variance of an end over that of H
+    std::vector<complex> ends;          // E x K
+    std::vector<complex> residual;      // M x K
 
     // Degrees of freedom of the residual of a group on one subcarrier.
     std::size_t freedom() const;
@@ -51,8 +43,8 @@ public:
 
     // Ratios of each group's residual along every end's channel to noise (E each).
     // `inverse_noise`: 1 / sigma_k^2, K of each group. The sandwich estimator HC2 of
-    // J. MacKinnon and H. White (1985) takes each tone's own power; `mean` is that of
-    // all tones.
+    // J. MacKinnon and H. White (1985) takes the own power of each pair of opposite
+    // tones, whose shares are the same; `mean` is that of all tones.
     struct coherence {
         std::vector<double> sandwich, mean;
     };

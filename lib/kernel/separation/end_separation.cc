@@ -2,8 +2,8 @@
 #include "end_separation.h"
 
 #include "../clones.h"
-#include "complex_product.h"
 #include "complex_rows.h"
+#include "matrix_product.h"
 #include "phase_expansion.h"
 
 #include <algorithm>
@@ -29,42 +29,53 @@ constexpr double worst_gain = 100.0;
 // freedom): 4.4 of them.
 constexpr double significant_residual = 1.15;
 
-WIFORCE_CLONES
-void color(const group_weights& weights,
-           const complex* white,
-           std::size_t columns,
-           complex* tones)
+// Makes parts, or a mixing matrix of them, from whitened ones.
+template <class T>
+WIFORCE_CLONES void
+color(const group_weights& weights, const T* white, std::size_t columns, T* parts)
 {
     std::vector<double> packed;
-    left_factor colorer{ weights.colorer().data(), weights.tones(), 1 };
-    colorer.triangular = true;
-    std::fill_n(tones, weights.tones() * columns, 0.0);
-    add_product(colorer, weights.tones(), weights.tones(), white, columns, tones, packed);
+    const std::size_t count = weights.tones();
+    std::fill_n(parts, count * columns, 0.0);
+    add_product({ weights.colorer().data(), count, 1, 1, true },
+                count,
+                count,
+                white,
+                columns,
+                parts,
+                packed);
 }
 
-// Subtracts other tags from the lines of one, L x K. `mixing`: M x E, of tones that are
-// not whitened; its own ends are `own` and the next one.
+// Subtracts all ends from parts, M x K, that are not whitened. `mixing`: M x E, of these.
 WIFORCE_CLONES
-void subtract_others(const std::vector<complex>& mixing,
-                     const end_fit& fit,
-                     const std::vector<std::size_t>& lines,
-                     std::size_t own,
-                     complex* tones)
+void subtract_ends(const std::vector<double>& mixing, const end_fit& fit, complex* parts)
 {
-    const std::size_t ends = fit.sizes.ends, subcarriers = fit.sizes.subcarriers;
-    std::vector<complex> others(lines.size() * ends);
     std::vector<double> packed;
-    for (std::size_t line = 0; line < lines.size(); line++)
-        for (std::size_t end = 0; end < ends; end++)
-            if (end / 2 != own / 2)
-                others[line * ends + end] = mixing[lines[line] * ends + end];
-    add_product({ others.data(), ends, 1, -1 },
-                lines.size(),
-                ends,
+    add_product({ mixing.data(), fit.sizes.ends, 1, -1 },
+                fit.sizes.tones,
+                fit.sizes.ends,
                 fit.ends.data(),
-                subcarriers,
-                tones,
+                fit.sizes.subcarriers,
+                parts,
                 packed);
+}
+
+// Adds two ends, from `first` on, to a tone.
+WIFORCE_CLONES
+void add_own(const std::vector<double>& mixing,
+             const end_fit& fit,
+             std::size_t first,
+             std::size_t row,
+             complex* tone)
+{
+    const auto [pair, sign] = pair_of(row, fit.sizes.tones);
+    for (std::size_t end = first; end < first + 2; end++) {
+        const double* const response = &mixing[2 * pair * fit.sizes.ends + end];
+        add_scaled({ response[0], sign * response[fit.sizes.ends] },
+                   &fit.ends[end * fit.sizes.subcarriers],
+                   fit.sizes.subcarriers,
+                   tone);
+    }
 }
 
 double energy_of(const complex* channel, const double* weights, std::size_t subcarriers)
@@ -88,20 +99,21 @@ struct end_separation::one {
     separated& found;
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
-    std::vector<complex> tones{}, white{}; // M x K, as received and whitened
-    double level = 0;                      // mean power of the whitened tones
-    std::vector<complex> cleaned{};        // whitened tones without spread lines
+    std::vector<complex> parts{}, white{}; // M x K, as received and whitened
+    double level = 0;                      // mean power of the whitened parts
+    std::vector<complex> cleaned{};        // whitened parts without spread lines
 
     void receive()
     {
         const std::size_t rows = of.weights->tones(), count = rows * subcarriers;
+        parts.resize(count);
         if (of.single)
-            tones.assign(of.single, of.single + count);
+            parts_of(of.single, rows, subcarriers, parts.data());
         else
-            tones.assign(of.tones, of.tones + count);
+            parts_of(of.tones, rows, subcarriers, parts.data());
         white.resize(count);
         level = whiten(
-            of.weights->whitener().data(), tones.data(), rows, subcarriers, white.data());
+            of.weights->whitener().data(), parts.data(), rows, subcarriers, white.data());
     }
 
     // At the present clocks; to tones without what tags spread over the subcarriers.
@@ -166,30 +178,32 @@ void end_separation::correct_clocks(one& group) const
     const auto& weights = *group.of.weights;
     const auto& inverse_noise = group.noise.inverse();
     std::vector<clock_tracker::measurement> errors;
-    std::vector<complex> mixing, colored, own;
+    std::vector<double> mixing;
+    std::vector<complex> own;
     std::unique_ptr<end_fit> fit;
-    const complex* tones = group.tones.data();
+    auto& parts = group.parts;
     if (tags.size() > 1 || d_settings.jointly || group.by.spread) {
         fit = std::make_unique<end_fit>(group.fit(d_settings, d_settings.jointly));
         if (d_settings.jointly)
             errors = phase_errors(phase_expansion(*fit).informed(inverse_noise.data()));
-        if (!group.cleaned.empty()) {
-            colored.resize(group.cleaned.size());
-            color(weights, group.cleaned.data(), subcarriers, colored.data());
-            tones = colored.data();
-        }
+        if (!group.cleaned.empty())
+            color(weights, group.cleaned.data(), subcarriers, parts.data());
+    }
+    if (tags.size() > 1) {
         mixing.resize(fit->mixing.size());
         color(weights, fit->mixing.data(), fit->sizes.ends, mixing.data());
+        subtract_ends(mixing, *fit, parts.data());
     }
     const double noise_level = group.noise.level();
     for (std::size_t i = 0; i < tags.size(); i++) {
         const auto& lines = tags[i].lines;
         own.resize(lines.size() * subcarriers);
-        for (std::size_t line = 0; line < lines.size(); line++)
-            std::copy_n(
-                tones + lines[line] * subcarriers, subcarriers, &own[line * subcarriers]);
-        if (tags.size() > 1)
-            subtract_others(mixing, *fit, lines, 2 * i, own.data());
+        for (std::size_t line = 0; line < lines.size(); line++) {
+            complex* const tone = &own[line * subcarriers];
+            tone_of(parts.data(), lines[line], weights.tones(), subcarriers, tone);
+            if (tags.size() > 1)
+                add_own(mixing, *fit, 2 * i, lines[line], tone);
+        }
         auto likelihood = tags[i].likelihood->at(
             group.phase[i], own.data(), inverse_noise.data(), subcarriers);
         for (double& each : likelihood)

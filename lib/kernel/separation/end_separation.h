@@ -60,7 +60,7 @@ public:
     // What the tags do beyond a fit, as numbers of the group and its clocks (phases in
     // rad, rates in rad/s above nominal) tell it; empty functions where they do not.
     struct corrections {
-        // Whitened tones, M x K, without what tags spread over the subcarriers.
+        // Whitened parts, M x K, without what tags spread over the subcarriers.
         std::function<std::vector<complex>(std::size_t,
                                            end_fit&,
                                            const std::vector<double>&,

@@ -2,13 +2,14 @@
 #include "phase_expansion.h"
 
 #include "../clones.h"
-#include "complex_product.h"
 #include "complex_rows.h"
-#include "hermitian.h"
+#include "matrix_product.h"
+#include "symmetric.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace gr::wiforce::kernel {
 
@@ -36,13 +37,12 @@ WIFORCE_CLONES
 void phase_expansion::expand(const end_fit& fit)
 {
     const auto [groups, tones, ends, subcarriers] = sizes;
-    std::vector<complex> moved(ends * ends), changes(tones * ends),
-        along(ends * subcarriers);
-    std::vector<double> packed;
+    std::vector<double> moved(ends * ends), changes(tones * ends), packed;
+    std::vector<complex> along(ends * subcarriers);
     for (std::size_t group = 0; group < groups; group++) {
-        const complex* const solver = fit.solver.data() + group * ends * tones;
-        const complex* const mixing = fit.mixing.data() + group * tones * ends;
-        const complex* const slopes = fit.slopes.data() + group * tones * ends;
+        const double* const solver = fit.solver.data() + group * ends * tones;
+        const double* const mixing = fit.mixing.data() + group * tones * ends;
+        const double* const slopes = fit.slopes.data() + group * tones * ends;
         // By what the ends change, and what the tones then still do; a column per end.
         std::fill(moved.begin(), moved.end(), 0.0);
         add_product(
@@ -55,16 +55,17 @@ void phase_expansion::expand(const end_fit& fit)
                     ends,
                     changes.data(),
                     packed);
-        complex* const gram = d_gram.data() + group * ends * ends;
-        const left_factor changed{ changes.data(), 1, ends, 1, true };
+        double* const gram = d_gram.data() + group * ends * ends;
+        const left_factor changed{ changes.data(), 1, ends };
         add_product(changed, ends, tones, changes.data(), ends, gram, packed);
         for (std::size_t row = 0; row < ends; row++)
             for (std::size_t column = row / 2 * 2; column < row / 2 * 2 + 2; column++)
                 d_excess[group * tags() + row / 2] +=
-                    2 * subcarriers *
-                    (gram[row * ends + column] *
-                     inner_product(solver + row * tones, solver + column * tones, tones))
-                        .real();
+                    2 * subcarriers * gram[row * ends + column] *
+                    std::inner_product(solver + row * tones,
+                                       solver + (row + 1) * tones,
+                                       solver + column * tones,
+                                       0.0);
         std::fill(along.begin(), along.end(), 0.0);
         add_product(changed,
                     ends,
@@ -101,13 +102,19 @@ phase_expansion::information phase_expansion::informed(const double* inverse_noi
             const complex* const own = &d_ends[(group * ends + row) * subcarriers];
             for (std::size_t k = 0; k < subcarriers; k++)
                 weighted[k] = own[k] * inverse_noise[k];
-            for (std::size_t column = 0; column < ends; column++)
+            for (std::size_t column = row; column < ends; column++) {
+                const complex* const other =
+                    &d_ends[(group * ends + column) * subcarriers];
+                double product = 0;
+                for (std::size_t k = 0; k < subcarriers; k++)
+                    product += real_product(weighted[k], other[k]);
+                product *= 2 * d_gram[(group * ends + row) * ends + column];
                 found.expected[(group * tags() + row / 2) * tags() + column / 2] +=
-                    2 * (d_gram[(group * ends + row) * ends + column] *
-                         inner_product(weighted.data(),
-                                       &d_ends[(group * ends + column) * subcarriers],
-                                       subcarriers))
-                            .real();
+                    product;
+                if (column > row)
+                    found.expected[(group * tags() + column / 2) * tags() + row / 2] +=
+                        product;
+            }
         }
         for (std::size_t tag = 0; tag < tags(); tag++)
             found.expected[(group * tags() + tag) * tags() + tag] -=
@@ -129,13 +136,12 @@ phase_errors(const phase_expansion::information& of)
             return errors;
         scale[i] = 1 / std::sqrt(own);
     }
-    std::vector<complex> scaled(count * count);
-    for (std::size_t i = 0; i < scaled.size(); i++)
-        scaled[i] = of.expected[i] * scale[i / count] * scale[i % count];
-    const auto inverse_scaled = inverse_of(scaled, count, 1 / negligible);
-    std::vector<double> inverse(count * count);
+    auto inverse = of.expected;
     for (std::size_t i = 0; i < inverse.size(); i++)
-        inverse[i] = inverse_scaled[i].real() * scale[i / count] * scale[i % count];
+        inverse[i] *= scale[i / count] * scale[i % count];
+    inverse = inverse_of(inverse, count, 1 / negligible);
+    for (std::size_t i = 0; i < inverse.size(); i++)
+        inverse[i] *= scale[i / count] * scale[i % count];
     for (std::size_t row = 0; row < count; row++) {
         const double* const own = &inverse[row * count];
         double error = 0, variance = 0;

@@ -35,7 +35,7 @@ private:
     std::size_t tags() const { return sizes.ends / 2; }
 
     std::vector<std::complex<double>> d_ends; // E x K of each group
-    std::vector<std::complex<double>> d_gram; // E x E: t^H t without the ends
+    std::vector<double> d_gram;               // E x E: t^T t without the ends
     std::vector<double> d_gradient; // S x K: derivatives of minus the residual's power
     std::vector<double> d_excess;   // S
 };

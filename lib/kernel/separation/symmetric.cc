@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "hermitian.h"
+#include "symmetric.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-using matrix_of = std::vector<std::complex<double>>;
+using matrix_of = std::vector<double>;
 
 // Eigenvalues of a singular matrix below this part of the largest one are zero.
 constexpr double negligible = 1e-9;
@@ -21,53 +21,45 @@ bool invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
         for (std::size_t row = column; row < n; row++) {
             auto rest = matrix[row * n + column];
             for (std::size_t i = 0; i < column; i++)
-                rest -= lower[row * n + i] * std::conj(lower[column * n + i]);
+                rest -= lower[row * n + i] * lower[column * n + i];
             if (row > column)
-                lower[row * n + column] = rest / lower[column * n + column].real();
-            else if (rest.real() > 0)
-                lower[row * n + row] = std::sqrt(rest.real());
+                lower[row * n + column] = rest / lower[column * n + column];
+            else if (rest > 0)
+                lower[row * n + row] = std::sqrt(rest);
             else
                 return false;
         }
     }
     for (std::size_t column = 0; column < n; column++)
         for (std::size_t row = column; row < n; row++) {
-            std::complex<double> sum = row == column ? 1.0 : 0.0;
+            double sum = row == column ? 1.0 : 0.0;
             for (std::size_t i = column; i < row; i++)
                 sum -= lower[row * n + i] * inverse[i * n + column];
-            inverse[row * n + column] = sum / lower[row * n + row].real();
+            inverse[row * n + column] = sum / lower[row * n + row];
         }
     // Of the lower factor; that of the matrix is its square.
     for (std::size_t row = 0; row < n; row++)
         for (std::size_t column = 0; column <= row; column++) {
-            std::complex<double> sum = 0.0;
+            double sum = 0.0;
             for (std::size_t i = row; i < n; i++)
-                sum += std::conj(inverse[i * n + row]) * inverse[i * n + column];
+                sum += inverse[i * n + row] * inverse[i * n + column];
             lower[row * n + column] = sum;
         }
     for (std::size_t row = 0; row < n; row++)
         for (std::size_t column = 0; column <= row; column++) {
             inverse[row * n + column] = lower[row * n + column];
-            inverse[column * n + row] = std::conj(lower[row * n + column]);
+            inverse[column * n + row] = lower[row * n + column];
         }
     return true;
 }
 
-// By Jacobi's rotations of the real symmetric matrix [Re, -Im; Im, Re], which has every
-// eigenvalue twice.
-void pseudo_invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
+// By Jacobi's rotations.
+void pseudo_invert(const matrix_of& matrix, std::size_t size, matrix_of& inverse)
 {
-    const std::size_t size = 2 * n;
-    std::vector<double> a(size * size), vectors(size * size);
-    for (std::size_t row = 0; row < size; row++) {
+    auto a = matrix;
+    std::vector<double> vectors(size * size);
+    for (std::size_t row = 0; row < size; row++)
         vectors[row * size + row] = 1;
-        for (std::size_t column = 0; column < size; column++) {
-            const auto& value = matrix[row % n * n + column % n];
-            const double sign = row < n ? -1 : 1;
-            a[row * size + column] =
-                row / n == column / n ? value.real() : sign * value.imag();
-        }
-    }
     for (int sweep = 0; sweep < 60; sweep++) {
         double beside = 0, along = 0;
         for (std::size_t p = 0; p < size; p++)
@@ -106,18 +98,15 @@ void pseudo_invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
         if (!(std::abs(value) > negligible * largest))
             continue;
         const double* const vector = &vectors[i * size];
-        for (std::size_t row = 0; row < n; row++)
-            for (std::size_t column = 0; column < n; column++)
-                inverse[row * n + column] +=
-                    std::complex<double>{ vector[row], vector[row + n] } *
-                    vector[column] / value;
+        for (std::size_t row = 0; row < size; row++)
+            for (std::size_t column = 0; column < size; column++)
+                inverse[row * size + column] += vector[row] * vector[column] / value;
     }
 }
 
 } // namespace
 
-std::vector<std::complex<double>>
-inverse_of(const matrix_of& matrix, std::size_t n, double singular)
+std::vector<double> inverse_of(const matrix_of& matrix, std::size_t n, double singular)
 {
     matrix_of inverse(n * n);
     double energy = 0, gain = 0;
@@ -125,8 +114,8 @@ inverse_of(const matrix_of& matrix, std::size_t n, double singular)
         for (std::size_t i = 0; i < n; i++) {
             // An element on the inverse's diagonal is 1 over what the other columns leave
             // of its own.
-            gain = std::max(gain, inverse[i * n + i].real());
-            energy = std::max(energy, matrix[i * n + i].real());
+            gain = std::max(gain, inverse[i * n + i]);
+            energy = std::max(energy, matrix[i * n + i]);
         }
     else
         gain = energy = singular;

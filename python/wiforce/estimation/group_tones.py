@@ -10,7 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ..signal.weights import PartialWeights, ToneTable
+from ..signal.weights import PartialWeights, ToneTable, parts_of
 from ..wiforce_kernels import end_fit, group_weights, whiten
 from .groups import Array
 
@@ -24,10 +24,10 @@ class GroupWeights(group_weights):
 
     ``line_gain`` (M, 1) is the gain of each line by derotation (1 / ``ToneTable.symbol_gain``),
     ``times_s`` (n,) are from the group's centre, ``loss`` is N over n. ``whitener`` (M, M) makes
-    the tones' noise white, with the variance of H, and ``colorer`` is its inverse; ``mixer`` (n, M)
-    leads from snapshots to whitened tones. ``switched`` is :meth:`mix` of what
-    ``signal.switching.switch_averages_and_slopes`` gives: the averages of all tags, and behind them
-    the slopes.
+    the noise of the tones' parts (``signal.weights.parts_of``) white, with the variance of H, and
+    ``colorer`` makes tones of these; ``mixer`` (n, M) leads from snapshots to whitened parts.
+    ``switched`` is :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the
+    averages of all tags, and behind them the slopes.
     """
 
     def __init__(
@@ -37,19 +37,14 @@ class GroupWeights(group_weights):
         times_s: Array,
         loss: float = 1.0,
     ) -> None:
-        mixer = weights.whitener @ (line_gain * weights.weights)
+        mixer = (weights.whitener @ parts_of(line_gain * weights.weights)).T
         super().__init__(mixer, times_s, weights.whitener, loss)
-        self.whitener, self.times_s, self.mixer = weights.whitener, times_s, mixer.T
-        # Waveforms are real: two real products are half of a complex one.
-        self._parts = np.vstack([mixer.real, mixer.imag]).T
+        self.whitener, self.times_s, self.mixer = weights.whitener, times_s, mixer
 
     def mix(self, waveforms: Array) -> Array:
-        """Whitened tones (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""
-        *groups, snapshots, columns = waveforms.shape
+        """Whitened parts (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""
         # Contiguous in the order in which the switching waveforms are made.
-        rows = waveforms.swapaxes(-1, -2).reshape(-1, snapshots)
-        mixed = (rows @ self._parts).reshape(*groups, columns, 2, -1)
-        return (mixed[..., 0, :] + 1j * mixed[..., 1, :]).swapaxes(-1, -2)
+        return np.asarray((waveforms.swapaxes(-1, -2) @ self.mixer).swapaxes(-1, -2))
 
 
 @dataclass
@@ -101,7 +96,7 @@ class GroupTones:
 
     @property
     def white(self) -> Array:
-        """Tones with white noise of the variance of H; shape (G, M, K)."""
+        """Parts of the tones, with white noise of the variance of H; shape (G, M, K)."""
         return self._whitened[0]
 
     @property
@@ -146,7 +141,7 @@ class GroupFit(end_fit):
     """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
 
     ``rows`` (E,) are these ends among those of all tags, ``mixed`` (G, M, 2E) the tags' waveforms
-    as whitened tones, and behind them their derivatives by the phases of the clocks. ``ends`` (G,
+    as whitened parts, and behind them their derivatives by the phases of the clocks. ``ends`` (G,
     E, K) are V, ``gain`` (G, E) its variance over that of H, ``residual`` (G, M, K) is whitened,
     without what the wander of a clock explains where ``solve`` made the fit; ``white`` (G, M, E) is
     the mixing matrix W [s1, s2, ...], whitened, and ``solver`` (G, E, M) its pseudo-inverse.

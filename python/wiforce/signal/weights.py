@@ -78,11 +78,10 @@ class PartialSolver:
             rows = self._rows(present, self._basis[~mask]) * self._scale[: 2 * self._half, None]
         except np.linalg.LinAlgError:
             return None  # LAPACK may give up on a basis that is nearly singular
-        cosines, sines = rows[: self._half], rows[self._half :]
-        upper = (cosines - 1j * sines) / 2
-        weights = np.vstack([upper[::-1].conj(), upper])
-        noise_gain = np.sum(np.abs(upper) ** 2, axis=1) * len(mask)
-        return PartialWeights(mask, weights) if noise_gain.max() <= WORST_PARTIAL_GAIN else None
+        noise_gain = np.einsum("ij,ij->i", rows, rows).reshape(2, -1).sum(axis=0) / 4 * len(mask)
+        if noise_gain.max() > WORST_PARTIAL_GAIN:
+            return None
+        return PartialWeights(mask, _tones_of_waves(rows / 2))
 
     def _rows(self, present: np.ndarray, absent: np.ndarray) -> np.ndarray:
         """The rows of the pseudo-inverse that belong to cosines and sines."""
@@ -115,14 +114,24 @@ def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
     return np.vstack([(in_phase - quadrature)[::-1], in_phase + quadrature])
 
 
-def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
-    """Matrix (M, M) that makes the noise of tones white: the inverse Cholesky factor of W C W^H.
+def parts_of(weights: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts (M, n) of the weights (M, n) of positive frequencies, in turns.
 
-    W are the weights (M, n), C the covariance of the noise of the snapshots, the identity if not
-    given.
+    Each pair of opposite tones is a + jb and a - jb of what these leave of the snapshots.
     """
-    colored = weights if covariance is None else weights @ covariance
-    return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
+    upper = weights[len(weights) // 2 :]
+    return np.stack([upper.real, upper.imag], axis=1).reshape(weights.shape)
+
+
+def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
+    """Matrix (M, M) that makes the noise of the tones' parts white: the inverse Cholesky factor.
+
+    Of W C W^T: W are the parts of the weights (M, n), C the covariance of the noise of the
+    snapshots, the identity if not given.
+    """
+    parts = parts_of(weights)
+    colored = parts if covariance is None else parts @ covariance
+    return np.linalg.inv(np.linalg.cholesky(colored @ parts.T))
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
@@ -182,10 +191,7 @@ class ToneTable:
 
     @cached_property
     def whitener(self) -> np.ndarray:
-        """Matrix that makes the tones' noise white; complex, shape (M, M).
-
-        The inverse Cholesky factor of W C W^H, C being the covariance of the noise.
-        """
+        """As :func:`whitener_of`, C being the covariance of the noise."""
         return whitener_of(self.weights, self.room.covariance() if self.room else None)
 
     def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
@@ -235,11 +241,26 @@ class ToneTable:
 
 def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
     """Rows of the (generalised, with a covariance) least-squares solution that are tones."""
+    half, scale = tones // 2, np.sqrt(2)
+    upper = scale * basis[:, half:tones]
+    # Cosines and sines instead of opposite tones: the same in real numbers.
+    columns = np.hstack([upper.real, upper.imag, basis[:, tones:].real])
     if covariance is None:
-        return pseudo_inverse(basis)[:tones]
-    factor = np.linalg.cholesky(covariance)
-    rows = pseudo_inverse(np.linalg.solve(factor, basis))[:tones]
-    return np.linalg.solve(factor.T, rows.T).T
+        rows = pseudo_inverse(columns)[:tones]
+    else:
+        factor = np.linalg.cholesky(covariance)
+        rows = pseudo_inverse(np.linalg.solve(factor, columns))[:tones]
+        rows = np.linalg.solve(factor.T, rows.T).T
+    return _tones_of_waves(rows / scale)
+
+
+def _tones_of_waves(rows: np.ndarray) -> np.ndarray:
+    """Weights (M, n) of tones from those of cosines and, behind them, of sines."""
+    half = len(rows) // 2
+    weights = np.empty(rows.shape, complex)
+    weights.real[half:], weights.imag[half:] = rows[:half], -rows[half:]
+    weights.real[:half], weights.imag[:half] = rows[:half][::-1], rows[half:][::-1]
+    return weights
 
 
 def design_weights(
@@ -274,8 +295,6 @@ def design_weights(
         rule = f"must exceed the {basis.shape[1]} lines and clutter sequences of the scene"
         raise InputError("group_length", rule, group_length)
     weights = _tone_rows(basis, len(tones), room.covariance() if room else None)
-    # The pseudo-inverse is symmetric only to rounding; the kernels share work on exact conjugates.
-    weights = (weights + weights[::-1].conj()) / 2
     weights = weights.astype(np.complex64).astype(complex)
     noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
     # With a room, tones that it disturbs may be noisy: they count for less.

@@ -29,7 +29,7 @@ def normal(rng, *shape):
 
 def fit_of(rng, coherent, tones=24, subcarriers=62):
     """Least squares of two ends in white noise, and noise along the first end's channel."""
-    white, _ = np.linalg.qr(normal(rng, tones, 2))
+    white, _ = np.linalg.qr(rng.standard_normal((tones, 2)))
     ends = np.exp(1j * rng.uniform(0, 6, (2, subcarriers)))
     received = normal(rng, tones, subcarriers)
     received += coherent * normal(rng, tones, 1) * ends[0] / np.sqrt(subcarriers)

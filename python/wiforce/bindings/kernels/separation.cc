@@ -44,12 +44,12 @@ auto member(std::vector<T> end_fit::*values, Rows rows, Columns columns)
     };
 }
 
-end_fit make_end_fit(const complex_array& mixed, const complex_array& tones)
+end_fit make_end_fit(const array<double>& mixed, const complex_array& tones)
 {
     if (mixed.ndim() != 3 || tones.ndim() != 3 || mixed.shape(0) != tones.shape(0) ||
-        mixed.shape(1) != tones.shape(1) || mixed.shape(2) % 4)
+        mixed.shape(1) != tones.shape(1) || mixed.shape(1) % 2 || mixed.shape(2) % 4)
         throw std::invalid_argument(
-            "end_fit: mixed must have shape (G, M, 4S), tones (G, M, K)");
+            "end_fit: mixed must have shape (G, M, 4S), tones (G, M, K), M even");
     return end_fit({ std::size_t(tones.shape(0)),
                      std::size_t(tones.shape(1)),
                      std::size_t(mixed.shape(2) / 2),
@@ -58,47 +58,44 @@ end_fit make_end_fit(const complex_array& mixed, const complex_array& tones)
                    tones.data());
 }
 
-py::tuple whitened(const complex_array& whitener, const complex_array& tones)
+py::tuple whitened(const array<double>& whitener, const complex_array& tones)
 {
-    if (tones.ndim() != 3)
-        throw std::invalid_argument("whiten: tones must have shape (G, M, K)");
+    if (tones.ndim() != 3 || tones.shape(1) % 2)
+        throw std::invalid_argument("whiten: tones must have shape (G, M, K), M even");
     const py::ssize_t groups = tones.shape(0), count = tones.shape(1),
                       subcarriers = tones.shape(2);
     require_shape(whitener, { count, count }, "whiten: whitener must have shape (M, M)");
     complex_array white(shape{ groups, count, subcarriers });
     array<double> level(shape{ groups });
-    for (py::ssize_t group = 0; group < groups; group++)
+    std::vector<std::complex<double>> parts(count * subcarriers);
+    for (py::ssize_t group = 0; group < groups; group++) {
+        parts_of(tones.data(group, 0, 0), count, subcarriers, parts.data());
         level.mutable_data()[group] = whiten(whitener.data(),
-                                             tones.data(group, 0, 0),
+                                             parts.data(),
                                              count,
                                              subcarriers,
                                              white.mutable_data(group, 0, 0));
+    }
     return py::make_tuple(white, level);
 }
 
-group_weights make_group_weights(const complex_array& mixer,
+group_weights make_group_weights(const array<double>& mixer,
                                  const array<double>& times_s,
-                                 const complex_array& whitener,
+                                 const array<double>& whitener,
                                  double loss)
 {
-    const py::ssize_t tones = mixer.ndim() == 2 ? mixer.shape(0) : 0;
+    const py::ssize_t tones = mixer.ndim() == 2 ? mixer.shape(1) : 0;
     require_shape(mixer,
-                  { tones, times_s.size() },
-                  "group_weights: mixer must have a column for each of times_s");
+                  { times_s.size(), tones },
+                  "group_weights: mixer must have a row for each of times_s");
     require_shape(
         whitener, { tones, tones }, "group_weights: whitener must have shape (M, M)");
-    const auto values = mixer.unchecked<2>();
-    std::vector<double> rows;
-    rows.reserve(2 * mixer.size());
-    for (py::ssize_t snapshot = 0; snapshot < values.shape(1); snapshot++)
-        for (py::ssize_t tone = 0; tone < tones; tone++) {
-            rows.push_back(values(tone, snapshot).real());
-            rows.push_back(values(tone, snapshot).imag());
-        }
-    return { rows, flat(times_s), flat(whitener), loss };
+    if (tones % 2)
+        throw std::invalid_argument("group_weights: mixer must have pairs of tones");
+    return { flat(mixer), flat(times_s), flat(whitener), loss };
 }
 
-complex_array mix_switching(const group_weights& weights,
+array<double> mix_switching(const group_weights& weights,
                             const array<double>& clocks,
                             const array<double>& pulses)
 {
@@ -109,7 +106,7 @@ complex_array mix_switching(const group_weights& weights,
     const py::ssize_t groups = clocks.shape(0), tags = clocks.shape(1);
     const auto at = structures<switching_mixer::clock>(clocks);
     const auto of = structures<switching_mixer::pulses>(pulses);
-    complex_array mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
+    array<double> mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
     for (py::ssize_t group = 0; group < groups; group++) {
         const auto one = weights.mixer.mix(at.data() + group * tags, of.data(), tags);
         std::copy(one.begin(), one.end(), mixed.mutable_data(group, 0, 0));
@@ -377,8 +374,8 @@ void bind_separation(py::module& m)
           &whitened,
           "whitener"_a,
           "tones"_a,
-          "whitener: (M, M). tones: (G, M, K). Gives (G, M, K), and their mean power "
-          "(G,).");
+          "whitener: (M, M). tones: (G, M, K). Gives their parts with white noise (G, M, "
+          "K), and\ntheir mean power (G,).");
     m.def("tone_peaks",
           &peaks_of,
           "tones"_a,
@@ -468,9 +465,8 @@ void bind_separation(py::module& m)
     py::class_<group_weights>(
         m,
         "group_weights",
-        "mixer: (M, n), of whitened tones. times_s: (n,). whitener: "
-        "(M, M),\nlower triangular. loss: snapshots of a group "
-        "over n.")
+        "mixer: (n, M), of whitened parts. times_s: (n,). whitener: (M, M), lower "
+        "triangular,\nof the parts of tones. loss: snapshots of a group over n.")
         .def(py::init(&make_group_weights),
              "mixer"_a,
              "times_s"_a,
@@ -482,7 +478,7 @@ void bind_separation(py::module& m)
             &mix_switching,
             "clocks"_a,
             "pulses"_a,
-            "Whitened tones of the tags' switching waveforms, and their derivatives: (G, "
+            "Whitened parts of the tags' switching waveforms, and their derivatives: (G, "
             "M, 4S).\nclocks: (G, S, 3), phase in rad and rate in rad/s at the centres, "
             "and half the phase that\na snapshot averages over. pulses: (S, 3), delay "
             "of clock 2 in rad of clock 1, and both\nduty cycles.")
@@ -490,9 +486,15 @@ void bind_separation(py::module& m)
             "colorer",
             [](const group_weights& of) {
                 const py::ssize_t tones = of.tones();
-                return copy(of.colorer(), { tones, tones });
+                const auto& real = of.colorer();
+                const std::vector<std::complex<double>> parts(real.begin(), real.end());
+                complex_array colorer(shape{ tones, tones });
+                for (py::ssize_t row = 0; row < tones; row++)
+                    tone_of(
+                        parts.data(), row, tones, tones, colorer.mutable_data(row, 0));
+                return colorer;
             },
-            "(M, M), inverse of whitener.");
+            "(M, M), makes tones of whitened parts.");
     py::class_<clock_tracker>(
         m, "clock_tracker", "A tag's free-running clock from group to group.")
         .def(py::init([](double time_s,

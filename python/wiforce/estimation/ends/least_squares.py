@@ -150,10 +150,10 @@ class ToneModel:
         return GroupFit(rows, self._mixing(groups, clocks), groups.white)
 
     def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
-        """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
+        """Whitened parts of the locked tags' waveforms, and of their slopes behind them."""
         locked = self.locked
         if not locked:
-            return np.empty((len(groups), len(self.table.tones), 0), complex)
+            return np.empty((len(groups), len(self.table.tones), 0))
         rates = clocks.rate + [tag.rate for tag in locked]
         # Of all tags, since it is that of the waveform.
         windows = rates * (locked[0].averaging_s / 2)

@@ -54,7 +54,7 @@ class SpreadLines:
     def removed(
         self, groups: GroupTones, fit: end_fit, tags: Sequence[TrackedTag], clocks: ClockPath
     ) -> Array:
-        """Whitened tones (G, M, K) without spread lines, by a fit of these tags at these clocks."""
+        """Whitened parts (G, M, K) without spread lines, by a fit of these tags at these clocks."""
         white = np.empty_like(groups.white)
         for row, weights in enumerate(groups.weights):
             mixing = self._mixing(weights, tags, clocks, row)
@@ -85,7 +85,7 @@ class SpreadLines:
         self, weights: GroupWeights, tags: Sequence[TrackedTag], clocks: ClockPath, row: int
     ) -> Array:
         """M_i[n] less its mean over the symbol, of both ends of all tags; shape (N, E, M)."""
-        mixing = np.zeros((self._length, 2 * len(tags), len(weights.whitener)), complex)
+        mixing = np.zeros((self._length, 2 * len(tags), len(weights.whitener)))
         for i, tag in enumerate(tags):
             phase, rate = clocks.phase[row, i], tag.rate + clocks.rate[row, i]
             edges = switch_edges(
