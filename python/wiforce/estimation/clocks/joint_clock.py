@@ -40,8 +40,9 @@ def likelihood_bias(
     for offset in (-1, 0, 1):
         rate = 2 * np.pi * clock.clock_hz * (1 + offset * 1e-6 * clock.tolerance_ppm)
         courses = _PHASES[:, None] + rate * table.times_s
-        tones = table.weights @ switch_averages(courses, rate * averaging_s / 2) @ _ENDS
-        own = tones[:, likelihood.rows].swapaxes(1, 2)[..., None]
+        waveforms = switch_averages(courses, rate * averaging_s / 2)
+        tones = table.weights[likelihood.rows] @ waveforms @ _ENDS
+        own = tones.swapaxes(1, 2)[..., None]
         coefficients = likelihood.coefficients(likelihood.covariance(own, np.ones(1)))
         found = _tops(coefficients, np.repeat(_PHASES[:, None], _ENDS.shape[1], axis=1))
         largest = max(largest, float(np.abs(found - _PHASES[:, None]).max()))
