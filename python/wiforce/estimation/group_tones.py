@@ -10,7 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ..signal.weights import PartialWeights, ToneTable, parts_of
+from ..signal.weights import PartialWeights, ToneTable
 from ..wiforce_kernels import end_fit, group_weights, whiten
 from .groups import Array
 
@@ -37,7 +37,8 @@ class GroupWeights(group_weights):
         times_s: Array,
         loss: float = 1.0,
     ) -> None:
-        mixer = (weights.whitener @ parts_of(line_gain * weights.weights)).T
+        pairs = np.repeat(line_gain[len(line_gain) // 2 :], 2, axis=0)
+        mixer = (weights.whitener @ (pairs * weights.parts)).T
         super().__init__(mixer, times_s, weights.whitener, loss)
         self.whitener, self.times_s, self.mixer = weights.whitener, times_s, mixer
 

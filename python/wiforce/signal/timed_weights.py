@@ -17,7 +17,7 @@ from numpy.polynomial import legendre
 
 from ..errors import InputError
 from .lines import Tone, with_mirrors
-from .weights import WORST_PARTIAL_GAIN, PartialWeights, ToneTable
+from .weights import WORST_PARTIAL_GAIN, PartialWeights, ToneTable, parts_of_waves
 
 # Lines whose correlation over the times exceeds the first are one tone: sinc(0.3), as on a grid
 # (lines.py). A line is left out where its correlation with its own mirror image, or the share of
@@ -64,7 +64,7 @@ class TimedTable(ToneTable):
         fit = self._fit(times_s, states)
         if fit is None:
             return None
-        return TimedWeights(np.ones(len(times_s), bool), fit.weights, times_s=times_s)
+        return TimedWeights(np.ones(len(times_s), bool), fit.parts, times_s=times_s)
 
     def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> "_Fit | None":
         """Least squares at these times; None when they do not determine the tones."""
@@ -222,9 +222,6 @@ class _Fit(NamedTuple):
         return gain
 
     @property
-    def weights(self) -> np.ndarray:
-        """Rows of the pseudo-inverse that are tones, of both halves; complex, (tones, n)."""
-        rows = self.inverse @ self.orthogonal.T
-        half = len(rows) // 2
-        upper = (rows[:half] - 1j * rows[half:]) / 2
-        return np.vstack([upper[::-1].conj(), upper])
+    def parts(self) -> np.ndarray:
+        """Parts (tones, n) of the rows of the pseudo-inverse that are tones."""
+        return parts_of_waves(self.inverse @ self.orthogonal.T / 2)

@@ -33,14 +33,19 @@ class PartialWeights:
     """Exact least-squares weights over the snapshots present in an incomplete group."""
 
     mask: np.ndarray  # (N,), True where a snapshot is present
-    weights: np.ndarray  # (M, n), as those of :class:`ToneTable`
+    parts: np.ndarray  # (M, n), as :attr:`ToneTable.parts`
     # Of the noise of the snapshots present; None where it is white.
     covariance: np.ndarray | None = None
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights (M, n) of the tones, as those of :class:`ToneTable`."""
+        return _of_parts(self.parts)
 
     @cached_property
     def whitener(self) -> np.ndarray:
         """As :attr:`~.weights.ToneTable.whitener`."""
-        return whitener_of(self.weights, self.covariance)
+        return whitener_of(self.parts, self.covariance)
 
     @property
     def missing(self) -> int:
@@ -49,7 +54,8 @@ class PartialWeights:
 
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
         """Tones of a group from the snapshots present, as :func:`tones_of`."""
-        return tones_of(self.weights, snapshots)
+        samples = np.ascontiguousarray(snapshots, complex).view(float)
+        return _of_parts((self.parts @ samples).view(complex))
 
 
 class PartialSolver:
@@ -81,7 +87,7 @@ class PartialSolver:
         noise_gain = np.einsum("ij,ij->i", rows, rows).reshape(2, -1).sum(axis=0) / 4 * len(mask)
         if noise_gain.max() > WORST_PARTIAL_GAIN:
             return None
-        return PartialWeights(mask, _tones_of_waves(rows / 2))
+        return PartialWeights(mask, parts_of_waves(rows / 2))
 
     def _rows(self, present: np.ndarray, absent: np.ndarray) -> np.ndarray:
         """The rows of the pseudo-inverse that belong to cosines and sines."""
@@ -107,11 +113,8 @@ class PartialSolver:
 
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
     """``weights @ snapshots``, (M, n); conjugate rows of opposite frequency share products."""
-    upper = weights[len(weights) // 2 :]
     samples = np.ascontiguousarray(snapshots, complex).view(float)
-    products = (np.vstack([upper.real, upper.imag]) @ samples).view(complex)
-    in_phase, quadrature = products[: len(upper)], 1j * products[len(upper) :]
-    return np.vstack([(in_phase - quadrature)[::-1], in_phase + quadrature])
+    return _of_parts((parts_of(weights) @ samples).view(complex))
 
 
 def parts_of(weights: np.ndarray) -> np.ndarray:
@@ -123,13 +126,26 @@ def parts_of(weights: np.ndarray) -> np.ndarray:
     return np.stack([upper.real, upper.imag], axis=1).reshape(weights.shape)
 
 
-def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
+def parts_of_waves(rows: np.ndarray) -> np.ndarray:
+    """Parts (M, n) of the weights of tones, from half of those of cosines and then of sines."""
+    parts = np.empty_like(rows)
+    half = len(rows) // 2
+    parts[::2], parts[1::2] = rows[:half], -rows[half:]
+    return parts
+
+
+def _of_parts(parts: np.ndarray) -> np.ndarray:
+    """Rows of all tones, from their parts (M, n)."""
+    first, second = parts[::2], 1j * parts[1::2]
+    return np.vstack([(first - second)[::-1], first + second])
+
+
+def whitener_of(parts: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
     """Matrix (M, M) that makes the noise of the tones' parts white: the inverse Cholesky factor.
 
     Of W C W^T: W are the parts of the weights (M, n), C the covariance of the noise of the
     snapshots, the identity if not given.
     """
-    parts = parts_of(weights)
     colored = parts if covariance is None else parts @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ parts.T))
 
@@ -192,7 +208,12 @@ class ToneTable:
     @cached_property
     def whitener(self) -> np.ndarray:
         """As :func:`whitener_of`, C being the covariance of the noise."""
-        return whitener_of(self.weights, self.room.covariance() if self.room else None)
+        return whitener_of(self.parts, self.room.covariance() if self.room else None)
+
+    @property
+    def parts(self) -> np.ndarray:
+        """Real parts (M, N) of the weights (:func:`parts_of`)."""
+        return parts_of(self.weights)
 
     def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
         """Factors (M, symbol_length) that undo each line's rotation within a symbol, before the
@@ -218,19 +239,19 @@ class ToneTable:
     def for_present(self, mask: np.ndarray) -> PartialWeights | None:
         """Weights of a group with the snapshots of ``mask``; None if they do not suffice."""
         if self.basis is None:
-            weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
-            return PartialWeights(mask, weights) if mask.any() else None
+            parts = self.parts[:, mask] * (len(mask) / max(mask.sum(), 1))
+            return PartialWeights(mask, parts) if mask.any() else None
         if self.room is None:
             return self._solver.solve(mask)
         present = self.basis[mask]
         if present.shape[0] <= present.shape[1]:
             return None
         covariance = self.room.covariance(mask)
-        weights = _tone_rows(present, len(self.tones), covariance)
-        noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * self.group_length
+        parts = _tone_parts(present, len(self.tones), covariance)
+        noise_gain = np.sum(parts**2, axis=1).reshape(-1, 2).sum(axis=1) * self.group_length
         if noise_gain.max() > WORST_PARTIAL_GAIN:
             return None
-        return PartialWeights(mask, weights, covariance)
+        return PartialWeights(mask, parts, covariance)
 
     @cached_property
     def _solver(self) -> PartialSolver:
@@ -239,8 +260,8 @@ class ToneTable:
         return PartialSolver(self.basis, len(self.tones))
 
 
-def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
-    """Rows of the (generalised, with a covariance) least-squares solution that are tones."""
+def _tone_parts(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
+    """Parts (M, n) of the tones in the (generalised, with a covariance) least-squares solution."""
     half, scale = tones // 2, np.sqrt(2)
     upper = scale * basis[:, half:tones]
     # Cosines and sines instead of opposite tones: the same in real numbers.
@@ -251,16 +272,7 @@ def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = No
         factor = np.linalg.cholesky(covariance)
         rows = pseudo_inverse(np.linalg.solve(factor, columns))[:tones]
         rows = np.linalg.solve(factor.T, rows.T).T
-    return _tones_of_waves(rows / scale)
-
-
-def _tones_of_waves(rows: np.ndarray) -> np.ndarray:
-    """Weights (M, n) of tones from those of cosines and, behind them, of sines."""
-    half = len(rows) // 2
-    weights = np.empty(rows.shape, complex)
-    weights.real[half:], weights.imag[half:] = rows[:half], -rows[half:]
-    weights.real[:half], weights.imag[:half] = rows[:half][::-1], rows[half:][::-1]
-    return weights
+    return parts_of_waves(rows / scale)
 
 
 def design_weights(
@@ -294,7 +306,7 @@ def design_weights(
     if basis.shape[0] <= basis.shape[1]:
         rule = f"must exceed the {basis.shape[1]} lines and clutter sequences of the scene"
         raise InputError("group_length", rule, group_length)
-    weights = _tone_rows(basis, len(tones), room.covariance() if room else None)
+    weights = _of_parts(_tone_parts(basis, len(tones), room.covariance() if room else None))
     weights = weights.astype(np.complex64).astype(complex)
     noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
     # With a room, tones that it disturbs may be noisy: they count for less.

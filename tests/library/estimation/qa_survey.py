@@ -20,7 +20,7 @@ from gnuradio.wiforce.planning.room.findings import findings, level_reference, o
 from gnuradio.wiforce.planning.room.reference_survey import survey_reference, without_slip
 from gnuradio.wiforce.signal.lines import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.signal.weights import design_weights, parts_of
+from gnuradio.wiforce.signal.weights import design_weights
 
 WAVEFORM = sounding_waveform()
 T = WAVEFORM.snapshot_period_s
@@ -342,7 +342,7 @@ def test_whitened_tones_have_unit_variance_in_that_room(disturbed):
     factor = np.linalg.cholesky(covariance(400))
     trials = 4000
     white = rng.standard_normal((400, trials, 2)) @ [np.sqrt(0.5), 1j * np.sqrt(0.5)]
-    tones = table.whitener @ (parts_of(table.weights) @ (factor @ white))
+    tones = table.whitener @ (table.parts @ (factor @ white))
     power = np.mean(np.abs(tones) ** 2, axis=1)
     # Mean of 4000 exponentials: standard deviation 1.6 %.
     assert power == pytest.approx(np.ones(len(power)), abs=5 / np.sqrt(trials))

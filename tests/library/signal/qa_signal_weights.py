@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.lines import clutter_basis, tag_lines
-from gnuradio.wiforce.signal.weights import PartialSolver, design_weights, parts_of, pseudo_inverse
+from gnuradio.wiforce.signal.weights import PartialSolver, design_weights, pseudo_inverse
 from plain import WAVEFORM, T
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
@@ -125,7 +125,7 @@ def test_for_present_gaps_gives_least_squares_over_the_rest():
     expected = np.linalg.lstsq(plain_model(table, 60.0)[mask], snapshots, rcond=1e-12)[0]
     assert partial.missing == np.sum(~mask)
     assert np.max(np.abs(partial.weights @ snapshots - expected[: len(table.tones)])) < 1e-9
-    white = partial.whitener @ parts_of(partial.weights)
+    white = partial.whitener @ partial.parts
     assert np.max(np.abs(white @ white.T - np.eye(len(white)))) < 1e-9
 
 
