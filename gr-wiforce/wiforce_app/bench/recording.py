@@ -2,7 +2,7 @@
 """A recording of preambles in noise in both sample types, and its tones in double precision."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,9 @@ WAVEFORM = sounding_waveform()
 GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
 # Of 32768: frames stand 10 dB above the noise, so that their watch is at rest.
 FRAME_PEAK, NOISE_PEAK = 20_000, 5_000
+# Bursts of another transmitter raise the noise by 5 dB. A group has three, of 5 to 19 frames (0.3
+# to 1.1 ms), as packets of Wi-Fi have.
+BURST_PEAK, _BURSTS, _BURST_FRAMES = 7_000, 3, (5, 20)
 # Different groups, which a recording repeats.
 _KINDS = 7
 # Harmonic m of a tag at 1 kHz is bin 36 m of a group.
@@ -29,11 +32,12 @@ def tone_weights(tones):
 
 @dataclass(frozen=True)
 class Recording:
-    """The same samples as raw ``cf32_le`` and ``ci16_le``."""
+    """The same samples as raw ``cf32_le`` and ``ci16_le``; ``bursts``: in every group."""
 
     fc32: Path
     sc16: Path
     samples: int
+    bursts: bool = False
 
     @property
     def groups(self):
@@ -42,16 +46,16 @@ class Recording:
     def shortened(self, samples):
         """The recording's first samples, in whole groups."""
         groups = max(1, round(samples / GROUP_SAMPLES))
-        return Recording(self.fc32, self.sc16, groups * GROUP_SAMPLES)
+        return replace(self, samples=groups * GROUP_SAMPLES)
 
 
-def write_recording(folder, samples):
+def write_recording(folder, samples, bursts=False):
     """Writes a recording of about so many samples, in whole groups."""
     groups = max(2, samples // GROUP_SAMPLES)
-    recording = Recording(
-        Path(folder) / "frames.cf32", Path(folder) / "frames.ci16", groups * GROUP_SAMPLES
-    )
-    kinds = _groups()
+    path = Path(folder) / ("bursts" if bursts else "frames")
+    floats, integers = path.with_suffix(".cf32"), path.with_suffix(".ci16")
+    recording = Recording(floats, integers, groups * GROUP_SAMPLES, bursts)
+    kinds, _ = _groups(bursts)
     with open(recording.fc32, "wb") as floats, open(recording.sc16, "wb") as integers:
         for group in range(groups):
             codes = kinds[group % len(kinds)]
@@ -62,13 +66,25 @@ def write_recording(folder, samples):
     return recording
 
 
-def _groups():
-    """The different groups that a recording repeats, as codes; (_KINDS, 2 GROUP_SAMPLES)."""
+def _groups(bursts):
+    """The different groups that a recording repeats: codes (_KINDS, 2 GROUP_SAMPLES), and which
+    frames no burst hits (_KINDS, 625).
+    """
     rng = np.random.default_rng(1)
     frame = WAVEFORM.frame()
     codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
     noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (_KINDS, 2 * GROUP_SAMPLES), dtype="<i2")
-    return np.tile(codes, GROUP_LENGTH) + noise
+    groups = np.tile(codes, GROUP_LENGTH) + noise
+    quiet = np.ones((_KINDS, GROUP_LENGTH), bool)
+    for kind in range(_KINDS if bursts else 0):
+        frames = groups[kind].reshape(GROUP_LENGTH, -1)
+        for _ in range(_BURSTS):
+            first = rng.integers(GROUP_LENGTH - _BURST_FRAMES[1])
+            hit = slice(first, first + rng.integers(*_BURST_FRAMES))
+            if quiet[kind, hit].all():  # two at a time could exceed the codes
+                frames[hit] += rng.integers(-BURST_PEAK, BURST_PEAK, frames[hit].shape, "<i2")
+                quiet[kind, hit] = False
+    return groups, quiet
 
 
 def _settle(path):
@@ -84,13 +100,15 @@ def _settle(path):
 
 
 def reference_tones(recording, weights):
-    """Channel of every group's tones, from the codes in double precision; (groups, M, 64)."""
+    """Channel of every group's tones, without the frames that bursts hit, from the codes in double
+    precision; (groups, M, 64).
+    """
     repetitions = WAVEFORM.repetitions
     first, length = WAVEFORM.first_averaged, 64 * repetitions
     kinds = []
-    for codes in _groups():
+    for codes, quiet in zip(*_groups(recording.bursts), strict=True):
         samples = codes.astype(float).view(complex) / 32768
         frames = samples.reshape(GROUP_LENGTH, -1)[:, first : first + length]
         folded = frames.reshape(GROUP_LENGTH, repetitions, 64).mean(axis=1)
-        kinds.append(np.fft.fft(weights @ folded) * WAVEFORM.equalizer())
+        kinds.append(np.fft.fft(weights * quiet @ folded) * WAVEFORM.equalizer())
     return np.array(kinds)[np.arange(recording.groups) % len(kinds)]

@@ -35,6 +35,7 @@ class Row:
     chain: str
     weights: np.ndarray = field(repr=False)
     share: float = 1.0
+    bursts: bool = False  # of other transmitters, in every group
 
     @property
     def tones(self):
@@ -115,6 +116,10 @@ def _check(tones, reference):
         raise ValueError(f"tones are {error:.1e} off, more than {TOLERANCE:.0e}")
 
 
+# Compared with the rows of quiet files of 16 tones.
+_BURSTS = {"bursts-fc32": "file-fc32", "bursts-sc16": "file-sc16"}
+# Of the quiet recording.
+_BURSTS_SHARE = 0.25
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (
     ("stream-fc32", 16, 1.0),
@@ -179,11 +184,15 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time):
     lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
         samples = megabytes * 10**6 // _FC32_BYTES
-        _check_room(place, samples * (_FC32_BYTES + _SC16_BYTES), megabytes)
-        recording = write_recording(place, samples)
+        size = samples * (_FC32_BYTES + _SC16_BYTES)
+        _check_room(place, round(size * (1 + _BURSTS_SHARE)), megabytes)
+        recordings = [
+            write_recording(place, samples),
+            write_recording(place, round(samples * _BURSTS_SHARE), bursts=True),
+        ]
         rows = []
         for pinned in (True, False):
-            rows += _measure(lines, recording, runs, pinned, cpu_time and pinned)
+            rows += _measure(lines, recordings, runs, pinned, cpu_time and pinned)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
@@ -197,6 +206,8 @@ def _check_room(folder, size, megabytes):
 def _lines(only):
     lines = [Row(name, name, tone_weights(tones), share) for name, tones, share in _CHAINS]
     lines += [Row(name, "file-sc16", _planned(scene)) for name, scene in _SCENES.items()]
+    weights = tone_weights(16)
+    lines += [Row(name, chain, weights, bursts=True) for name, chain in _BURSTS.items()]
     known = {line.name for line in lines}
     for name in only:
         if name not in known:
@@ -211,9 +222,10 @@ def _planned(scene):
     return plan(load_scene(scene)).table.weights
 
 
-def _measure(lines, recording, runs, pinned, cpu_time):
+def _measure(lines, recordings, runs, pinned, cpu_time):
     """Rows of the result; all lines run in turns."""
-    figures, peaks = _run_in_turns(lines, recording, runs, pinned, "cpu" if cpu_time else "wall")
+    clock = "cpu" if cpu_time else "wall"
+    figures, peaks = _run_in_turns(lines, recordings, runs, pinned, clock)
     by_name = {line.name: values for line, values in zip(lines, figures, strict=True)}
     rows = []
     for line, values, peak in zip(lines, figures, peaks, strict=True):
@@ -236,10 +248,10 @@ def _measure(lines, recording, runs, pinned, cpu_time):
     return rows
 
 
-def _run_in_turns(lines, recording, runs, pinned, clock):
+def _run_in_turns(lines, recordings, runs, pinned, clock):
     """Msps of every run, (lines, runs), and peak memory of each line's process in MB."""
     cpu = max(os.sched_getaffinity(0)) if pinned else None
-    workers = [Worker(line, recording, cpu) for line in lines]
+    workers = [Worker(line, recordings[line.bursts], cpu) for line in lines]
     try:
         for worker in workers:
             worker.run(clock)
