@@ -86,6 +86,17 @@ void drift_bank::predict(double seconds)
     summarize();
 }
 
+double drift_bank::least_square(double phase, double noise) const
+{
+    double least = 1e300;
+    const double first = d_mean[0], first_off = wrapped(phase - first);
+    for (std::size_t i = 0; i < d_count; i++) {
+        const double off = first_off + first - d_mean[i];
+        least = std::min(least, off * off / (d_variance[i] + noise));
+    }
+    return least;
+}
+
 double drift_bank::update(double phase, double noise, double memory)
 {
     double least = 1e300, after = 0, kept = 0;

@@ -95,6 +95,14 @@ double drifting_phases::update(const pair_of_ends& phase,
            difference.update(apart, of_difference(noise), memory);
 }
 
+double drifting_phases::least_square(const pair_of_ends& phase,
+                                     const phase_covariance& noise) const
+{
+    const auto [mean, apart] = beside(phase);
+    return common.least_square(mean, of_mean(noise)) +
+           difference.least_square(apart, of_difference(noise));
+}
+
 void drifting_phases::share_rates(const drifting_phases& other)
 {
     common.share_rates(other.common);

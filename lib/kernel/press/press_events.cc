@@ -22,7 +22,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability, d_turn_peak);
     if (!next)
         return;
     next->turn.seen += sees_turns(from, from.is);
@@ -117,7 +117,8 @@ double press_filter::follow_turn(explanation& to,
 
 void press_filter::release(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, from.line.known ? d_peak : d_contact_peak);
+    auto next =
+        follow(from, probability, from.line.known ? best_baseline(from) : d_contact_peak);
     if (!next)
         return;
     next->is = untouched;
@@ -167,7 +168,7 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability, d_move_peak);
     if (!next)
         return;
     if (from.is != untouched)

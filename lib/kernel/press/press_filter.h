@@ -128,6 +128,7 @@ private:
 
     // press_likelihood.cc: what events share.
     void find_peaks();
+    double best_baseline(const explanation& of) const;
     bool may_count(const explanation& from, double probability, double best) const;
     std::optional<explanation>
     follow(const explanation& from, double probability, double best) const;
@@ -174,8 +175,10 @@ private:
     std::vector<explanation> d_kept, d_next;
     double d_best = 0;    // largest log weight so far
     double d_claimed = 0; // probability of what the user has said
-    // Largest log densities of a group, and of one in which a contact begins.
-    double d_peak = 0, d_contact_peak = 0;
+    // Largest log densities of amplitudes, of a group, and of one in which the tag turns
+    // suddenly, a line moves, or a contact begins.
+    double d_amplitude_peak = 0, d_peak = 0, d_turn_peak = 0, d_move_peak = 0,
+           d_contact_peak = 0;
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it

@@ -22,13 +22,32 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 void press_filter::find_peaks()
 {
     const auto [first, second, both] = d_noise;
-    const double amplitude_peak =
+    const double determinant = first * second - both * both,
+                 turn = squared(d_set.turn_deg * deg), turn_np = squared(d_set.turn_np);
+    d_amplitude_peak =
         log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
-    d_peak =
-        amplitude_peak - std::log(two_pi) - std::log(first * second - both * both) / 2;
+    d_peak = d_amplitude_peak - std::log(two_pi) - std::log(determinant) / 2;
+    d_turn_peak =
+        d_peak - std::log1p(turn * (first + second - 2 * both) / determinant) / 2;
+    d_move_peak = log_normal(0, turn / 2 + d_common_noise) +
+                  log_normal(0, 2 * turn + d_difference_noise) +
+                  log_normal(0, turn_np + d_amplitude_noise) +
+                  log_normal(0, 4 * d_amplitude_noise);
     d_contact_peak =
-        amplitude_peak +
+        d_amplitude_peak +
         std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
+}
+
+// Largest log density that the untouched line may predict the group with.
+double press_filter::best_baseline(const explanation& of) const
+{
+    const auto& line = of.line.amplitude;
+    const double square =
+        of.line.least_square(d_group.phase, d_noise) +
+        squared(d_amplitude - line.mean) / (line.mean_variance + d_amplitude_noise) +
+        squared(d_amplitude_difference - line.difference) /
+            (line.difference_variance + 4 * d_amplitude_noise);
+    return d_peak - square / 2;
 }
 
 // Whether what follows with this probability, and predicts the group with this log
