@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings of every kind: opened and read, with warnings of what is wrong with them."""
 
-from gnuradio.wiforce.estimation.capture.recorded_frames import ALL_FLAGGED
+from gnuradio.wiforce.estimation.capture.recorded_frames import ALL_FLAGGED, capture_problem
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
@@ -48,6 +48,9 @@ def open_reader(recording, settings, frame_offset, tracked):
         for note in reader.notes:
             warn(recording.path, note)
         return reader
+    if cut := recording.cut_bytes:
+        left = "1 byte is" if cut == 1 else f"{cut} bytes are"
+        warn(recording.path, f"ends within a sample, of which {left} left out; is it whole?")
     reader = RecordingReader(recording, settings, frame_offset, tracked)
     warn_of_unequal_antennas(reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))
@@ -89,6 +92,11 @@ def warn_of_end(capture, reader):
     if receiver is None:
         return
     unread = reader.counts.groups and not reader.counts.clear
+    if unread and isinstance(reader, RecordingReader):
+        waveform = reader.plan.waveform
+        if wrong := capture_problem(reader.recording, waveform, reader.frame_offset):
+            log.warning(wrong)
+            return
     problems = {
         name: state.final_problem if unread else state.lasting_problem
         for name, state in receiver.states.items()

@@ -66,7 +66,7 @@ class RecordingReader:
             rule = "holds samples, but the scene has 'packets': it describes channel snapshots"
             raise InputError(recording.path, rule)
         recording.check_against(scene)
-        self._recording, self.plan = recording, plan
+        self.recording, self.plan = recording, plan
         if frame_offset is None:
             place = require_frames(recording, plan.waveform)
             frame_offset = first_frame(recording, plan.waveform, place)
@@ -93,13 +93,13 @@ class RecordingReader:
                 "s) from its first frame on: the untouched reference, and one to read; `check` "
                 "says whether the file is complete"
             )
-            raise InputError(self._recording.path, rule, max(0, groups))
+            raise InputError(self.recording.path, rule, max(0, groups))
 
     @property
     def groups(self) -> int:
         """Whole phase groups that the recording spans."""
         samples = self.plan.group_length * self.plan.waveform.frame_length
-        return (self._recording.span - self.frame_offset) // samples
+        return (self.recording.span - self.frame_offset) // samples
 
     @property
     def counts(self) -> GroupCounts:
@@ -130,7 +130,7 @@ class RecordingReader:
 
             try:
                 if not len(folded[0].result()):
-                    raise InputError(self._recording.path, "holds no whole frame of finite samples")
+                    raise InputError(self.recording.path, "holds no whole frame of finite samples")
                 coming = deque(ends.submit(separate) for _ in range(_AHEAD))
                 while (separated := coming.popleft().result()) is not None:
                     coming.append(ends.submit(separate))

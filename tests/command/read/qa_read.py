@@ -296,6 +296,19 @@ def test_read_names_a_saturated_receiver(demo, tmp_path):
     )
 
 
+def test_read_names_a_wrong_frame_offset_and_a_file_that_ends_within_a_sample(demo, tmp_path):
+    """The first named everything but the offset that was given, the second nothing."""
+    whole = (demo[0] / "demo.sigmf-data").read_bytes()[: 4 * 720 * 450 * 30]
+    (tmp_path / "cut.bin").write_bytes(whole + b"\0")
+    arguments = tmp_path / "cut.bin", "--scene", "demo", "--datatype", "ci16_le"
+    end, offset = [
+        line for line in run("read", *arguments, "--frame-offset", 300).stderr.splitlines()
+        if "warning" in line
+    ]  # fmt: skip
+    assert end.endswith("cut.bin: ends within a sample, of which 1 byte is left out; is it whole?")
+    assert "and every 720 from there, not at sample 300; set the frame offset" in offset
+
+
 def test_read_overlapping_pulses_are_flagged_and_not_read(tmp_path):
     rows = readings(tmp_path, tags=[{"sensor": "arm", "clock2_duty": "overlapping"}])
     assert len(rows) == 30

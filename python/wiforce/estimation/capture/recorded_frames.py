@@ -342,7 +342,7 @@ def frame_problem(mean_frame: Array, waveform: Waveform, frame_offset: int) -> s
     begin = (frame_offset + offset + MARGIN) % length
     return (
         f"frames begin at sample {begin} and every {length} from there, not at sample "
-        f"{frame_offset}; set the frame offset, or put a Frame Alignment before the reader"
+        f"{frame_offset}; set the frame offset, or put a Frame Alignment before a Reader"
     )
 
 

@@ -51,6 +51,11 @@ class Capture:
         return sum(segment.length for segment in self.segments)
 
     @property
+    def cut_bytes(self) -> int:
+        """Bytes of a last sample that the file does not hold completely."""
+        return self.path.stat().st_size % DATATYPES[self.datatype].sample_bytes
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """All files of the recording that exist, those of a second antenna included."""
         return files_of(self.path)
