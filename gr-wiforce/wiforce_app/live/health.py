@@ -9,6 +9,7 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
+from gnuradio.wiforce.planning.room.findings import other_clocks
 from gnuradio.wiforce.press.sensor_state import (
     PATIENCE_S,
     RETUNED,
@@ -133,13 +134,8 @@ class RunHealth:
 
     def _never_received(self):
         """What the survey of the room suggests of a tag that was never received."""
-        others = [f"{clock.clock_hz:.6g} Hz" for clock in self._stream.plan.others]
-        if not others:
-            return " (is the tag on, and clock_hz its clock?)"
-        return (
-            f" (on the air is a clock of {' and '.join(others)}, which the scene does not list: "
-            "is it the scene of what is received?)"
-        )
+        others = other_clocks([clock.clock_hz for clock in self._stream.plan.others])
+        return f" ({others or 'is the tag on, and clock_hz its clock?'})"
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)

@@ -160,11 +160,12 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
             f"no sounding frames found ({describe_frames(scene.waveform())}): check antennas and "
             "cables, raise --tx-gain or --rx-gain",
         ]
+    others_hz = [found.frequency_hz for found in findings.room if found.kind == "tag"]
     return [
         *outside_band(scene),
         *advice_on_levels(findings.levels),
         *_advice_on_loss(findings),
-        *advice_on_sensors(findings.sensors, scene),
+        *advice_on_sensors(findings.sensors, scene, others_hz),
     ]
 
 

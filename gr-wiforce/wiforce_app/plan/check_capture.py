@@ -14,6 +14,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.findings import other_clocks
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
@@ -51,18 +52,19 @@ def _excess_db(clipped):
     return 20 * math.log10(4 * deviation) + 6
 
 
-def advice_on_sensors(tags, scene):
-    """What to change because of the tags that were measured (``room_report.measure_tag``)."""
+def advice_on_sensors(tags, scene, others_hz):
+    """What to change because of the tags that were measured (``room_report.measure_tag``).
+
+    ``others_hz`` are clocks of tags that the scene does not list.
+    """
     for tag, sensor in zip(tags, scene.sensors, strict=False):
-        yield from _of_sensor(tag, sensor)
+        yield from _of_sensor(tag, sensor, other_clocks(others_hz))
 
 
-def _of_sensor(tag, sensor):
+def _of_sensor(tag, sensor, others):
     if tag.clock_offset_ppm is None:
-        yield (
-            f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: check that it is on and "
-            "near enough, and clock_hz in the scene"
-        )
+        check = "check that it is on and near enough, and clock_hz in the scene"
+        yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {others or check}"
         return
     if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
         yield (
@@ -108,28 +110,31 @@ def check_capture(path, scene_path, datatype=None):
     first = first_frame(capture, waveform, place)
     samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
     levels = asdict(measure_levels(samples, waveform))
-    tags, reason = _tags(capture, scene)
+    tags, others_hz, reason = _tags(capture, scene)
     return {
         "files": files,
         "first_frame": first,
         "levels": levels,
         "sensors": [asdict(tag) for tag in tags],
-        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene)],
+        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene, others_hz)],
         "notes": reason,
         "warnings": [*differences, *_warnings(antennas, files)],
     }
 
 
 def _tags(capture, scene):
-    """The scene's tags in the first groups of a capture; where there are none, the reason."""
+    """The scene's tags in the first groups of a capture, the clocks of others; where the scene's
+    are none, the reason.
+    """
     groups = []
     try:
         reader = RecordingReader(capture, plan(scene), on_groups=groups.append)
         next(iter(reader))
     except InputError as error:
-        return [], [f"tags were not looked for: {error}"]
+        return [], [], [f"tags were not looked for: {error}"]
     seen = groups[0] if groups else Groups(np.zeros(0, np.int64))
-    return [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)], []
+    tags = [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)]
+    return tags, [clock.clock_hz for clock in reader.plan.others], []
 
 
 def _file(capture, radio):

@@ -235,6 +235,17 @@ def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
     assert "none, ready to be read; only `read` can tell" in check(tmp_path / "press").stdout
 
 
+def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
+    """It asked whether the tag was on, whose clock a survey of the same samples showed."""
+    wiforce.simulate(wiforce.load_scene({**SCENE, "reference_s": 0.2}), tmp_path / "press")
+    other = {**SCENE, "reference_s": 0.2, "sensors": [{**SCENE["sensors"][0], "clock_hz": 340}]}
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
+    done = check(tmp_path / "press", "--scene", tmp_path / "other.yaml", "--json")
+    (advice,) = json.loads(done.stdout)["advice"]
+    assert advice.startswith("arm: no tag detected at 340 Hz: on the air is a clock of 300.")
+    assert advice.endswith("which the scene does not list: is it the scene of what is received?")
+
+
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     raw = capture.with_suffix(".sigmf-data").rename(tmp_path / "press.bin")

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.planning.room.findings import Finding
 from gnuradio.wiforce.planning.room.report import MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -44,6 +45,14 @@ def test_check_timing_shift_is_part_of_advice(slow_scene):
     findings = Findings("a device", {}, levels, frames_moved=2, sensors=[MeasuredTag("arm", 1.0)])
     (advice,) = advice_on(findings, load_scene(slow_scene))
     assert "frame timing shifted 2 times" in advice
+
+
+def test_check_without_a_tag_at_its_clock_names_the_one_on_the_air(slow_scene):
+    levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
+    room = [Finding("tag", 400.016, 0.0, "a tag", "solved for", True)]
+    findings = Findings("a device", {}, levels, sensors=[MeasuredTag("arm")], room=room)
+    (advice,) = advice_on(findings, load_scene(slow_scene))
+    assert ": on the air is a clock of 400.016 Hz, which the scene does not list" in advice
 
 
 @pytest.mark.parametrize("clipped, step", [(1e-4, "6 dB"), (0.45, "17 dB"), (1.0, "36 dB or more")])

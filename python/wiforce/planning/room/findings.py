@@ -109,6 +109,17 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
     return None
 
 
+def other_clocks(clocks_hz: Sequence[float]) -> str:
+    """That tags are received with clocks that the scene does not list; empty without such."""
+    if not clocks_hz:
+        return ""
+    named = " and ".join(f"{clock_hz:.6g} Hz" for clock_hz in clocks_hz)
+    return (
+        f"on the air is a clock of {named}, which the scene does not list: is it the scene of what "
+        "is received?"
+    )
+
+
 def wrong_rate(found: Sequence[Finding], plan: Plan) -> str:
     """That a tag is received at a simple multiple of a clock of the scene.
 
