@@ -13,6 +13,7 @@ Two words that follow are the scene and the type of raw samples: demo ci16_le.
 import sys
 
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 
 
@@ -105,4 +106,7 @@ def main(capture, output, scene=None, datatype=None):
 if __name__ == "__main__":
     if len(sys.argv) not in (3, 5):
         sys.exit("usage: chain_from_file.py CAPTURE READINGS.csv [SCENE ci16_le|cf32_le]")
-    main(*sys.argv[1:])
+    try:
+        main(*sys.argv[1:])
+    except InputError as error:  # no such capture, or not of this scene: a sentence says which
+        sys.exit(str(error))

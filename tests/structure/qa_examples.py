@@ -92,6 +92,12 @@ def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
     assert sum(line.startswith("device: must be a USRP that answers (") for line in said) == 1
 
 
+def test_chain_from_a_file_that_is_missing_ends_with_one_sentence(tmp_path):
+    command = [sys.executable, HEADLESS / "chain_from_file.py", "nofile", tmp_path / "out.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (1, "nofile.sigmf-meta: no such file\n")
+
+
 def test_read_recording_of_another_scene_ends_with_one_sentence(capture, tmp_path):
     command = [sys.executable, HEADLESS / "read_recording.py", capture[0], tmp_path / "out.csv"]
     done = subprocess.run([*command, "demo"], capture_output=True, text=True, timeout=300)
