@@ -54,7 +54,18 @@ class PacketPlans:
             period_s / len(times_s), plan.waveform.averaging_s, subcarrier_hz, channels=channels
         )
         changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
-        self._plans = [changed.with_clocks(plan.clocks)]
+        try:
+            self._plans = [changed.with_clocks(plan.clocks)]
+        except InputError as error:
+            if len(times_s) >= _FEW * plan.group_length:
+                raise
+            rule = (
+                f"must hold packets throughout reference_s: a typical group of it has "
+                f"{len(times_s)} of the {plan.group_length} of phase_group.snapshots, which do not "
+                f"determine the lines of the tags; {bounds[-1]} of {len(time_s)} packets lie in "
+                "the reference"
+            )
+            raise InputError("time_s", rule) from error
         if scene.environment.moving_clutter_hz is None:
             self._plans += _other_bands(self._plans[0])
         looked_at = np.arange(min(changed.reference_groups, _BAND_GROUPS) + 1)
