@@ -206,7 +206,7 @@ def _timing(recording):
     steps = np.diff(recording.time_s)
     median = float(np.median(steps))
     gaps = steps[steps > max(_GAP_S, _GAP_INTERVALS * median)]
-    received_s = recording.span_s - CLOCK_STEP_S * recording.clock_steps
+    received_s = recording.received_s
     stamps = recording.time_s - recording.time_s[0]
     grid = next(
         (s for s in _GRIDS_S if np.all(np.abs(stamps / s - np.rint(stamps / s)) < 1e-3)), 0.0

@@ -173,7 +173,7 @@ class SnapshotReader:
         """What is wrong with the interval of the packets; empty if it is that of the scene."""
         packets, recording = plan.require_scene().packets, self._recording
         assert packets is not None  # as _check requires
-        mean_s = recording.span_s / (len(recording.time_s) - 1)
+        mean_s = recording.received_s / (len(recording.time_s) - 1)
         if max(mean_s / packets.interval_s, packets.interval_s / mean_s) <= _OTHER_INTERVAL:
             return ""
         count = plan.group_period_s / mean_s

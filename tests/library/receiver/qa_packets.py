@@ -202,6 +202,33 @@ def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
     assert done.returncode == (2 if factor > 10 else 0)
 
 
+def test_gap_that_is_assumed_does_not_count_for_the_interval(tmp_path):
+    """The 30 s at a step of the clock made packets every 1.1 ms come every 5 ms on average."""
+    capture = capture_of(duration_s=8.0)
+    capture.time_s[len(capture.time_s) * 7 // 8 :] -= 5.0
+    capture.save(tmp_path / "p.npz")
+    (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
+    done = run_command("read", "p.npz", "--scene", "scene.yaml", "-o", "a.csv", cwd=tmp_path)
+    assert "the clock of the packets stepped back once" in done.stderr
+    assert "packets come every" not in done.stderr
+
+
+def test_reference_with_hardly_a_packet_is_named(tmp_path):
+    """A file with nearly all its packets in one second asked for longer groups."""
+    capture = capture_of(duration_s=6.5)
+    since = capture.time_s - capture.time_s[0]
+    kept = (since > 5.5) | (np.arange(len(since)) == 10)
+    capture.time_s, capture.channel = capture.time_s[kept], capture.channel[kept]
+    scene = scene_of(packets={"interval_s": 0.007}, phase_group={"snapshots": 72})
+    with pytest.raises(InputError) as refused:
+        readings_of(capture, tmp_path, scene)
+    assert str(refused.value) == (
+        "time_s: must hold packets throughout reference_s: a typical group of it has 1 of the 72 "
+        "of phase_group.snapshots, which do not determine the lines of the tags; 1 of 869 packets "
+        "lie in the reference"
+    )
+
+
 def test_plan_says_that_a_wifi_card_has_no_such_snr():
     """The default of 10 dB is that of samples; a plan would promise a twentieth of the error."""
     done = run_command("plan", "wifi_packets", "--json")

@@ -110,6 +110,11 @@ class ChannelSnapshots:
         return float(self.time_s[-1] - self.time_s[0])
 
     @property
+    def received_s(self) -> float:
+        """The same without the gaps that are assumed where its clock stepped back."""
+        return self.span_s - CLOCK_STEP_S * self.clock_steps
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """Files that it was read from."""
         return (self.path,)
