@@ -34,6 +34,7 @@ FAMILIES = {
     "off states": ("turned touches", "off states"),
     "off states in error": ("turned touches", "off states", "in error"),
     "tremor": ("tremor",),
+    "brownouts": ("brownouts",),
 }
 
 
@@ -99,7 +100,7 @@ def shifted_deg(nearer_mm):
 
 @dataclass
 class _Tag:
-    """One sensor over the points of time (G, P), and whether its tag is on in each group."""
+    """One sensor over the points of time (G, P), and the share of each group that its tag is on."""
 
     force: np.ndarray
     location: np.ndarray
@@ -109,8 +110,9 @@ class _Tag:
 
 def tag_of(force, location, ratios, on, shape):
     """A tag from arrays over all points of time."""
-    of_groups = force.reshape(shape), location.reshape(shape), ratios.reshape(*shape, 2)
-    return _Tag(*of_groups, on.reshape(shape).all(axis=1))
+    received = (ratios * on[:, None]).reshape(*shape, 2)
+    of_groups = force.reshape(shape), location.reshape(shape), received
+    return _Tag(*of_groups, on.reshape(shape).mean(axis=1))
 
 
 class Sequence:
@@ -224,6 +226,9 @@ class Sequence:
         if "silence" in effects:
             for at in _moments(rng, 0.15, self._end):
                 on &= ~((t > at) & (t < at + log_uniform(rng, 0.05, 3.5)))
+        if "brownouts" in effects:  # a supply that does not suffice
+            period, share = log_uniform(rng, 0.15, 1.5), rng.uniform(0.3, 0.9)
+            on &= (t < REFERENCE_S + 0.5) | ((t / period + rng.random()) % 1 < share)
         return tag_of(force, location, ratios, on, self._shape)
 
     def _tremor(self, spans):

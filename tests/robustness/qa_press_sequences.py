@@ -11,7 +11,7 @@ from press_sequences import FAMILIES, Sequence
 from sequence_readings import by_receiver, by_stream, score
 
 # What looks like a press where it coincides with one.
-TURNING = "turns", "turning mixture", "cables"
+TURNING = "turns", "turning mixture", "cables", "brownouts"
 # Of unflagged readings, for a few sequences and for 200.
 SHORT, LONG = 1e-3, 2e-4
 SHORT_TURNING = 3e-2
@@ -19,6 +19,7 @@ LONG_TURNING = {
     "turns": 5e-3,
     "turning mixture": 5e-3,
     "cables": 2e-2,
+    "brownouts": 1e-2,
     "off states in error": 5e-3,
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.

@@ -19,6 +19,7 @@ TURNS_PER_S, TOUCHED_TURNS_PER_S = 0.3, 0.5
 # by so many standard deviations.
 _STDS, _FORCE_N, _LOCATION_MM, _ONSET_MARGIN_N, _FAR_STDS = 5.0, 0.3, 1.0, 0.3, 20.0
 _STATIC_DB = 50.0  # static path over the tag's line 1
+_LEAST_RECEIVED = 0.1  # share of a group for which a tag is on that is received in it
 _BATCHES = 1, 3, 16, 28, 100
 
 
@@ -72,7 +73,7 @@ def _separated(sequence, plan):
     variance = 2 * len(k) * np.radians(sequence.noise_deg) ** 2
     shape = sequence.groups, len(ends[0]), len(k)
     noise = rng.standard_normal((2, *shape)) * np.sqrt(variance / 2)
-    on = np.stack([tag.on for tag in sequence.tags], axis=1)
+    on = np.stack([tag.on >= _LEAST_RECEIVED for tag in sequence.tags], axis=1)
     static = 10 ** (_STATIC_DB / 20) * gain.mean(axis=1)[:, None] * np.exp(-0.03j * k)
     static = static + np.sqrt(variance / 2) * (
         rng.standard_normal(static.shape) + 1j * rng.standard_normal(static.shape)
@@ -201,21 +202,21 @@ class Score:
     def _judge(self, sequence, reading, force, location, on):
         onset, flags = sequence.truth.onset_force_n, set(reading.flags) - {"reference"}
         read, steady = not flags and reading.touch is not None, np.ptp(force) + np.ptp(location)
-        seen = bool(on and sequence.received[reading.group])
-        untouched = force.max() == 0 and reading.time_s > REFERENCE_S
-        pressed = steady == 0 and force[0] > onset + _ONSET_MARGIN_N
+        seen = bool(on == 1 and sequence.received[reading.group])
+        untouched = seen and force.max() == 0 and reading.time_s > REFERENCE_S
+        pressed = seen and steady == 0 and force[0] > onset + _ONSET_MARGIN_N
         counted = {
             "unflagged": read,
-            "untouched": seen and untouched,
+            "untouched": untouched,
             "untouched, read": read and untouched and reading.touch == 0,
-            "pressed": seen and pressed,
+            "pressed": pressed,
             "pressed, read": read and pressed and reading.touch == 1,
         }
         if counted["pressed, read"] and reading.force_n is not None:
             counted["pressed, inside"] = abs(reading.force_n - force[0]) < 2 * reading.force_std_n
         self.counts.update([what for what, is_so in counted.items() if is_so])
         if not read:
-            if pressed and seen:
+            if pressed:
                 self.counts.update(f"flag {flag}" for flag in flags)
             return
         missed = reading.touch == 0 and force.min() > onset + _ONSET_MARGIN_N

@@ -128,6 +128,7 @@ struct explanation {
         double seen_variance = 0;
         double log_density = 0; // over that of any mixture
         int groups = 0;
+        bool after_silence = false; // the first of them
     } mixture;
 
     bool lasts = false;   // nothing has changed since the group before

@@ -347,6 +347,7 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.before = from.is;
     found.age_s = from.age_s;
     found.groups = 1;
+    found.after_silence = d_silent;
     if (from.is == untouched)
         found.start = untouched_ratio(from);
     else {
@@ -356,6 +357,8 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
             found.start[e] = std::polar(
                 std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
     }
+    if (d_silent)
+        found.log_density = chord(found, {}, 0);
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
         found.log_density = log_sum(

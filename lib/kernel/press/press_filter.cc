@@ -28,6 +28,12 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
 
 void press_filter::pass(const press_observation& group)
 {
+    follow_receiver(group);
+    d_silent = true;
+}
+
+void press_filter::follow_receiver(const press_observation& group)
+{
     d_passed.receiver_phase += group.receiver_phase;
     d_passed.receiver_amplitude += group.receiver_amplitude;
     d_passed.receiver_variance += group.receiver_variance;
@@ -38,7 +44,7 @@ void press_filter::take(const press_observation& group)
 {
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
-    pass(group);
+    follow_receiver(group);
     d_group = group;
     d_group.receiver_phase = d_passed.receiver_phase;
     d_group.receiver_amplitude = d_passed.receiver_amplitude;
@@ -86,6 +92,7 @@ void press_filter::take(const press_observation& group)
         }
     }
     settle();
+    d_silent = false;
 }
 
 void press_filter::start(const press_observation& group)
@@ -114,8 +121,23 @@ void press_filter::start(const press_observation& group)
 
 // ---- what may have happened
 
-void press_filter::branch(const explanation& from)
+void press_filter::branch(explanation& from)
 {
+    // Beside a silence the tag may have been received for a part of the group.
+    const auto& mixture = from.mixture;
+    if (from.is == mixed && (d_silent || mixture.after_silence)) {
+        auto resumed = from;
+        resumed.is = mixture.before;
+        resumed.age_s = mixture.age_s;
+        resumed.log_weight += std::log(part_silent);
+        if (mixture.groups == 1)
+            resumed.log_weight += chord(mixture, {}, 0, 1e-12) - mixture.log_density;
+        branch(resumed);
+        from.log_weight += std::log1p(-part_silent);
+    } else if (from.is != mixed && d_silent) {
+        mix(from, part_silent);
+        from.log_weight += std::log1p(-part_silent);
+    }
     if (from.is == mixed)
         branch_mixed(from);
     else if (from.is == untouched)

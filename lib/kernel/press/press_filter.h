@@ -72,7 +72,8 @@ private:
 
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
-    void branch(const explanation& from);
+    void follow_receiver(const press_observation& group);
+    void branch(explanation& from);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
@@ -163,7 +164,8 @@ private:
     both_amplitudes seen_amplitude() const;
 
     // Groups in which something changes.
-    static double chord(const mixture& seen, const both_ends& to, double variance);
+    static double
+    chord(const mixture& seen, const both_ends& to, double variance, double any = 0.25);
     both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;
     outcome describe(const explanation& of) const;
@@ -183,6 +185,7 @@ private:
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it
     press_observation d_passed; // what the receiver has done since
+    bool d_silent = false;      // the tag was not received just before the group
     double d_elapsed_s = 0;     // since the group before
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;

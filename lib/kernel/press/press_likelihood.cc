@@ -372,8 +372,9 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 }
 
 // Log density of a mixture of the state before and the one after, over that of any
-// mixture.
-double press_filter::chord(const mixture& from, const both_ends& to, double variance)
+// mixture, of which there is a share.
+double
+press_filter::chord(const mixture& from, const both_ends& to, double variance, double any)
 {
     double length2 = 0, along = 0, noise = 0;
     both_ends step, seen;
@@ -398,7 +399,7 @@ double press_filter::chord(const mixture& from, const both_ends& to, double vari
     };
     const double on = (across(noise) + across(beside) + across(ramped)) / 4 /
                       (std::sqrt(length2) + 3 * std::sqrt(noise));
-    return std::log(on * std::exp(-log_any_mixture) + 0.25);
+    return std::log(on * std::exp(-log_any_mixture) + any);
 }
 
 both_ends press_filter::untouched_ratio(const explanation& of) const

@@ -294,6 +294,19 @@ def test_group_that_cannot_be_read_changes_nothing():
     np.testing.assert_array_equal(press_filter.take(lost), before)
 
 
+def test_groups_that_a_silence_cuts_are_no_turns():
+    """They counted as turns, and then a press at mid-line was one more, while nobody touched."""
+    rows = rows_of(phases_of(MIDDLE, 122, 60, 0), period_s=0.036)
+    for begins in range(30, 175, 9):
+        rows["phase"][begins + 1 : begins + 5] = np.nan
+        rows["amplitude"][[begins, begins + 5]] = np.log(0.5)
+    found = explained(rows)
+    read = np.isfinite(rows["phase"][:-1, 0]) & (rows["amplitude"][:-1, 0] == 0)
+    pressed = probability(found, found["is"] == PRESSED, len(rows) - 1)
+    assert pressed[125:][read[125:]].min() > 0.99
+    assert probability(found, found["turns"], len(rows) - 1)[read].max() < 0.05
+
+
 @pytest.mark.parametrize("period_s", [0.0072, 0.144])
 def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     """A sensor that nobody touches for half a minute was read as touched, without a flag."""
