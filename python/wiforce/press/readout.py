@@ -22,7 +22,7 @@ _GAP = flag_words(Flag.GAP.value)
 class Readout:
     """Gives the readings of all sensors of a run, one group late.
 
-    What a group was is clear when the next one is stages. Earlier groups than ``first_group`` are
+    What a group was is clear when the next one is known. Earlier groups than ``first_group`` are
     not given; ``counts`` continues those of the readings given before. R is a ``change``, ``step``
     or ``square`` (see ``estimators.Estimator``).
     """
