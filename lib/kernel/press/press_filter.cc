@@ -123,27 +123,34 @@ void press_filter::start(const press_observation& group)
 
 void press_filter::branch(explanation& from)
 {
-    // Beside a silence the tag may have been received for a part of the group.
-    const auto& mixture = from.mixture;
-    if (from.is == mixed && (d_silent || mixture.after_silence)) {
-        auto resumed = from;
-        resumed.is = mixture.before;
-        resumed.age_s = mixture.age_s;
-        resumed.log_weight += std::log(part_silent);
-        if (mixture.groups == 1)
-            resumed.log_weight += chord(mixture, {}, 0, 1e-12) - mixture.log_density;
-        branch(resumed);
-        from.log_weight += std::log1p(-part_silent);
-    } else if (from.is != mixed && d_silent) {
-        mix(from, part_silent);
+    const bool changed = from.is == mixed;
+    if (d_silent || (changed && from.mixture.after_silence)) {
+        // The tag may have been received for a part of the group.
+        if (changed)
+            resume(from, part_silent);
+        else
+            mix(from, part_silent);
         from.log_weight += std::log1p(-part_silent);
     }
-    if (from.is == mixed)
+    if (changed)
         branch_mixed(from);
     else if (from.is == untouched)
         branch_untouched(from);
     else
         branch_touched(from);
+}
+
+// Nothing has changed but that the tag was silent in a part of the group before.
+void press_filter::resume(const explanation& from, double probability)
+{
+    const auto& mixture = from.mixture;
+    auto next = from;
+    next.is = mixture.before;
+    next.age_s = mixture.age_s;
+    next.log_weight += std::log(probability);
+    if (mixture.groups == 1)
+        next.log_weight += chord(mixture, {}, 0, 1e-12) - mixture.log_density;
+    branch(next);
 }
 
 namespace {
@@ -606,8 +613,7 @@ void press_filter::claim_untouched(double probability)
                 if (shows_turns(kept)) {
                     const auto caused =
                         d_off.amplitude(kept.change(kept.press.motion.phase()));
-                    kept.press.strength.mean -= (caused[0] + caused[1]) / 2;
-                    kept.press.strength.difference -= caused[0] - caused[1];
+                    kept.press.strength.grow({ -caused[0], -caused[1] });
                     kept.press.with_common = 0;
                 }
             } else if (kept.press.steady)

@@ -74,6 +74,7 @@ private:
     void start(const press_observation& group);
     void follow_receiver(const press_observation& group);
     void branch(explanation& from);
+    void resume(const explanation& from, double probability);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);

@@ -334,9 +334,7 @@ both_amplitudes press_filter::seen_strength(const explanation& of) const
     auto seen = of.press.strength;
     if (!shows_turns(of))
         return seen;
-    const auto caused = d_off.amplitude(of.change(of.press.motion.phase()));
-    seen.mean += (caused[0] + caused[1]) / 2;
-    seen.difference += caused[0] - caused[1];
+    seen.grow(d_off.amplitude(of.change(of.press.motion.phase())));
     return seen;
 }
 
@@ -372,7 +370,7 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 }
 
 // Log density of a mixture of the state before and the one after, over that of any
-// mixture, of which there is a share.
+// mixture; the latter itself has this share.
 double
 press_filter::chord(const mixture& from, const both_ends& to, double variance, double any)
 {
