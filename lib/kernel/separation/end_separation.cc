@@ -34,16 +34,7 @@ template <class T>
 WIFORCE_CLONES void
 color(const group_weights& weights, const T* white, std::size_t columns, T* parts)
 {
-    std::vector<double> packed;
-    const std::size_t count = weights.tones();
-    std::fill_n(parts, count * columns, 0.0);
-    add_product({ weights.colorer().data(), count, 1, 1, true },
-                count,
-                count,
-                white,
-                columns,
-                parts,
-                packed);
+    triangular_product(weights.colorer().data(), weights.tones(), white, columns, parts);
 }
 
 // Subtracts all ends from parts, M x K, that are not whitened. `mixing`: M x E, of these.

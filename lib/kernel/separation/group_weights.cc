@@ -9,13 +9,11 @@
 
 namespace gr::wiforce::kernel {
 
-namespace {
-
 template <class T>
-inline __attribute__((always_inline)) void parts_of_any(const std::complex<T>* tones,
-                                                        std::size_t count,
-                                                        std::size_t subcarriers,
-                                                        std::complex<double>* parts)
+WIFORCE_CLONES void parts_of(const std::complex<T>* tones,
+                             std::size_t count,
+                             std::size_t subcarriers,
+                             std::complex<double>* parts)
 {
     const auto* const from = reinterpret_cast<const T*>(tones);
     auto* const to = reinterpret_cast<double*>(parts);
@@ -34,25 +32,10 @@ inline __attribute__((always_inline)) void parts_of_any(const std::complex<T>* t
     }
 }
 
-} // namespace
-
-WIFORCE_CLONES
-void parts_of(const std::complex<float>* tones,
-              std::size_t count,
-              std::size_t subcarriers,
-              std::complex<double>* parts)
-{
-    parts_of_any(tones, count, subcarriers, parts);
-}
-
-WIFORCE_CLONES
-void parts_of(const std::complex<double>* tones,
-              std::size_t count,
-              std::size_t subcarriers,
-              std::complex<double>* parts)
-{
-    parts_of_any(tones, count, subcarriers, parts);
-}
+template void
+parts_of(const std::complex<float>*, std::size_t, std::size_t, std::complex<double>*);
+template void
+parts_of(const std::complex<double>*, std::size_t, std::size_t, std::complex<double>*);
 
 WIFORCE_CLONES
 void tone_of(const std::complex<double>* parts,
@@ -76,10 +59,7 @@ double whiten(const double* whitener,
               std::size_t subcarriers,
               std::complex<double>* white)
 {
-    std::fill_n(white, count * subcarriers, 0.0);
-    std::vector<double> packed;
-    add_product(
-        { whitener, count, 1, 1, true }, count, count, parts, subcarriers, white, packed);
+    triangular_product(whitener, count, parts, subcarriers, white);
     return power_of(white, count * subcarriers) /
            double(std::max<std::size_t>(count * subcarriers, 1));
 }

@@ -14,11 +14,8 @@ namespace gr::wiforce::kernel {
 // each pair is a + jb and a - jb. These parts a and b (M x K, pair by pair from the
 // lowest frequency) have real weights, hence noise of a real covariance and a real
 // response to the tags' waveforms, which costs half to a quarter of the arithmetic.
-void parts_of(const std::complex<float>* tones,
-              std::size_t count,
-              std::size_t subcarriers,
-              std::complex<double>* parts);
-void parts_of(const std::complex<double>* tones,
+template <class T> // float or double
+void parts_of(const std::complex<T>* tones,
               std::size_t count,
               std::size_t subcarriers,
               std::complex<double>* parts);

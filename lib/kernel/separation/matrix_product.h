@@ -120,4 +120,14 @@ inline __attribute__((always_inline)) void add_product(const left_factor& left,
                 packed);
 }
 
+// to = lower x right, with a lower triangular matrix (count x count).
+template <class T>
+inline __attribute__((always_inline)) void triangular_product(
+    const double* lower, std::size_t count, const T* right, std::size_t columns, T* to)
+{
+    std::vector<double> packed;
+    std::fill_n(to, count * columns, 0.0);
+    add_product({ lower, count, 1, 1, true }, count, count, right, columns, to, packed);
+}
+
 } // namespace gr::wiforce::kernel
