@@ -54,8 +54,7 @@ class PartialWeights:
 
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
         """Tones of a group from the snapshots present, as :func:`tones_of`."""
-        samples = np.ascontiguousarray(snapshots, complex).view(float)
-        return _of_parts((self.parts @ samples).view(complex))
+        return _tones(self.parts, snapshots)
 
 
 class PartialSolver:
@@ -113,8 +112,13 @@ class PartialSolver:
 
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
     """``weights @ snapshots``, (M, n); conjugate rows of opposite frequency share products."""
+    return _tones(parts_of(weights), snapshots)
+
+
+def _tones(parts: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
+    """Tones (M, K) of snapshots (n, K), by the parts (M, n) of their weights."""
     samples = np.ascontiguousarray(snapshots, complex).view(float)
-    return _of_parts((parts_of(weights) @ samples).view(complex))
+    return _of_parts((parts @ samples).view(complex))
 
 
 def parts_of(weights: np.ndarray) -> np.ndarray:
