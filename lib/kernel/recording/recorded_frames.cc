@@ -24,6 +24,7 @@ recorded_frames::recorded_frames(const std::string& path,
     : d_folder(folder),
       d_recording(path, datatype, segments, header_bytes),
       d_walk(folder, frame_offset),
+      d_watched(READ_BYTES),
       d_on_slip(std::move(on_slip))
 {
 }
@@ -57,7 +58,6 @@ void recorded_frames::pass(std::uint64_t samples)
     d_recording.pass(unwatched);
     for (std::uint64_t left = samples - unwatched; left > 0;) {
         const std::uint64_t count = std::min(left, read_at_once());
-        d_watched.resize(READ_BYTES);
         const std::uint64_t read =
             d_recording.read(d_recording.sample(), count, d_watched.data());
         d_recording.visit(d_watched.data(),
