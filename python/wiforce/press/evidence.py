@@ -166,6 +166,8 @@ class PressEvidence:
             if touched == 0 and (self._open or self._odd):
                 self._close()
             elif touched == 1 and row["unexplained"]:
+                self._record.readings += 1
+                self._record.unexplained += 1
                 self._odd.add(row["level"])
             elif touched == 1 and row["clear"]:
                 self._record.readings += 1

@@ -45,11 +45,12 @@ def presses(line, slide_mm=0.0, off=0.0, contact=1.0):
     )
 
 
-def rows_of(ratios, psi, touch, clear=True, flags=0):
+def rows_of(ratios, psi, touch, clear=True, flags=0, unexplained=False):
     """What groups say: ratios, phases and touch, as the kernel gives them."""
     read = np.zeros(len(touch), group_reading)
     columns = {"level": ratios, "phases_deg": psi, "psi_std_deg": STD_DEG, "touch": touch}
-    for name, values in {**columns, "clear": clear, "flags": flags}.items():
+    stated = {"clear": clear, "flags": flags, "unexplained": unexplained}
+    for name, values in {**columns, **stated}.items():
         read[name] = values
     return read
 
@@ -134,15 +135,14 @@ def test_evidence_phases_of_no_press_cast_suspicion_on_the_file(sensor):
     flags = Flag.EXTRAPOLATED.value
     evidence.take(rows_of(ratios, 0, touch, True, flags))
     assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
+    # A press that the filter cannot explain is flagged, and says the same.
+    evidence.reset()
+    evidence.take(rows_of(ratios, 0, touch, False, Flag.INCONSISTENT.value, touch == 1))
+    assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
     # What other stages flag says nothing of the file.
     evidence.reset()
     evidence.take(rows_of(ratios, 0, touch, False, flags))
     assert evidence.suspicions == []
-
-
-def follow(path, magnitudes, first=0):
-    for group, size in enumerate(magnitudes, first):
-        path.follow(PERIOD_S * group, (size, size), (STD_DEG, STD_DEG))
 
 
 def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):
