@@ -12,19 +12,24 @@ from card_rooms import (
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from long_cases import cases
 
-STAMPED = 29, (5, 6, 7)
+LINE_DB = 29
 
 
 @pytest.fixture(scope="module")
-def exact(tmp_path_factory):
+def rooms(long_run):
+    return (5, 6, 7) if long_run else (5,)
+
+
+@pytest.fixture(scope="module")
+def exact(rooms, tmp_path_factory):
     """Steady readings with exact time stamps."""
-    return readings_of_rooms(*STAMPED, tmp_path_factory.mktemp("exact"))[0]
+    return readings_of_rooms(LINE_DB, rooms, tmp_path_factory.mktemp("exact"))[0]
 
 
 @pytest.mark.parametrize("stamps", cases({"stamp_grid_s": 1e-4}, long=({"stamp_s": 1e-4},)))
-def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_path):
+def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, rooms, exact, tmp_path):
     """They refused the whole file, with an infinite ratio of the tag."""
-    steady, clear, stds = readings_of_rooms(*STAMPED, tmp_path, **stamps)
+    steady, clear, stds = readings_of_rooms(LINE_DB, rooms, tmp_path, **stamps)
     assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
     assert stds.max() < 4
     # Standard deviations of the force also contain the drift that ten groups of reference allow.
@@ -33,7 +38,7 @@ def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, exact, tmp_pat
 
 
 @pytest.mark.parametrize("seed", cases(5, long=(6, 7)))
-@pytest.mark.parametrize("stamps", [{"stamp_grid_s": 1e-3}, {"stamp_s": 1e-3}])
+@pytest.mark.parametrize("stamps", cases({"stamp_grid_s": 1e-3}, long=({"stamp_s": 1e-3},)))
 def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, seed, tmp_path):
     """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
     _, clear, stds = readings_of_rooms(29, (seed,), tmp_path, **stamps)

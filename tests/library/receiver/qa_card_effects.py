@@ -84,7 +84,9 @@ def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
 STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0}
 
 
-@pytest.mark.parametrize("effects, least, within_n", [(STEADY, 0.75, 0.4), ({}, 0.0, np.inf)])
+@pytest.mark.parametrize(
+    "effects, least, within_n", cases((STEADY, 0.75, 0.4), long=(({}, 0.0, np.inf),))
+)
 def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
     effects, least, within_n, tmp_path
 ):
@@ -107,11 +109,12 @@ def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
     assert (errors < 4 * clear["force_std_n"]).all() and (errors < within_n).all()
 
 
-NEAR, FAR = (22, (5, 11, 13)), (29, (5, 6, 8))
+NEAR, FAR = (22, (11, 13)), (29, (5, 6, 8))
 
 
 @pytest.mark.parametrize(
-    "line_db, seeds, phases", cases((*NEAR, 4), long=((*NEAR, 2), (*FAR, 2), (*FAR, 4)))
+    "line_db, seeds, phases",
+    cases((22, (5,), 4), long=((*NEAR, 2), (*NEAR, 4), (*FAR, 2), (*FAR, 4))),
 )
 def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, tmp_path):
     """An AX200 flips several times per second: no reading was without a flag."""
@@ -119,12 +122,13 @@ def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, 
     steady, clear, stds = readings_of_rooms(line_db, seeds, tmp_path, **effects)
     assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
     errors = np.abs(clear["force_n"] - FORCE_N)
-    # In the first room the tag has an SNR of -4 dB, and forces a standard deviation of 0.3 N.
+    # In room 5 the tag has an SNR of -4 dB, and forces a standard deviation of 0.3 N.
     assert np.quantile(errors, 0.9) < 0.4 and stds.max() < 4
     assert np.abs(clear["location_mm"] - LOCATION_MM).max() < 0.5
 
 
-@pytest.mark.parametrize("seed", cases(6, long=(7, 9)))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [6, 7, 9])
 def test_flips_of_90_degrees_with_a_tag_of_half_that_size_give_no_wrong_reading(seed, tmp_path):
     """Most readings are flagged, since such a tag looks like the flips."""
     _, clear, stds = readings_of_rooms(22, (seed,), tmp_path, flip_s=0.4, flip_phases=4)
@@ -191,9 +195,12 @@ def test_gains_of_single_antennas_that_step_are_followed(line_db, tmp_path):
 
 def test_packets_of_another_sender_are_left_out_and_counted(tmp_path):
     capture = capture_of(35, strangers=0.1, repeated=0.0)
-    _, steady, clear, stds = readings_of(capture, tmp_path)
-    assert len(clear) > 0.75 * len(steady) and stds.max() < 4
+    capture.save(tmp_path / "p.npz")
     reader = SnapshotReader(open_snapshots(tmp_path / "p.npz"), plan(scene_of()))
+    steady = [reading for batch in reader for reading in batch if 3.25 < reading.time_s < 6.75]
+    clear = [reading for reading in steady if not reading.flags]
+    assert len(clear) > 0.75 * len(steady)
+    assert max(abs(each.force_n - FORCE_N) / each.force_std_n for each in clear) < 4
     (note,) = [note for note in reader.notes if "another sender" in note]
     count = int(note.split()[2])
     assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)

@@ -130,7 +130,7 @@ ONE = {"environment": {"receive_antennas": 1}}
 
 def test_one_antenna_over_80_mhz_is_read_within_2_db_of_its_bound(tmp_path):
     """Tags 60 dB below the static path; a packet's phase was thought to hide all of them."""
-    capture = capture_of(4, antennas=1, subcarriers=256)
+    capture = capture_of(6, antennas=1, subcarriers=64, spacing_hz=1.25e6, noise=0.5)
     readings = readings_of(capture, tmp_path, scene_of(**ONE))
     errors, bounds = phase_errors(readings, capture)
     assert errors.shape == (4, 16) and excess_db(errors, bounds) < 2.0
@@ -179,7 +179,7 @@ def test_no_tag_gives_no_clear_reading(tmp_path):
 
 
 def test_packets_that_stop_are_flagged_as_a_gap(tmp_path):
-    capture = capture_of(duration_s=10.0)
+    capture = capture_of(subcarriers=8, noise=0.4, duration_s=10.0)
     since = capture.time_s - capture.time_s[0]
     kept = ~((since > 7.0) & (since < 7.3)) & ~((since > 8.0) & (since < 8.5))
     capture.time_s, capture.channel = capture.time_s[kept], capture.channel[kept]
@@ -192,7 +192,7 @@ def test_packets_that_stop_are_flagged_as_a_gap(tmp_path):
 @pytest.mark.parametrize("factor", [10.0, 1000.0])
 def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
     """Times in milliseconds gave a rule about lines of tags, and a slow sender only flags."""
-    capture = capture_of(duration_s=6.0)
+    capture = capture_of(subcarriers=8, duration_s=6.0)
     capture.time_s = capture.time_s * factor
     capture.save(tmp_path / "p.npz")
     (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
@@ -204,7 +204,7 @@ def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
 
 def test_gap_that_is_assumed_does_not_count_for_the_interval(tmp_path):
     """The 30 s at a step of the clock made packets every 1.1 ms come every 5 ms on average."""
-    capture = capture_of(duration_s=8.0)
+    capture = capture_of(subcarriers=8, duration_s=8.0)
     capture.time_s[len(capture.time_s) * 7 // 8 :] -= 5.0
     capture.save(tmp_path / "p.npz")
     (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
