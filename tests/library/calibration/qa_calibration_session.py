@@ -320,7 +320,10 @@ def test_press_that_slipped_in_mid_sweep_causes_a_warning_at_once(name, slip_mm)
 
 @pytest.mark.parametrize(
     ("place", "error_mm"),
-    cases((30.0, 3.0), (50.0, -3.0), long=((30.0, -3.0), (40.0, 3.0), (40.0, -3.0), (50.0, 3.0))),
+    cases(
+        (50.0, -3.0),
+        long=((30.0, 3.0), (30.0, -3.0), (40.0, 3.0), (40.0, -3.0), (50.0, 3.0)),
+    ),
 )
 def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place, error_mm):
     """Each location has curves of its own, so residuals cannot show it.

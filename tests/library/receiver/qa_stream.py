@@ -374,7 +374,7 @@ def held(tmp_path_factory):
     return {name: collected(folder / name) for name in effects}
 
 
-@pytest.mark.parametrize("how", ["tare forced", "reference lost", "tag silent"])
+@pytest.mark.parametrize("how", cases("tare forced", long=("reference lost", "tag silent")))
 def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
     """Lamps switched on under a press must not turn 4 N into 'untouched', without a flag."""
     begin, change, reader = 22, 40, StreamReader(wiforce.plan(SCENE), survey_again_s=0.25)
