@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of input, the command that each is given to, and broken inputs in one process.
 
-    python3 fuzzing.py KIND COUNT SEED FINDS
+    python3 fuzzing.py SEED FINDS KIND=COUNT...
 
 works in a folder that `prepare` has filled, prints what is wrong, a line each, and keeps what it
-finds in the folder FINDS. ``corpus/`` holds inputs that once broke a command, or that reach code
-which the original does not; their names begin with their kind.
+finds in the folder FINDS. Each kind has a process of its own, which does not remember other kinds.
+``corpus/`` holds inputs that once broke a command, or that reach code which the original does not;
+their names begin with their kind.
 """
 
 import contextlib
 import hashlib
 import io
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -380,4 +382,11 @@ def run(name, count, seed, finds):
 
 
 if __name__ == "__main__":
-    run(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    for name, _, count in (word.partition("=") for word in sys.argv[3:]):
+        # Forked, it does not import the package again.
+        if (child := os.fork()) == 0:
+            run(name, int(count), int(sys.argv[1]), Path(sys.argv[2]))
+            sys.exit(0)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if status:
+            print(f"{name}: exit {status}", flush=True)
