@@ -128,7 +128,8 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     const double either =
         std::min(by_state[untouched], 1 - by_state[untouched] - by_state[mixed]);
     found.touch = by_state[untouched] <= 0.5;
-    if (by_state[mixed] > d_limits.doubt)
+    const bool changes = by_state[mixed] > d_limits.doubt;
+    if (changes)
         found.flags |= d_bits.transition;
     if (by_state[unexplained] > d_limits.doubt)
         found.flags |= d_bits.inconsistent;
@@ -143,7 +144,8 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     found.phases_deg = best.deg;
     found.std_deg = best.std_deg;
     const double larger = std::max(best.std_deg[0], best.std_deg[1]);
-    if (of.disturbed && larger > disturbed_deg)
+    // A change of this tag leaves a residual of its own.
+    if (of.disturbed && larger > disturbed_deg && !changes)
         found.flags |= d_bits.inconsistent;
     if (larger > d_limits.weak_phase_deg)
         found.flags |= d_bits.weak;

@@ -14,8 +14,8 @@ namespace {
 constexpr double group_stds = 5.0, lasting_stds = 4.0;
 // Groups of the median. Bursts and presses that change disturb fewer than half of them.
 constexpr std::size_t median_groups = 48;
-// Lasting factor above which what is received is not this tag and noise: a second tag on
-// nearly the same clock hides most of itself in the ends. Rooms whose disturbances lie
+// Factor above which what is received is not this tag and noise: a second tag on nearly
+// the same clock hides most of itself in the ends. Rooms whose disturbances lie
 // beside the lines reach 36, such tags 47 and more (SNR 10 dB, tests/rooms).
 constexpr double is_disturbed = 42.0;
 // The sandwich estimate has about a third of the degrees of freedom.
@@ -56,14 +56,15 @@ coherent_residual::result coherent_residual::update(const end_fit& fit,
     for (std::size_t i = 0; i < ratios.mean.size(); i++) {
         double& factor = found.factor[i];
         const double own = ratios.mean[i];
-        factor = own > 1 + group_stds * spread ? own : 1;
+        // What the change of another tag leaves lies beside its lines.
+        factor = own > 1 + group_stds * spread ? std::max(own, ratios.sandwich[i]) : 1;
         auto [lasting, count] =
             d_medians.at(rows[i % rows.size()]).update(ratios.sandwich[i]);
         // The median of a gamma distribution lies below its mean.
         lasting /= 1 - freedom_share / (3 * freedom);
         if (lasting > 1 + lasting_stds * spread * std::sqrt(freedom_share / count))
             factor = std::max(factor, lasting);
-        found.disturbed[i] = lasting > is_disturbed;
+        found.disturbed[i] = factor > is_disturbed;
     }
     return found;
 }

@@ -19,12 +19,12 @@ namespace gr::wiforce::kernel {
 
 // Factor by which the variance of each end exceeds that of independent noise: the
 // sandwich estimate in the median of the last groups. A sudden rise in a single group is
-// judged by the mean of all tones, which fewer groups determine.
+// noticed by the mean of all tones, which fewer groups determine.
 class coherent_residual
 {
 public:
-    // Of E ends of some groups: the factor, at least 1, and whether something lasting is
-    // received on the lines of the end that is no noise.
+    // Of E ends of some groups: the factor, at least 1, and whether something is received
+    // on the lines of the end that is no noise.
     struct result {
         std::vector<double> factor;
         std::vector<char> disturbed;

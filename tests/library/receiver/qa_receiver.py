@@ -297,3 +297,24 @@ def test_receiver_on_groups_sees_every_group_that_is_read():
 def test_receiver_tones_of_another_plan_are_refused(tones):
     with pytest.raises(InputError, match="^groups.tones: must have shape"):
         Receiver(make_plan()).process(Groups(np.arange(2), tones))
+
+
+def test_receiver_press_of_one_sensor_is_no_force_of_another(tmp_path):
+    """In the group in which a tag changes, part of it lies on the lines of the others."""
+    scene = wiforce.load_scene("tabletop_two").as_dict()
+    held = {"sensor": "right", "start_s": 0.8, "rise_s": 0.05, "hold_s": 5.2, "location_mm": 52.0}
+    taps = [
+        {"sensor": "left", "start_s": 1.2 + 0.515 * k, "rise_s": 0.1, "hold_s": 0.15}
+        | {"force_n": 3.0, "location_mm": 33.0}
+        for k in range(9)
+    ]
+    scene["simulation"] |= {
+        "duration_s": 6.0,
+        "seed": 7,
+        "presses": [held | {"force_n": 5.0}, *taps],
+    }
+    wiforce.simulate(scene, tmp_path / "two")
+    found = wiforce.read(tmp_path / "two")
+    right = found[(found["sensor"] == "right") & (found["touch"] == 1) & found["ok"]]
+    apart = (right["force_n"] - 5.0).abs()
+    assert len(right) > 105 and (apart < 4 * right["force_std_n"]).all() and apart.max() < 0.8
