@@ -73,6 +73,7 @@ def test_presses_of_swapped_ends_are_flagged_after_the_second_one(cache, tmp_pat
     assert sum(touch.flagged for touch in tally.touches[:20]) <= 5
 
 
+@pytest.mark.long
 def test_hand_that_comes_with_the_press_enters_the_standard_deviation(cache, tmp_path):
     """Its path cannot be distinguished from force once it touches."""
     _, tally = score_capture("near-hand-30", 1, tmp_path / "room", cache, keep=False)

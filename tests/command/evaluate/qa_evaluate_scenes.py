@@ -108,6 +108,7 @@ def test_shipped_causes_are_several_scenes_that_differ_in_the_disturbance_alone(
             assert other.simulation.tags[0].clock_period_jitter_s == 0, name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name, number", [("distance_1m", 3)])
 def test_papers_method_measures_what_was_published_with_a_shipped_cause(name, number, tmp_path):
     """The levels in causes.yaml are those at which this holds; other code must not change it."""

@@ -13,11 +13,11 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from command_runs import run_command
 from live_runs import (
     FRAMES,
     SLOW,
     SLOW_GROUP_S,
-    command,
     free_ports,
     rows_of,
     scene_file,
@@ -149,15 +149,14 @@ def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     samples, rate = tmp_path / "press.sigmf-data", SLOW["radio"]["sample_rate_hz"]
     with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
         wait_until(lambda: samples.exists() and samples.stat().st_size > 1.3 * rate * SAMPLE_BYTES)
-    status, _, said = command(
-        "read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv"
-    )
-    assert status == 0, said
+    done = run_command("read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv")
+    assert done.returncode == 0, done.stderr
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
     assert any(row["touch"] == "1" for row in rows)
 
 
+@pytest.mark.long
 def test_example_transmit_uhd_sends_and_receives_nothing(device, scene):
     with example("transmit_uhd.py", args_of(device), scene):
         wait_until(lambda: device.command("status")["tx_streaming"])

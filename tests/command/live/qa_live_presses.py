@@ -8,6 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 import zmq
+from command_runs import run_command
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import (
@@ -25,7 +26,6 @@ from live_runs import (
     scene_of,
     wait_until,
 )
-from live_runs import command as run
 from software_usrp import SoftwareUsrp
 
 SECONDS, LONG_SECONDS = 4, 180
@@ -234,6 +234,6 @@ def test_symbol_from_a_file_is_sent_and_read_live(tmp_path, software_usrp):
     assert len(pressed) > 20 and steady.sum() > 0.8 * len(pressed)
     # What was recorded holds the symbol.
     (tmp_path / "own.npy").unlink()
-    status, out, said = run("read", tmp_path / "run")
-    assert status == 0, said
-    assert out.count("\n") >= len(rows) - 2
+    done = run_command("read", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") >= len(rows) - 2

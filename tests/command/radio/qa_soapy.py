@@ -39,28 +39,30 @@ def run_of(device, scene, folder, *options):
     return rows_of(output), said
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """The same scene with the same overflow, read through UHD and through SoapySDR."""
-    folder = tmp_path_factory.mktemp("soapy")
+def overflowing(folder, *options):
+    """A run with an overflow: where it was recorded, its readings, and what it said."""
     scene = scene_file(folder, [(0.7, 4.0, 4.0, 45.0)], 400, 0.4, **SLOW)
-    found = []
-    for options in ([], SOAPY):
-        device = SoftwareUsrp(scene, faults=[f"+1.2 overflow {LOST}"])
-        try:
-            found.append(run_of(device, scene, folder, *options))
-        finally:
-            device.stop()
-    return folder, *found
+    device = SoftwareUsrp(scene, faults=[f"+1.2 overflow {LOST}"])
+    try:
+        return folder, *run_of(device, scene, folder, *options)
+    finally:
+        device.stop()
+
+
+@pytest.fixture(scope="module")
+def through_soapy(tmp_path_factory):
+    return overflowing(tmp_path_factory.mktemp("soapy"), *SOAPY)
 
 
 def column(rows, name):
     return np.array([float(row[name] or "nan") for row in rows])
 
 
-def test_soapy_gives_the_readings_of_uhd(runs):
+@pytest.mark.long
+def test_soapy_gives_the_readings_of_uhd(through_soapy, tmp_path):
     """Streams start at another time of the scene: the press comes up to 0.1 s earlier or later."""
-    _, (by_uhd, _), (by_soapy, _) = runs
+    _, by_uhd, _ = overflowing(tmp_path)
+    _, by_soapy, _ = through_soapy
     clear = [
         [row for row in rows if row["touch"] == "1" and not row["flags"]]
         for rows in (by_uhd, by_soapy)
@@ -82,8 +84,8 @@ def test_soapy_gives_the_readings_of_uhd(runs):
     assert untouched[0] == pytest.approx(untouched[1], abs=0.3)
 
 
-def test_soapy_overflow_is_one_gap_of_the_samples_lost(runs):
-    folder, _, (rows, said) = runs
+def test_soapy_overflow_is_one_gap_of_the_samples_lost(through_soapy):
+    folder, rows, said = through_soapy
     assert f"1 gap, {LOST} samples lost" in said.splitlines()[-1]
     # In one group, or in two where it lies between them: streams start at another time each.
     assert sum("gap" in row["flags"] for row in rows) in (1, 2)
@@ -138,6 +140,7 @@ def test_soapy_without_reconnect_a_lost_device_ends_the_run(software_usrp, slow_
     assert len(rows_of(output)) >= 10
 
 
+@pytest.mark.long
 def test_soapy_impossible_settings_refused_in_one_line(slow_device, slow_scene, tmp_path):
     args = f"driver=uhd,{slow_device.args}"
     odd_rate = scene_of(

@@ -317,7 +317,7 @@ def test_read_overlapping_pulses_are_flagged_and_not_read(tmp_path):
     assert all(row["touch"] == row["force_n"] == row["phase1_deg"] == "" for row in rows)
 
 
-@pytest.mark.parametrize("estimator", ["paper", "sideband"])
+@pytest.mark.parametrize("estimator", cases("paper", long=("sideband",)))
 def test_read_scene_with_another_estimator_finds_the_press(tmp_path, estimator):
     """With an exact clock and a still scene the paper's own reads the press as well.
 

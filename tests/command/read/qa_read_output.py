@@ -225,11 +225,11 @@ def growing(capture, tmp_path):
 
 @pytest.mark.parametrize(
     "change, message",
-    [
+    cases(
         ("gap", "metadata report a gap at sample 400000 only after that sample was read"),
         ("rate", "sample rate must not change while the capture is read"),
-        ("carrier", "carrier must not change while the capture is read"),
-    ],
+        long=(("carrier", "carrier must not change while the capture is read"),),
+    ),
 )
 def test_follow_metadata_that_contradict_what_was_read_end_the_run(growing, change, message):
     """It hung until SIGKILL, or went on with wrong times or phases."""

@@ -225,7 +225,7 @@ def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
 
 
 @pytest.mark.parametrize(
-    ("wander_ppm", "seed"), cases((10, 1), (25, 2), long=((10, 3), (25, 1), (25, 3)))
+    ("wander_ppm", "seed"), cases((25, 2), long=((10, 1), (10, 3), (25, 1), (25, 3)))
 )
 def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_ppm, seed, tmp_path):
     """Clocks of real switches were seen to wander by 10 to 25 ppm in seconds."""

@@ -104,13 +104,13 @@ def groups_of(scene, name):
 @pytest.mark.parametrize(
     "settings",
     [
-        {"clocks": (400,)},
+        pytest.param({"clocks": (400,)}, marks=LONG),
         pytest.param({"clocks": (1000,)}, marks=LONG),
         {"clocks": (2000,)},
         pytest.param({"clocks": (1000, 1400)}, marks=LONG),
         {"waveform": "wifi"},
         {"snr_db": 5},
-        {"snapshots": 125},
+        pytest.param({"snapshots": 125}, marks=LONG),
     ],
     ids=str,
 )

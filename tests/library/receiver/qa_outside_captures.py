@@ -38,7 +38,7 @@ def steady(truth, i):
     return all(row["touch"] == "1" for row in around) and np.ptp(forces) < 0.6
 
 
-@pytest.fixture(scope="module", params=cases("moving", "pair", long=("leaky", "faint")))
+@pytest.fixture(scope="module", params=cases("moving", long=("pair", "leaky", "faint")))
 def outcome(request, tmp_path_factory):
     """A case simulated, calibrated and read; its readings and truth by sensor."""
     folder = tmp_path_factory.mktemp(request.param)

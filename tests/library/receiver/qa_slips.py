@@ -71,8 +71,11 @@ def slip(capture, name, at_s, lost):
 @pytest.mark.parametrize(
     ("at_s", "lost"),
     cases(
-        *((0.1, 1), (0.4, 17), (0.02, -300)),
-        long=((0.02, 300), (0.25, 1), (0.25, -1), (0.25, 300), (0.1, 2000), (0.25, -2500)),
+        (0.1, 1),
+        long=(
+            *((0.4, 17), (0.02, -300), (0.02, 300), (0.25, 1), (0.25, -1)),
+            *((0.25, 300), (0.1, 2000), (0.25, -2500)),
+        ),
     ),
 )
 def test_samples_lost_within_the_reference_cost_their_groups_only(
