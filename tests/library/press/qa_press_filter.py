@@ -13,6 +13,7 @@ from gnuradio.wiforce.press.explanations import (
     later,
 )
 from gnuradio.wiforce.wiforce_kernels import press_observation
+from long_cases import cases
 
 PERIOD_S, NOISE_DEG, SMOOTHING_S = 0.0072, 0.2, 0.036
 MODEL = wiforce.load_sensor("line-900mhz")
@@ -219,7 +220,7 @@ def test_slide_that_begins_while_the_tag_turns_leaves_the_turn_in_the_deviation(
     assert (np.abs(mean - turn)[32:-1] < 5 * std[32:-1]).all()
 
 
-@pytest.mark.parametrize("off", [(0, 0), (0.3, 0.3), (0.3, -0.3), (0.3j, -0.2)])
+@pytest.mark.parametrize("off", cases((0, 0), (0.3j, -0.2), long=(((0.3, 0.3),), ((0.3, -0.3),))))
 def test_claim_beside_a_press_leaves_both_possible_until_the_release(off):
     """It is held for a minute: hands and turns that do not come may not decide."""
     rows, press_filter = rows_by_off_states(off, phases_of(PRESS)), filter_for(off)
