@@ -75,14 +75,23 @@ class RecordingReader:
             find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._check_length()
+        self._folding = ThreadPoolExecutor(1, "tones")
+        # The first batch is folded while the room is surveyed: most rooms need no other weights.
+        self._fold(plan)
         self.survey = survey_recording(recording, plan, frame_offset) if survey else None
-        plan = adapted(plan, self.survey)
+        expected, plan = plan, adapted(plan, self.survey)
+        if plan.table is not expected.table:
+            self._fold(plan)
         if survey and scene.environment.receive_antennas == 1:
             found = _compression_of(recording, plan.waveform, frame_offset)
             plan = expecting_snr(plan.stating(compression=found), self.survey)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
-        self.source = _groups_of(recording, plan, frame_offset)
+
+    def _fold(self, plan: Plan) -> None:
+        """Fold the groups from the first one on by the weights of a plan."""
+        self.source = groups_of(self.recording, plan, self.frame_offset)
+        self._first = self._folding.submit(self.source.read)
 
     def _check_length(self) -> None:
         groups = self.groups
@@ -120,8 +129,9 @@ class RecordingReader:
 
     def __iter__(self) -> Iterator[list[Reading]]:
         # Batches that follow are folded and separated, without Python's lock, while one is read.
-        with ThreadPoolExecutor(1, "tones") as fold, ThreadPoolExecutor(1, "ends") as ends:
-            folded = deque(fold.submit(self.source.read) for _ in range(_AHEAD))
+        with self._folding as fold, ThreadPoolExecutor(1, "ends") as ends:
+            folded = deque([self._first])
+            folded.extend(fold.submit(self.source.read) for _ in range(_AHEAD - 1))
 
             def separate() -> Groups | None:
                 groups = folded.popleft().result()
@@ -162,7 +172,7 @@ def _compression_of(
     return measure_compression(samples[frame_offset : recording.segments[0].length], waveform)
 
 
-def _groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:
+def groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:
     """What reads the groups of a recording, or of it and that of a second antenna beside it."""
     first, *second = _recordings(recording, plan)
     if not second:
