@@ -81,6 +81,8 @@ class Capture:
             first, last = max(0, -offset), min(segment.length, len(samples) - offset)
             if first < last:
                 part = self._read_file(segment.file_sample + first, last - first)
+                if len(part) == len(samples):
+                    return part
                 samples[offset + first : offset + first + len(part)] = part
         return samples
 

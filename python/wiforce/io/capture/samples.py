@@ -55,7 +55,8 @@ FULL_SCALE = 32768
 
 def samples_of(codes: ArrayLike) -> np.ndarray:
     """Complex samples (n,), full scale 1 per component, of 16-bit integers I and Q."""
-    return (np.asarray(codes).astype(np.float32) / FULL_SCALE).view(np.complex64).ravel()
+    scaled = np.multiply(codes, np.float32(1 / FULL_SCALE), dtype=np.float32)
+    return scaled.view(np.complex64).ravel()
 
 
 def likely_datatype(path: str | Path) -> str | None:
