@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
@@ -94,15 +95,15 @@ def _loss_db(
     cycles = np.outer(times_s, lines_hz)
     lines = np.hstack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)])
     lines = np.linalg.qr(lines - clutter @ (clutter.T @ lines))[0]
-    whole, used = np.zeros(2 * len(clocks)), np.zeros(2 * len(clocks))
+    grams = []
     for phase in _PHASES:
         for sign in (1, -1):
             waveforms = _waveforms(clocks, phase, sign, times_s, averaging_s)
             waveforms -= clutter @ (clutter.T @ waveforms)
-            whole += _variances(waveforms.T @ waveforms)
             projected = lines.T @ waveforms
-            used += _variances(projected.T @ projected)
-    return 10 * np.log10(used / whole)
+            grams.append([waveforms.T @ waveforms, projected.T @ projected])
+    whole, used = _variances(grams).sum(axis=0)
+    return np.asarray(10 * np.log10(used / whole))
 
 
 def end_variances(
@@ -114,12 +115,12 @@ def end_variances(
     In units of the noise in H; the sum over some clock phases. ``clutter`` (N, order) is
     orthonormal.
     """
-    total = np.zeros(2 * len(clocks))
+    grams = []
     for phase in _PHASES:
         waveforms = _waveforms(clocks, phase, 1, times_s, averaging_s)
         waveforms -= clutter @ (clutter.T @ waveforms)
-        total += _variances(waveforms.T @ waveforms)
-    return total
+        grams.append(waveforms.T @ waveforms)
+    return np.asarray(_variances(grams).sum(axis=0))
 
 
 def _waveforms(
@@ -134,9 +135,10 @@ def _waveforms(
     return np.hstack(columns)
 
 
-def _variances(gram: np.ndarray) -> np.ndarray:
-    """Of the ends, shape (2S,); singular designs are refused elsewhere."""
-    return np.maximum(np.diag(np.linalg.pinv(gram, rcond=1e-12, hermitian=True)), 1e-300)
+def _variances(grams: ArrayLike) -> np.ndarray:
+    """Of the ends, (..., 2S), of matrices (..., 2S, 2S); singular designs are refused elsewhere."""
+    inverse = np.linalg.pinv(grams, rcond=1e-12, hermitian=True)
+    return np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
 
 
 # Doppler of a person is 12 Hz at 900 MHz and 33 Hz at 2.4 GHz (2 m/s), that of a fan's blades 60 to
