@@ -226,10 +226,13 @@ class Groups:
 
     def having(self, **arrays: Any) -> Groups:
         """The same groups with some arrays added or replaced, or removed where None is given."""
-        every = {**vars(self), **arrays}
-        if not _NAMES.issuperset(every):
-            raise TypeError(f"Groups has no array {', '.join(sorted(every.keys() - _NAMES))}")
-        return _of({name: values for name, values in every.items() if values is not None})
+        if not arrays.keys() <= _NAMES:
+            raise TypeError(f"Groups has no array {', '.join(sorted(arrays.keys() - _NAMES))}")
+        every = vars(self) | arrays
+        for name in arrays:
+            if every[name] is None:
+                del every[name]
+        return _of(every)
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
