@@ -21,8 +21,9 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import groups_of, survey_recording
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
@@ -39,7 +40,9 @@ _PIECE_SAMPLES, _SAMPLE_RATE_HZ = 45_000_000, 12.5e6
 _PIECE_S = _PIECE_SAMPLES / _SAMPLE_RATE_HZ
 _SENSORS = (1, 2, 4, 8)
 _GROUP_LENGTHS = (63, 125, 625)
-_SINGLE_GROUPS = 200  # timed one by one
+# Batches and runs of single groups are timed in turns, so often. Their lower quartile repeats
+# within 10 %; sums differ by half, as what else the machine does lengthens some of them.
+_TURNS, _SINGLE_GROUPS = 24, 64
 # Groups that are read together along an axis. Recordings are read in batches of 256, but a piece of
 # long groups holds fewer, and all rows are to be alike. Each time is the median of so many.
 _BATCH, _REPEATS = 64, 5
@@ -267,6 +270,7 @@ def _read_row(setting, folder, seconds):
     recording = open_capture(capture)
     signal_s = recording.span / recording.sample_rate_hz
     read_s, cpu_s = _time_command(capture, scene)
+    settings = adapted(settings, survey_recording(recording, settings, 0))
     samples_s, batches = _time_samples(recording, settings)
     group_s, single_s = _time_batches(settings, batches)
     return {
@@ -299,9 +303,9 @@ def _time_command(capture, scene):
     return wall, sum(after[:2]) - sum(before[:2])
 
 
-def _time_samples(recording, settings, survey=True):
+def _time_samples(recording, settings):
     """Processor time from samples to tones, and these in the batches in which they are read."""
-    source, batches = RecordingReader(recording, settings, 0, survey=survey).source, []
+    source, batches = groups_of(recording, settings, 0), []
     start = time.process_time()
     while len(groups := source.read()):
         batches.append(groups)
@@ -311,14 +315,19 @@ def _time_samples(recording, settings, survey=True):
 def _time_batches(settings, batches):
     """Processor time per group from tones to readings, in batches and one by one."""
     receiver = Receiver(settings)
-    if len(batches) == 1:  # of a short recording
-        (whole,) = batches
-        batches = [whole[: len(whole) // 2], whole[len(whole) // 2 :]]
-    receiver.process(batches.pop(0))  # clocks and reference are found once
-    groups = batches.pop() if len(batches) > 1 else batches[-1]
-    group_s = _time_groups(receiver, batches) / max(sum(map(len, batches)), 1)
-    single = [groups[i : i + 1] for i in range(min(len(groups), _SINGLE_GROUPS))]
-    return group_s, _time_groups(receiver, single) / len(single)
+    first, took, alone = 0, [], []
+    for turn in range(_TURNS + 1):
+        batch = batches[turn % len(batches)]
+        batch = batch.having(index=first + np.arange(len(batch)))
+        single = [
+            batch[i : i + 1].having(index=batch.index[-1:] + 1 + i)
+            for i in range(min(len(batch), _SINGLE_GROUPS))
+        ]
+        first += len(batch) + len(single)
+        took.append(_time_groups(receiver, [batch]) / len(batch))
+        alone.append(_time_groups(receiver, single) / len(single))
+    # Clocks and reference are found in the first turn.
+    return tuple(np.quantile([took[1:], alone[1:]], 0.25, axis=1).tolist())
 
 
 def _time_groups(receiver, batches):
@@ -371,17 +380,17 @@ def _scaling_row(setting, folder):
     settings = plan(scene)
     plan_s = time.process_time() - start
     start = time.process_time()
-    reader = RecordingReader(recording, settings, 0)
+    settings = adapted(settings, survey_recording(recording, settings, 0))
     survey_s = time.process_time() - start
-    runs = [_time_samples(recording, reader.plan, survey=False) for _ in range(_REPEATS)]
+    runs = [_time_samples(recording, settings) for _ in range(_REPEATS)]
     samples_s = float(np.median([took for took, _ in runs]))
-    acquisition_s, group_s = _time_piece(reader.plan, Groups.concatenate(runs[-1][1]))
-    groups_s = group_s * _PIECE_S / reader.plan.group_period_s
+    acquisition_s, group_s = _time_piece(settings, Groups.concatenate(runs[-1][1]))
+    groups_s = group_s * _PIECE_S / settings.group_period_s
     return {
         "setting": asdict(setting),
         "value": setting.value,
-        "subcarriers": len(reader.plan.waveform.subcarriers),
-        "tones": len(reader.plan.table.tones),
+        "subcarriers": len(settings.waveform.subcarriers),
+        "tones": len(settings.table.tones),
         "plan_s": plan_s,
         "start_s": plan_s + survey_s + acquisition_s,
         "samples_ms": 1e3 * samples_s / _PIECE_S,
@@ -394,8 +403,8 @@ def _scaling_row(setting, folder):
 
 def _time_piece(settings, piece):
     """Processor time until clocks and reference are known, and of a group in a batch after this."""
-    receiver = Receiver(settings)
     start = time.process_time()
+    receiver = Receiver(settings)
     first = 0
     while not receiver.process(piece.having(index=piece.index + first)):
         first += len(piece)
