@@ -4,7 +4,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
@@ -102,7 +101,7 @@ def _loss_db(
             waveforms -= clutter @ (clutter.T @ waveforms)
             projected = lines.T @ waveforms
             grams.append([waveforms.T @ waveforms, projected.T @ projected])
-    whole, used = _variances(grams).sum(axis=0)
+    whole, used = _variances(np.array(grams)).sum(axis=0)
     return np.asarray(10 * np.log10(used / whole))
 
 
@@ -120,7 +119,7 @@ def end_variances(
         waveforms = _waveforms(clocks, phase, 1, times_s, averaging_s)
         waveforms -= clutter @ (clutter.T @ waveforms)
         grams.append(waveforms.T @ waveforms)
-    return np.asarray(_variances(grams).sum(axis=0))
+    return np.asarray(_variances(np.array(grams)).sum(axis=0))
 
 
 def _waveforms(
@@ -135,7 +134,7 @@ def _waveforms(
     return np.hstack(columns)
 
 
-def _variances(grams: ArrayLike) -> np.ndarray:
+def _variances(grams: np.ndarray) -> np.ndarray:
     """Of the ends, (..., 2S), of matrices (..., 2S, 2S); singular designs are refused elsewhere."""
     inverse = np.linalg.pinv(grams, rcond=1e-12, hermitian=True)
     return np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)

@@ -124,7 +124,7 @@ def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseL
     """
 
     def best(delay: float) -> tuple[float, float]:
-        coefficients = likelihood.delayed(delay).coefficients(block)
+        coefficients = likelihood.coefficients(block, likelihood.projections(delay))
         return _climb(coefficients, float(2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES))
 
     at_nominal, phase = best(0.0)

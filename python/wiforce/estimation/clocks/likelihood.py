@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...errors import InputError
 from ...signal.lines import Tone
@@ -70,17 +71,25 @@ class PhaseLikelihood:
         other._averaging_phase = self._averaging_phase
         other.clock2_delay = clock2_delay
         other.duty = self.duty if duty is None else duty
+        other._steps, other._sorted = self._steps, self._sorted
         other._set_basis()
         return other
 
-    def _spectra(self, clock2_delay: float) -> Array:
-        """Fourier coefficients of both ends at the tag's own lines, scaled; shape (L, 2)."""
-        coefficients = harmonics(self.lines, self._averaging_phase, self.duty).astype(complex)
-        coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
+    def _spectra(self, clock2_delay: ArrayLike) -> Array:
+        """Fourier coefficients of both ends at the tag's own lines, scaled; shape (..., L, 2)."""
+        late = np.exp(-1j * np.multiply.outer(clock2_delay, self.lines))
+        coefficients = np.empty((*late.shape, 2), complex)
+        coefficients[:] = harmonics(self.lines, self._averaging_phase, self.duty)
+        coefficients[..., 1] *= late
         return coefficients * self.scale[:, None]
 
-    def _basis(self, clock2_delay: float) -> Array:
+    def _basis(self, clock2_delay: ArrayLike) -> Array:
         return np.linalg.qr(self._spectra(clock2_delay))[0]
+
+    def projections(self, clock2_delay: ArrayLike) -> Array:
+        """Pi(0) for other delays of clock 2; shape (..., L, L)."""
+        basis = self._basis(clock2_delay)
+        return np.asarray(basis @ basis.conj().swapaxes(-1, -2))
 
     def _set_basis(self) -> None:
         basis = self._basis(self.clock2_delay)
@@ -134,7 +143,7 @@ class PhaseLikelihood:
     def delays(self) -> tuple[Array, Array]:
         """Delays of clock 2 over its whole period, and Pi(0) for each; (n,) and (n, L, L)."""
         delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
-        return delays, np.array([b @ b.conj().T for b in map(self._basis, delays)])
+        return delays, self.projections(delays)
 
     def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
         """Coefficients q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
