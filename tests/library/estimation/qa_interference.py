@@ -13,7 +13,7 @@ from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups, fram
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.receiver import Receiver, recording
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -94,7 +94,8 @@ def with_hopper(codes, level_db, seed, width=8):
 
 def groups_of(scene, name):
     """All groups of tones of a recording."""
-    source = RecordingReader(open_capture(name), plan(scene)).source
+    reader = RecordingReader(open_capture(name), plan(scene))
+    source = recording.groups_of(reader.recording, reader.plan, reader.frame_offset)
     batches = []
     while len(batch := source.read()):
         batches.append(batch)
