@@ -9,8 +9,26 @@
 namespace gr::wiforce::kernel {
 
 namespace {
-// A 14-bit converter's last codes, left-justified, after rounding on the way.
-constexpr int FULL_SCALE = 32752;
+// From the last codes of a 12-bit converter on, left-justified, after rounding on the
+// way.
+constexpr float FULL_SCALE = 32752 / 32768.0f;
+// Floats above this are not limited by a converter.
+constexpr float BEYOND = 1.0001f;
+// A folded symbol below this holds no clipped samples: the repetitions of what is strong
+// enough are alike.
+constexpr float NEAR_FULL_SCALE = 0.9f;
+
+template <class Component>
+float peak_of(const Component* parts, int count)
+{
+    Component low = 0, high = 0;
+    for (int n = 0; n < count; n++) {
+        low = std::min(low, parts[n]);
+        high = std::max(high, parts[n]);
+    }
+    return std::max<float>(high, -float(low));
+}
+
 } // namespace
 
 preamble_folder::preamble_folder(int frame_length,
@@ -46,16 +64,29 @@ void preamble_folder::fold(const fc32* averaged,
                            snapshot_noise* noise,
                            std::vector<int>* saturated) const
 {
+    const float peak =
+        fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
+                                    2 * d_frame_length,
+                                    frames,
+                                    d_repetitions,
+                                    2 * d_symbol_length,
+                                    1.0f / d_repetitions,
+                                    reinterpret_cast<float*>(folded),
+                                    reinterpret_cast<float*>(noise));
     if (saturated)
         saturated->clear();
-    fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
-                                2 * d_frame_length,
-                                frames,
-                                d_repetitions,
-                                2 * d_symbol_length,
-                                1.0f / d_repetitions,
-                                reinterpret_cast<float*>(folded),
-                                reinterpret_cast<float*>(noise));
+    for (std::size_t frame = 0; saturated && peak >= NEAR_FULL_SCALE && frame < frames;
+         frame++) {
+        const auto* symbol =
+            reinterpret_cast<const float*>(folded + frame * d_symbol_length);
+        if (peak_of(symbol, 2 * d_symbol_length) < NEAR_FULL_SCALE)
+            continue;
+        const float most =
+            peak_of(reinterpret_cast<const float*>(averaged + frame * d_frame_length),
+                    2 * averaged_length());
+        if (most >= FULL_SCALE && most <= BEYOND)
+            saturated->push_back(frame);
+    }
 }
 
 void preamble_folder::fold(const sc16* averaged,
@@ -64,7 +95,7 @@ void preamble_folder::fold(const sc16* averaged,
                            snapshot_noise* noise,
                            std::vector<int>* saturated) const
 {
-    const int peak =
+    const float peak =
         fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
                                     2 * d_frame_length,
                                     frames,
@@ -73,23 +104,14 @@ void preamble_folder::fold(const sc16* averaged,
                                     1.0f / (32768.0f * d_repetitions),
                                     reinterpret_cast<float*>(folded),
                                     reinterpret_cast<float*>(noise));
-    if (!saturated)
-        return;
-    saturated->clear();
-    for (std::size_t frame = 0; peak >= FULL_SCALE && frame < frames; frame++)
-        if (is_saturated(averaged + frame * d_frame_length))
+    if (saturated)
+        saturated->clear();
+    for (std::size_t frame = 0; saturated && peak >= FULL_SCALE && frame < frames;
+         frame++)
+        if (peak_of(
+                reinterpret_cast<const std::int16_t*>(averaged + frame * d_frame_length),
+                2 * averaged_length()) >= 32768 * FULL_SCALE)
             saturated->push_back(frame);
-}
-
-bool preamble_folder::is_saturated(const sc16* averaged) const
-{
-    const auto* parts = reinterpret_cast<const std::int16_t*>(averaged);
-    std::int16_t low = 0, high = 0;
-    for (int n = 0; n < 2 * averaged_length(); n++) {
-        low = std::min(low, parts[n]);
-        high = std::max(high, parts[n]);
-    }
-    return high >= FULL_SCALE || low <= -FULL_SCALE;
 }
 
 } // namespace gr::wiforce::kernel

@@ -36,7 +36,8 @@ public:
     // `averaged` is the first averaged sample of the first frame; frames follow each
     // other at frame_length. Writes symbol_length * frames values, the noise of each
     // frame and, to `saturated`, the frames that hold averaged samples at a converter's
-    // full scale; floats have none. Allocates nothing where it has room for all frames.
+    // full scale, 1 for floats (none where they exceed it). Allocates nothing where it
+    // has room for all frames.
     void fold(const fc32* averaged,
               std::size_t frames,
               fc32* folded,
@@ -47,9 +48,6 @@ public:
               fc32* folded,
               snapshot_noise* noise,
               std::vector<int>* saturated = nullptr) const;
-
-private:
-    bool is_saturated(const sc16* averaged) const;
 
 private:
     const int d_frame_length;

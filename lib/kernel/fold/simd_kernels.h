@@ -18,25 +18,26 @@ struct simd_kernels {
 
     // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
     // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
-    int (*fold_fc32)(const float* in,
-                     std::size_t stride,
-                     std::size_t frames,
-                     int repetitions,
-                     int width,
-                     float scale,
-                     float* folded,
-                     float* noise);
+    // Returns the largest magnitude of the folded symbols.
+    float (*fold_fc32)(const float* in,
+                       std::size_t stride,
+                       std::size_t frames,
+                       int repetitions,
+                       int width,
+                       float scale,
+                       float* folded,
+                       float* noise);
 
     // The same on integers: exact for up to 65536 repetitions. Returns the largest
-    // magnitude of the integers summed; of floats, 0.
-    int (*fold_sc16)(const std::int16_t* in,
-                     std::size_t stride,
-                     std::size_t frames,
-                     int repetitions,
-                     int width,
-                     float scale,
-                     float* folded,
-                     float* noise);
+    // magnitude of the integers summed, over 32768.
+    float (*fold_sc16)(const std::int16_t* in,
+                       std::size_t stride,
+                       std::size_t frames,
+                       int repetitions,
+                       int width,
+                       float scale,
+                       float* folded,
+                       float* noise);
 
     // sums[width r + c] += sum_n weights[rows n + r] (snapshots[width n + c] -
     // reference[c]) for r < rows; rows is a multiple of ROW_BLOCK.

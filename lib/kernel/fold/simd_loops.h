@@ -32,14 +32,14 @@ inline void sums_of(lanes a, lanes b, float& sum_of_a, float& sum_of_b)
 
 // REPETITIONS = 0 and WIDTH = 0: known at run time only.
 template <class Samples, int REPETITIONS, int WIDTH>
-int fold(const typename Samples::component* in,
-         std::size_t stride,
-         std::size_t frames,
-         int repetitions,
-         int any_width,
-         float scale,
-         float* folded,
-         float* noise)
+float fold(const typename Samples::component* in,
+           std::size_t stride,
+           std::size_t frames,
+           int repetitions,
+           int any_width,
+           float scale,
+           float* folded,
+           float* noise)
 {
     constexpr int LINE = CACHE_LINE / sizeof(*in); // components
     const int count = REPETITIONS ? REPETITIONS : repetitions;
@@ -75,6 +75,7 @@ int fold(const typename Samples::component* in,
             levels.smallest_rest += low;
             levels.largest_rest += high;
             out[n] = scale * sum;
+            samples.see_mean(out[n]);
         }
         sums_of(
             levels.smallest, levels.largest, levels.smallest_rest, levels.largest_rest);
@@ -93,14 +94,14 @@ auto fold_of_width(int repetitions)
 }
 
 template <class Samples>
-int fold_any(const typename Samples::component* in,
-             std::size_t stride,
-             std::size_t frames,
-             int repetitions,
-             int width,
-             float scale,
-             float* folded,
-             float* noise)
+float fold_any(const typename Samples::component* in,
+               std::size_t stride,
+               std::size_t frames,
+               int repetitions,
+               int width,
+               float scale,
+               float* folded,
+               float* noise)
 {
     const auto run = width == DEFAULT_WIDTH
                          ? fold_of_width<Samples, DEFAULT_WIDTH>(repetitions)

@@ -112,13 +112,34 @@ struct fc32_samples {
         }
         noise.smallest += low;
         noise.largest += high;
-        *reinterpret_cast<lanes*>(out) = scale * sum;
+        const lanes mean = scale * sum;
+        d_low = smaller(d_low, mean);
+        d_high = larger(d_high, mean);
+        *reinterpret_cast<lanes*>(out) = mean;
     }
 
     static float one(float x) { return x; }
-    // Floats have no full scale.
     void see(float) {}
-    int peak() const { return 0; }
+    void see_mean(float mean)
+    {
+        d_rest = mean > d_rest ? mean : d_rest;
+        d_rest = -mean > d_rest ? -mean : d_rest;
+    }
+    // The largest magnitude of all means: repetitions are alike but for noise.
+    float peak() const
+    {
+        float most = d_rest;
+        for (int n = 0; n < STEP; n++) {
+            most = d_high[n] > most ? d_high[n] : most;
+            most = -d_low[n] > most ? -d_low[n] : most;
+        }
+        return most;
+    }
+
+private:
+    lanes d_low = {};
+    lanes d_high = {};
+    float d_rest = 0;
 };
 
 struct sc16_samples {
@@ -205,15 +226,16 @@ struct sc16_samples {
         d_rest = x > d_rest ? x : d_rest;
         d_rest = -x > d_rest ? -x : d_rest;
     }
+    void see_mean(float) {}
     // The largest magnitude of all samples.
-    int peak() const
+    float peak() const
     {
         int most = d_rest;
         for (int n = 0; n < STEP; n++) {
             most = d_high[n] > most ? d_high[n] : most;
             most = -d_low[n] > most ? -d_low[n] : most;
         }
-        return most;
+        return most / 32768.0f;
     }
 
 private:
