@@ -101,9 +101,11 @@ def test_coherent_residual_is_that_of_both_estimators():
     spread, count = fit.freedom**-0.5, np.arange(1, GROUPS + 1)[:, None]
     lasting = np.array([np.median(sandwich[: g + 1], axis=0) for g in range(GROUPS)])
     lasting /= 1 - 1 / fit.freedom
-    expected = np.where(mean > 1 + 5 * spread, np.maximum(mean, sandwich), 1)
+    expected = np.where(mean > 1 + 5 * spread, mean, 1)
     lasts = lasting > 1 + 4 * spread * np.sqrt(3 / count)
     expected = np.where(lasts, np.maximum(expected, lasting), expected)
+    sudden = mean > (1 + 5 * spread) * np.maximum(lasting, 1)
+    expected = np.where(sudden, np.maximum(expected, sandwich), expected)
     factors, disturbed = coherent_residual(6).update(fit, [0, 1, 4, 5], inverse_noise)
     assert np.unique(expected).size > 6 and (expected > 42).any() and not (expected > 42).all()
     np.testing.assert_allclose(factors, expected, rtol=1e-9)

@@ -56,14 +56,16 @@ coherent_residual::result coherent_residual::update(const end_fit& fit,
     for (std::size_t i = 0; i < ratios.mean.size(); i++) {
         double& factor = found.factor[i];
         const double own = ratios.mean[i];
-        // What the change of another tag leaves lies beside its lines.
-        factor = own > 1 + group_stds * spread ? std::max(own, ratios.sandwich[i]) : 1;
+        factor = own > 1 + group_stds * spread ? own : 1;
         auto [lasting, count] =
             d_medians.at(rows[i % rows.size()]).update(ratios.sandwich[i]);
         // The median of a gamma distribution lies below its mean.
         lasting /= 1 - freedom_share / (3 * freedom);
         if (lasting > 1 + lasting_stds * spread * std::sqrt(freedom_share / count))
             factor = std::max(factor, lasting);
+        // What the change of another tag leaves lies beside its lines.
+        if (own > (1 + group_stds * spread) * std::max(lasting, 1.0))
+            factor = std::max(factor, ratios.sandwich[i]);
         found.disturbed[i] = factor > is_disturbed;
     }
     return found;
