@@ -60,7 +60,7 @@ std::pair<double, double> noise_of(
 // Frames as a kernel folds them, and the noise of each.
 struct folding {
     std::vector<float> folded, levels;
-    int peak = 0;
+    float peak = 0;
 
     template <class T, class Kernel>
     folding(Kernel kernel,
@@ -212,9 +212,32 @@ BOOST_DATA_TEST_CASE(fold_sc16_returns_the_largest_magnitude,
             std::vector<std::int16_t> x(stride * frames, 7);
             x[n] = value;
             const bool looked_at = n % stride < repetitions * width;
-            const int peak =
+            const float peak =
                 folding(simd->fold_sc16, x, stride, repetitions, width, 1).peak;
-            if (peak != (looked_at ? std::abs(value) : 7))
+            if (32768 * peak != (looked_at ? std::abs(value) : 7))
                 BOOST_ERROR(n << ": " << value << " of " << peak);
         }
+}
+
+BOOST_DATA_TEST_CASE(fold_fc32_returns_the_largest_magnitude_of_means,
+                     variants* data::make({ 1, 2, 3, 4 }) * data::make({ 128, 34 }),
+                     simd,
+                     repetitions,
+                     width)
+{
+    const int frames = 3, stride = repetitions * width + 42;
+    const auto x = noise(frames * stride, 8);
+    const folding found(simd->fold_fc32, x, stride, repetitions, width, 1.0f);
+    float most = 0;
+    for (const float each : found.folded)
+        most = std::max(most, std::abs(each));
+    BOOST_TEST(found.peak == most);
+    for (int n = 0; n < width; n++) { // wherever it is
+        auto negative = x;
+        for (int r = 0; r < repetitions; r++)
+            negative[stride + r * width + n] = -16;
+        BOOST_TEST(
+            folding(simd->fold_fc32, negative, stride, repetitions, width, 1.0f).peak ==
+            16.0f * repetitions);
+    }
 }
