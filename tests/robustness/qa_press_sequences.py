@@ -80,6 +80,12 @@ def test_a_force_that_swings_is_not_taken_for_a_turning_tag():
     assert not found.wrong and found.counts["unflagged"] > 1500, str(found)
 
 
+def test_a_force_that_changes_goes_on_while_the_supply_fails():
+    """Only a turning tag went on, and was taken for the force at mid-line."""
+    found = score([5], 625, "brownouts")
+    assert not found.wrong and found.counts["unflagged"] > 150, str(found)
+
+
 def test_a_sudden_turn_after_a_silence_is_followed():
     """A silence of two seconds leaves the common phase unknown by radians, beside microradians."""
     readings = by_receiver(Sequence(184, 2500, "mixture"))

@@ -323,7 +323,9 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     if (!next)
         return;
     next->is = mixed;
-    next->press.steady = false;
+    // What changes steadily may go on in a group that is only partly received.
+    if (next->press.steady)
+        next->press.motion.predict(d_elapsed_s);
     if (next->turn.goes_on && next->turn.by_hand)
         lose_sight_of_hand(*next);
     else if (next->turn.goes_on)
