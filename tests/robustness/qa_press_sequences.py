@@ -19,7 +19,7 @@ LONG_TURNING = {
     "turns": 5e-3,
     "turning mixture": 5e-3,
     "cables": 2e-2,
-    "brownouts": 1e-2,
+    "brownouts": 5e-3,
     "off states in error": 5e-3,
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
