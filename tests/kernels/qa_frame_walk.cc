@@ -175,6 +175,13 @@ BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
     x[3 * 720 + 319] = sc16(-32752, 0);
     fold(x, frames);
     BOOST_TEST(found == std::vector<int>({ 1, 3 }), boost::test_tools::per_element());
-    fold(std::vector<fc32>(720, fc32(2, 2)), 1);
+    std::vector<fc32> floats(frames * 720, fc32(0.999f, -0.999f));
+    fold(floats, frames);
     BOOST_TEST(found.empty());
+    floats[64] = fc32(2, 0); // no converter limits these
+    floats[720 + 64] = fc32(0, 0.9999f);
+    floats[2 * 720 + 319] = fc32(-32768 / 32767.0f, 0);
+    floats[4 * 720 + 63] = fc32(1, 1); // beside the averaged part
+    fold(floats, frames);
+    BOOST_TEST(found == std::vector<int>({ 1, 2 }), boost::test_tools::per_element());
 }

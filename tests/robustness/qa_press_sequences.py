@@ -81,7 +81,7 @@ def test_a_force_that_swings_is_not_taken_for_a_turning_tag():
 
 
 def test_a_force_that_changes_goes_on_while_the_supply_fails():
-    """Only a turning tag went on, and was taken for the force at mid-line."""
+    """Only a turning tag went on, so that a changing force was taken for a turn at mid-line."""
     found = score([5], 625, "brownouts")
     assert not found.wrong and found.counts["unflagged"] > 150, str(found)
 

@@ -12,7 +12,7 @@ from rooms.judge import failures
 from rooms.rooms import room_named
 from rooms.score import read_stream, score_capture
 
-# Those whose disturbance no test of the chapters reads a press in.
+# Rooms whose disturbance no other test reads a press in.
 ROOMS = ("clean", "near-tag-20ppm", "image-30", "half-frame")
 LONG_ROOMS = ("walker+30", "tag-1300-10", "lamps-10", "bursts-20")
 # Shorter than the rooms of the score, with both presses, or one in mixtures; the long form reads

@@ -9,14 +9,10 @@
 namespace gr::wiforce::kernel {
 
 namespace {
-// From the last codes of a 12-bit converter on, left-justified, after rounding on the
-// way.
+// The last code of a 12-bit converter, left-justified; floats count from 1.
 constexpr float FULL_SCALE = 32752 / 32768.0f;
-// Floats above this are not limited by a converter.
+// Drivers divide integers by 32767. What is larger was not limited by a converter.
 constexpr float BEYOND = 1.0001f;
-// A folded symbol below this holds no clipped samples: the repetitions of what is strong
-// enough are alike.
-constexpr float NEAR_FULL_SCALE = 0.9f;
 
 template <class Component>
 float peak_of(const Component* parts, int count)
@@ -75,15 +71,11 @@ void preamble_folder::fold(const fc32* averaged,
                                     reinterpret_cast<float*>(noise));
     if (saturated)
         saturated->clear();
-    for (std::size_t frame = 0; saturated && peak >= NEAR_FULL_SCALE && frame < frames;
+    for (std::size_t frame = 0; saturated && peak >= FULL_SCALE && frame < frames;
          frame++) {
-        const auto* symbol =
-            reinterpret_cast<const float*>(folded + frame * d_symbol_length);
-        if (peak_of(symbol, 2 * d_symbol_length) < NEAR_FULL_SCALE)
-            continue;
-        const float most =
-            peak_of(reinterpret_cast<const float*>(averaged + frame * d_frame_length),
-                    2 * averaged_length());
+        const auto* parts =
+            reinterpret_cast<const float*>(averaged + frame * d_frame_length);
+        const float most = peak_of(parts, 2 * averaged_length());
         if (most >= FULL_SCALE && most <= BEYOND)
             saturated->push_back(frame);
     }

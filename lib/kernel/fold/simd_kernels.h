@@ -18,7 +18,7 @@ struct simd_kernels {
 
     // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
     // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
-    // Returns the largest magnitude of the folded symbols.
+    // Returns the largest magnitude of what was summed.
     float (*fold_fc32)(const float* in,
                        std::size_t stride,
                        std::size_t frames,
@@ -28,8 +28,8 @@ struct simd_kernels {
                        float* folded,
                        float* noise);
 
-    // The same on integers: exact for up to 65536 repetitions. Returns the largest
-    // magnitude of the integers summed, over 32768.
+    // The same on integers: exact for up to 65536 repetitions. The largest
+    // magnitude is over 32768.
     float (*fold_sc16)(const std::int16_t* in,
                        std::size_t stride,
                        std::size_t frames,

@@ -75,7 +75,6 @@ float fold(const typename Samples::component* in,
             levels.smallest_rest += low;
             levels.largest_rest += high;
             out[n] = scale * sum;
-            samples.see_mean(out[n]);
         }
         sums_of(
             levels.smallest, levels.largest, levels.smallest_rest, levels.largest_rest);

@@ -99,9 +99,13 @@ struct fc32_samples {
         lanes sum = before;
         lanes low = {};
         lanes high = {};
+        d_low = smaller(d_low, before);
+        d_high = larger(d_high, before);
         for (int r = 1; r < (REPETITIONS ? REPETITIONS : count); r++) {
             const lanes value = at(x + r * width);
             sum += value;
+            d_low = smaller(d_low, value);
+            d_high = larger(d_high, value);
             // Taken before squaring: the squares of a strong static path would round the
             // noise away.
             const lanes difference = value - before;
@@ -112,20 +116,16 @@ struct fc32_samples {
         }
         noise.smallest += low;
         noise.largest += high;
-        const lanes mean = scale * sum;
-        d_low = smaller(d_low, mean);
-        d_high = larger(d_high, mean);
-        *reinterpret_cast<lanes*>(out) = mean;
+        *reinterpret_cast<lanes*>(out) = scale * sum;
     }
 
     static float one(float x) { return x; }
-    void see(float) {}
-    void see_mean(float mean)
+    void see(float x)
     {
-        d_rest = mean > d_rest ? mean : d_rest;
-        d_rest = -mean > d_rest ? -mean : d_rest;
+        d_rest = x > d_rest ? x : d_rest;
+        d_rest = -x > d_rest ? -x : d_rest;
     }
-    // The largest magnitude of all means: repetitions are alike but for noise.
+    // The largest magnitude of all samples.
     float peak() const
     {
         float most = d_rest;
@@ -226,7 +226,6 @@ struct sc16_samples {
         d_rest = x > d_rest ? x : d_rest;
         d_rest = -x > d_rest ? -x : d_rest;
     }
-    void see_mean(float) {}
     // The largest magnitude of all samples.
     float peak() const
     {

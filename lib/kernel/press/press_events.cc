@@ -323,7 +323,7 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     if (!next)
         return;
     next->is = mixed;
-    // What changes steadily may go on in a group that is only partly received.
+    // A force that changes may go on through a group that is only partly received.
     if (next->press.steady)
         next->press.motion.predict(d_elapsed_s);
     if (next->turn.goes_on && next->turn.by_hand)

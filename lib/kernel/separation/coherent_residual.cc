@@ -63,10 +63,14 @@ coherent_residual::result coherent_residual::update(const end_fit& fit,
         lasting /= 1 - freedom_share / (3 * freedom);
         if (lasting > 1 + lasting_stds * spread * std::sqrt(freedom_share / count))
             factor = std::max(factor, lasting);
-        // What the change of another tag leaves lies beside its lines.
-        if (own > (1 + group_stds * spread) * std::max(lasting, 1.0))
-            factor = std::max(factor, ratios.sandwich[i]);
-        found.disturbed[i] = factor > is_disturbed;
+        // The mean of all tones underestimates what the change of another tag leaves near
+        // the lines of this one.
+        double near = lasting;
+        if (own > (1 + group_stds * spread) * std::max(lasting, 1.0)) {
+            near = std::max(near, ratios.sandwich[i]);
+            factor = std::max(factor, near);
+        }
+        found.disturbed[i] = near > is_disturbed;
     }
     return found;
 }

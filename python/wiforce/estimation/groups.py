@@ -99,7 +99,7 @@ class Groups:
     overlapping : ndarray of bool, shape (G, S)
         Whether the tag's two switches are on together.
     disturbed : ndarray of bool, shape (G, S)
-        Whether something lasting is received on the tag's own lines that is no noise.
+        Whether something is received on the tag's own lines that is no noise.
     changes : ndarray of complex, shape (G, 2S, K)
         By the reference: V_i conj(V_ref,i) over the reference's power.
     new_reference : ndarray of bool, shape (G,)

@@ -77,6 +77,7 @@ class RecordingReader:
         self._check_length()
         self._folding = ThreadPoolExecutor(1, "tones")
         # The first batch is folded while the room is surveyed: most rooms need no other weights.
+        # Those that do wait for it.
         self._fold(plan)
         self.survey = survey_recording(recording, plan, frame_offset) if survey else None
         expected, plan = plan, adapted(plan, self.survey)
