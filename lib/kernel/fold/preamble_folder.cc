@@ -60,25 +60,8 @@ void preamble_folder::fold(const fc32* averaged,
                            snapshot_noise* noise,
                            std::vector<int>* saturated) const
 {
-    const float peak =
-        fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
-                                    2 * d_frame_length,
-                                    frames,
-                                    d_repetitions,
-                                    2 * d_symbol_length,
-                                    1.0f / d_repetitions,
-                                    reinterpret_cast<float*>(folded),
-                                    reinterpret_cast<float*>(noise));
-    if (saturated)
-        saturated->clear();
-    for (std::size_t frame = 0; saturated && peak >= FULL_SCALE && frame < frames;
-         frame++) {
-        const auto* parts =
-            reinterpret_cast<const float*>(averaged + frame * d_frame_length);
-        const float most = peak_of(parts, 2 * averaged_length());
-        if (most >= FULL_SCALE && most <= BEYOND)
-            saturated->push_back(frame);
-    }
+    const auto* components = reinterpret_cast<const float*>(averaged);
+    fold(fastest_kernels().fold_fc32, components, 1, frames, folded, noise, saturated);
 }
 
 void preamble_folder::fold(const sc16* averaged,
@@ -87,23 +70,37 @@ void preamble_folder::fold(const sc16* averaged,
                            snapshot_noise* noise,
                            std::vector<int>* saturated) const
 {
-    const float peak =
-        fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
-                                    2 * d_frame_length,
-                                    frames,
-                                    d_repetitions,
-                                    2 * d_symbol_length,
-                                    1.0f / (32768.0f * d_repetitions),
-                                    reinterpret_cast<float*>(folded),
-                                    reinterpret_cast<float*>(noise));
-    if (saturated)
-        saturated->clear();
-    for (std::size_t frame = 0; saturated && peak >= FULL_SCALE && frame < frames;
-         frame++)
-        if (peak_of(
-                reinterpret_cast<const std::int16_t*>(averaged + frame * d_frame_length),
-                2 * averaged_length()) >= 32768 * FULL_SCALE)
+    const auto* components = reinterpret_cast<const std::int16_t*>(averaged);
+    fold(
+        fastest_kernels().fold_sc16, components, 32768, frames, folded, noise, saturated);
+}
+
+template <class Function, class Component>
+void preamble_folder::fold(Function run,
+                           const Component* averaged,
+                           float one,
+                           std::size_t frames,
+                           fc32* folded,
+                           snapshot_noise* noise,
+                           std::vector<int>* saturated) const
+{
+    const std::size_t stride = 2 * d_frame_length;
+    const float peak = run(averaged,
+                           stride,
+                           frames,
+                           d_repetitions,
+                           2 * d_symbol_length,
+                           1.0f / (one * d_repetitions),
+                           reinterpret_cast<float*>(folded),
+                           reinterpret_cast<float*>(noise));
+    if (!saturated)
+        return;
+    saturated->clear();
+    for (std::size_t frame = 0; peak >= FULL_SCALE * one && frame < frames; frame++) {
+        const float most = peak_of(averaged + frame * stride, 2 * averaged_length());
+        if (most >= FULL_SCALE * one && most <= BEYOND * one)
             saturated->push_back(frame);
+    }
 }
 
 } // namespace gr::wiforce::kernel

@@ -50,6 +50,16 @@ public:
               std::vector<int>* saturated = nullptr) const;
 
 private:
+    // `one`: the component that counts as 1.
+    template <class Function, class Component>
+    void fold(Function run,
+              const Component* averaged,
+              float one,
+              std::size_t frames,
+              fc32* folded,
+              snapshot_noise* noise,
+              std::vector<int>* saturated) const;
+
     const int d_frame_length;
     const int d_first_averaged;
     const int d_repetitions;

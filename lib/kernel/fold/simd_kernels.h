@@ -14,30 +14,25 @@ namespace gr::wiforce::kernel {
  * which are unrolled.
  */
 struct simd_kernels {
+    template <class Component>
+    using fold_function = float (*)(const Component* in,
+                                    std::size_t stride,
+                                    std::size_t frames,
+                                    int repetitions,
+                                    int width,
+                                    float scale,
+                                    float* folded,
+                                    float* noise);
+
     const char* name;
 
     // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
     // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
     // Returns the largest magnitude of what was summed.
-    float (*fold_fc32)(const float* in,
-                       std::size_t stride,
-                       std::size_t frames,
-                       int repetitions,
-                       int width,
-                       float scale,
-                       float* folded,
-                       float* noise);
+    fold_function<float> fold_fc32;
 
-    // The same on integers: exact for up to 65536 repetitions. The largest
-    // magnitude is over 32768.
-    float (*fold_sc16)(const std::int16_t* in,
-                       std::size_t stride,
-                       std::size_t frames,
-                       int repetitions,
-                       int width,
-                       float scale,
-                       float* folded,
-                       float* noise);
+    // The same on integers: exact for up to 65536 repetitions.
+    fold_function<std::int16_t> fold_sc16;
 
     // sums[width r + c] += sum_n weights[rows n + r] (snapshots[width n + c] -
     // reference[c]) for r < rows; rows is a multiple of ROW_BLOCK.

@@ -72,6 +72,15 @@ inline Lanes larger(Lanes a, Lanes b)
     return a > b ? a : b;
 }
 
+// The largest magnitude between extremes, and `most`.
+template <class Lanes>
+inline float largest_magnitude(Lanes low, Lanes high, int count, float most)
+{
+    for (int n = 0; n < count; n++)
+        most = larger(larger<float>(high[n], -float(low[n])), most);
+    return most;
+}
+
 // What a frame's repetitions differ by: squares, summed over the components.
 struct frame_noise {
     lanes smallest = {};
@@ -120,21 +129,9 @@ struct fc32_samples {
     }
 
     static float one(float x) { return x; }
-    void see(float x)
-    {
-        d_rest = x > d_rest ? x : d_rest;
-        d_rest = -x > d_rest ? -x : d_rest;
-    }
+    void see(float x) { d_rest = larger(larger(x, -x), d_rest); }
     // The largest magnitude of all samples.
-    float peak() const
-    {
-        float most = d_rest;
-        for (int n = 0; n < STEP; n++) {
-            most = d_high[n] > most ? d_high[n] : most;
-            most = -d_low[n] > most ? -d_low[n] : most;
-        }
-        return most;
-    }
+    float peak() const { return largest_magnitude(d_low, d_high, STEP, d_rest); }
 
 private:
     lanes d_low = {};
@@ -221,21 +218,9 @@ struct sc16_samples {
     }
 
     static std::int32_t one(std::int16_t x) { return x; }
-    void see(std::int16_t x)
-    {
-        d_rest = x > d_rest ? x : d_rest;
-        d_rest = -x > d_rest ? -x : d_rest;
-    }
+    void see(std::int16_t x) { d_rest = larger<float>(larger<float>(x, -x), d_rest); }
     // The largest magnitude of all samples.
-    float peak() const
-    {
-        int most = d_rest;
-        for (int n = 0; n < STEP; n++) {
-            most = d_high[n] > most ? d_high[n] : most;
-            most = -d_low[n] > most ? -d_low[n] : most;
-        }
-        return most / 32768.0f;
-    }
+    float peak() const { return largest_magnitude(d_low, d_high, STEP, d_rest); }
 
 private:
     void see(short_lanes below, short_lanes above)
@@ -254,7 +239,7 @@ private:
 
     short_lanes d_low = {};
     short_lanes d_high = {};
-    int d_rest = 0;
+    float d_rest = 0;
 };
 
 } // namespace

@@ -165,14 +165,13 @@ class PressEvidence:
             touched = row["touch"]
             if touched == 0 and (self._open or self._odd):
                 self._close()
-            elif touched == 1 and row["unexplained"]:
+            elif touched == 1 and (row["unexplained"] or row["clear"]):
                 self._record.readings += 1
-                self._record.unexplained += 1
-                self._odd.add(row["level"])
-            elif touched == 1 and row["clear"]:
-                self._record.readings += 1
-                self._record.unexplained += bool(row["flags"] & _NO_PRESS)
-                self._open.add(row["level"], row["phases_deg"], row["psi_std_deg"])
+                self._record.unexplained += bool(row["unexplained"] or row["flags"] & _NO_PRESS)
+                if row["unexplained"]:
+                    self._odd.add(row["level"])
+                else:
+                    self._open.add(row["level"], row["phases_deg"], row["psi_std_deg"])
             contradicting[i] = touched == 1 and self.contradicted
         return contradicting
 
