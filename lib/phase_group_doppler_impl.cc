@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "phase_group_doppler_impl.h"
-
+#include "group_block.h"
 #include "kernel/doppler/doppler_transform.h"
 #include "kernel/doppler/tone_accumulator.h"
+#include "tag_values.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
+#include <gnuradio/wiforce/phase_group_doppler.h>
 
 #include <algorithm>
 
@@ -24,6 +25,125 @@ const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 } // namespace
+
+class phase_group_doppler_impl : public group_block<phase_group_doppler>
+{
+public:
+    phase_group_doppler_impl(std::unique_ptr<kernel::doppler_transform> transform,
+                             int group_length,
+                             int symbol_length)
+        : gr::block("phase_group_doppler",
+                    gr::io_signature::make(1, 1, vector_bytes(symbol_length)),
+                    gr::io_signature::make(
+                        1, 1, transform->rows() * vector_bytes(symbol_length))),
+          group_block(std::move(transform), group_length, symbol_length),
+          d_symbol_length(symbol_length)
+    {
+        // By this rate the scheduler chooses the input buffer, as in preamble_fold: for
+        // what a full buffer of samples folds to, and for no more than the cache holds.
+        set_relative_rate(1, std::max(1, INPUT_BUFFER_SAMPLES / symbol_length / 2));
+        set_tag_propagation_policy(TPP_DONT);
+    }
+
+    // Snapshots are collected as they come.
+    void forecast(int, gr_vector_int& ninput_items_required) override
+    {
+        ninput_items_required[0] = 1;
+    }
+
+    int general_work(int noutput_items,
+                     gr_vector_int& ninput_items,
+                     gr_vector_const_void_star& input_items,
+                     gr_vector_void_star& output_items) override
+    {
+        const auto* in = static_cast<const kernel::fc32*>(input_items[0]);
+        auto* out = static_cast<kernel::fc32*>(output_items[0]);
+        const int available = ninput_items[0];
+
+        std::vector<gr::tag_t> tags;
+        get_tags_in_window(tags, 0, 0, available, snapshot_key);
+        std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+        auto tag = tags.begin();
+        collect_noise(available);
+
+        int consumed = 0;
+        int produced = 0;
+        while (consumed < available && produced < noutput_items) {
+            const std::uint64_t here = nitems_read(0) + consumed;
+            for (; tag != tags.end() && tag->offset == here; ++tag)
+                d_snapshot = pmt::to_uint64(tag->value);
+            if (d_collector.must_end_before(d_snapshot)) {
+                produced += end_group(out, produced);
+                continue;
+            }
+            std::uint64_t untagged = available - consumed;
+            if (tag != tags.end())
+                untagged = std::min(untagged, tag->offset - here);
+            const auto* snapshots =
+                in + static_cast<std::size_t>(consumed) * d_symbol_length;
+            d_collector.collect_in(out + produced * d_collector.size());
+            const int count = d_collector.add(
+                d_snapshot,
+                untagged,
+                [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
+                    std::copy_n(snapshots, n * d_symbol_length, slots);
+                    d_noise.write(here, n, noise);
+                    return n;
+                });
+            d_collector.note_saturated(tags_among(count, here, saturated_key).size());
+            if (!tags_among(count, here, retuned_key).empty())
+                mark_group_retuned();
+            for (const gr::tag_t& tag : tags_among(count, here, slipped_key))
+                mark_group_slipped(tag.value);
+            consumed += count;
+            d_snapshot += count;
+            if (d_collector.is_full())
+                produced += end_group(out, produced);
+        }
+        consume_each(consumed);
+        return produced;
+    }
+
+    bool start() override
+    {
+        // A flowgraph that is started again counts items anew, not so after unlock().
+        if (nitems_read(0) == 0) {
+            d_noise = noise_tags();
+            d_noise_read_to = 0;
+        }
+        return phase_group_doppler::start();
+    }
+
+    int rows() const override { return d_collector.rows(); }
+    std::uint64_t groups() const override { return d_groups; }
+    std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }
+
+private:
+    // Tags of so many input items.
+    std::vector<gr::tag_t>
+    tags_among(int count, std::uint64_t first, const pmt::pmt_t& key)
+    {
+        std::vector<gr::tag_t> tags;
+        get_tags_in_range(tags, 0, first, first + count, key);
+        return tags;
+    }
+
+    void collect_noise(int available)
+    {
+        const std::uint64_t end = nitems_read(0) + available;
+        std::vector<gr::tag_t> tags;
+        get_tags_in_range(
+            tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, noise_key);
+        std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+        d_noise.add(tags);
+        d_noise_read_to = end;
+    }
+
+    const int d_symbol_length;
+    std::uint64_t d_snapshot = 0; // of the next input item
+    noise_tags d_noise;
+    std::uint64_t d_noise_read_to = 0; // input offset up to which its tags were read
+};
 
 phase_group_doppler::sptr phase_group_doppler::make(
     const std::vector<std::complex<double>>& weights, int group_length, int symbol_length)
@@ -50,110 +170,6 @@ phase_group_doppler::sptr phase_group_doppler::collected(int group_length,
         std::make_unique<kernel::collected_snapshots>(group_length),
         group_length,
         symbol_length);
-}
-
-phase_group_doppler_impl::phase_group_doppler_impl(
-    std::unique_ptr<kernel::doppler_transform> transform,
-    int group_length,
-    int symbol_length)
-    : gr::block(
-          "phase_group_doppler",
-          gr::io_signature::make(1, 1, vector_bytes(symbol_length)),
-          gr::io_signature::make(1, 1, transform->rows() * vector_bytes(symbol_length))),
-      group_block(std::move(transform), group_length, symbol_length),
-      d_symbol_length(symbol_length)
-{
-    // By this rate the scheduler chooses the input buffer, as in preamble_fold. It is to
-    // hold what a full buffer of samples folds to, and no more than the cache does.
-    set_relative_rate(1, std::max(1, INPUT_BUFFER_SAMPLES / symbol_length / 2));
-    set_tag_propagation_policy(TPP_DONT);
-}
-
-bool phase_group_doppler_impl::start()
-{
-    // A flowgraph that is started again counts items anew; after unlock() it does not.
-    if (nitems_read(0) == 0) {
-        d_noise = noise_tags();
-        d_noise_read_to = 0;
-    }
-    return phase_group_doppler::start();
-}
-
-// Snapshots are collected as they come.
-void phase_group_doppler_impl::forecast(int, gr_vector_int& ninput_items_required)
-{
-    ninput_items_required[0] = 1;
-}
-
-std::vector<gr::tag_t> phase_group_doppler_impl::tags_among(int count,
-                                                            std::uint64_t first,
-                                                            const pmt::pmt_t& key)
-{
-    std::vector<gr::tag_t> tags;
-    get_tags_in_range(tags, 0, first, first + count, key);
-    return tags;
-}
-
-void phase_group_doppler_impl::collect_noise(int available)
-{
-    const std::uint64_t end = nitems_read(0) + available;
-    std::vector<gr::tag_t> tags;
-    get_tags_in_range(tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, noise_key);
-    std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
-    d_noise.add(tags);
-    d_noise_read_to = end;
-}
-
-int phase_group_doppler_impl::general_work(int noutput_items,
-                                           gr_vector_int& ninput_items,
-                                           gr_vector_const_void_star& input_items,
-                                           gr_vector_void_star& output_items)
-{
-    const auto* in = static_cast<const kernel::fc32*>(input_items[0]);
-    auto* out = static_cast<kernel::fc32*>(output_items[0]);
-    const int available = ninput_items[0];
-
-    std::vector<gr::tag_t> tags;
-    get_tags_in_window(tags, 0, 0, available, snapshot_key);
-    std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
-    auto tag = tags.begin();
-    collect_noise(available);
-
-    int consumed = 0;
-    int produced = 0;
-    while (consumed < available && produced < noutput_items) {
-        const std::uint64_t here = nitems_read(0) + consumed;
-        for (; tag != tags.end() && tag->offset == here; ++tag)
-            d_snapshot = pmt::to_uint64(tag->value);
-        if (d_collector.must_end_before(d_snapshot)) {
-            produced += end_group(out, produced);
-            continue;
-        }
-        std::uint64_t untagged = available - consumed;
-        if (tag != tags.end())
-            untagged = std::min(untagged, tag->offset - here);
-        const auto* snapshots = in + static_cast<std::size_t>(consumed) * d_symbol_length;
-        d_collector.collect_in(out + produced * d_collector.size());
-        const int count = d_collector.add(
-            d_snapshot,
-            untagged,
-            [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
-                std::copy_n(snapshots, n * d_symbol_length, slots);
-                d_noise.write(here, n, noise);
-                return n;
-            });
-        d_collector.note_saturated(tags_among(count, here, saturated_key).size());
-        if (!tags_among(count, here, retuned_key).empty())
-            mark_group_retuned();
-        for (const gr::tag_t& tag : tags_among(count, here, slipped_key))
-            mark_group_slipped(tag.value);
-        consumed += count;
-        d_snapshot += count;
-        if (d_collector.is_full())
-            produced += end_group(out, produced);
-    }
-    consume_each(consumed);
-    return produced;
 }
 
 } // namespace gr::wiforce

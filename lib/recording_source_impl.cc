@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "recording_source_impl.h"
-
+#include "kernel/recording/recorded_frames.h"
 #include "tag_values.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
+#include <gnuradio/wiforce/recording_source.h>
 
 #include <algorithm>
 
@@ -17,6 +17,90 @@ const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
 } // namespace
+
+class recording_source_impl : public recording_source
+{
+public:
+    recording_source_impl(const std::string& path,
+                          const std::string& datatype,
+                          const std::vector<kernel::recording::segment>& segments,
+                          const kernel::preamble_folder& folder,
+                          std::uint64_t frame_offset,
+                          std::uint64_t header_bytes)
+        : gr::sync_block("recording_source",
+                         gr::io_signature::make(0, 0, 0),
+                         gr::io_signature::make(
+                             1, 1, folder.symbol_length() * sizeof(kernel::fc32))),
+          d_frames(path,
+                   datatype,
+                   segments,
+                   folder,
+                   frame_offset,
+                   header_bytes,
+                   [this](std::uint64_t samples) {
+                       d_logger->warn(
+                           "frame timing slipped by {:d} samples; resynchronised",
+                           samples);
+                   }),
+          d_reader(d_frames)
+    {
+    }
+
+    int work(int noutput_items,
+             gr_vector_const_void_star&,
+             gr_vector_void_star& output_items) override
+    {
+        auto* out = static_cast<kernel::fc32*>(output_items[0]);
+        int produced = 0;
+        while (produced < noutput_items) {
+            if (d_reader.rest().count == 0) {
+                const std::uint64_t ready = d_frames.ready();
+                if (ready == 0)
+                    break;
+                d_reader.begin(d_frames.take(ready));
+            }
+            const std::uint64_t first = d_reader.rest().frame;
+            for (; d_slips < d_frames.misplaced().size(); d_slips++)
+                add_item_tag(0,
+                             nitems_written(0) + produced,
+                             slipped_key,
+                             slip_value(d_frames.misplaced()[d_slips]));
+            d_noise.resize(noutput_items - produced);
+            const int count = d_reader.fold(noutput_items - produced,
+                                            out + produced * d_frames.symbol_length(),
+                                            d_noise.data());
+            if (count == 0)
+                continue;
+            add_item_tag(0,
+                         nitems_written(0) + produced,
+                         noise_key,
+                         noise_value(d_noise.data(), count));
+            if (d_expected != first)
+                tag(produced, snapshot_key, first);
+            for (const int frame : d_reader.saturated())
+                tag(produced + frame, saturated_key, 1);
+            produced += count;
+            d_expected = first + count;
+        }
+        return produced > 0 ? produced : WORK_DONE;
+    }
+
+    std::uint64_t snapshots() const override { return d_frames.folded(); }
+    std::uint64_t frames_moved() const override { return d_frames.frames_moved(); }
+    std::uint64_t samples_missing() const override { return d_frames.samples_missing(); }
+
+private:
+    void tag(int item, const pmt::pmt_t& key, std::uint64_t value)
+    {
+        add_item_tag(0, nitems_written(0) + item, key, pmt::from_uint64(value));
+    }
+
+    kernel::recorded_frames d_frames;
+    kernel::frame_reader d_reader;
+    std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
+    std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
+    std::size_t d_slips = 0;                     // that are tagged
+};
 
 recording_source::sptr recording_source::make(const std::string& path,
                                               const std::string& datatype,
@@ -38,75 +122,6 @@ recording_source::sptr recording_source::make(const std::string& path,
         kernel::preamble_folder(frame_length, first_averaged, repetitions, symbol_length),
         frame_offset,
         header_bytes);
-}
-
-recording_source_impl::recording_source_impl(
-    const std::string& path,
-    const std::string& datatype,
-    const std::vector<kernel::recording::segment>& segments,
-    const kernel::preamble_folder& folder,
-    std::uint64_t frame_offset,
-    std::uint64_t header_bytes)
-    : gr::sync_block(
-          "recording_source",
-          gr::io_signature::make(0, 0, 0),
-          gr::io_signature::make(1, 1, folder.symbol_length() * sizeof(kernel::fc32))),
-      d_frames(path,
-               datatype,
-               segments,
-               folder,
-               frame_offset,
-               header_bytes,
-               [this](std::uint64_t samples) {
-                   d_logger->warn("frame timing slipped by {:d} samples; resynchronised",
-                                  samples);
-               }),
-      d_reader(d_frames)
-{
-}
-
-void recording_source_impl::tag(int item, const pmt::pmt_t& key, std::uint64_t value)
-{
-    add_item_tag(0, nitems_written(0) + item, key, pmt::from_uint64(value));
-}
-
-int recording_source_impl::work(int noutput_items,
-                                gr_vector_const_void_star&,
-                                gr_vector_void_star& output_items)
-{
-    auto* out = static_cast<kernel::fc32*>(output_items[0]);
-    int produced = 0;
-    while (produced < noutput_items) {
-        if (d_reader.rest().count == 0) {
-            const std::uint64_t ready = d_frames.ready();
-            if (ready == 0)
-                break;
-            d_reader.begin(d_frames.take(ready));
-        }
-        const std::uint64_t first = d_reader.rest().frame;
-        for (; d_slips < d_frames.misplaced().size(); d_slips++)
-            add_item_tag(0,
-                         nitems_written(0) + produced,
-                         slipped_key,
-                         slip_value(d_frames.misplaced()[d_slips]));
-        d_noise.resize(noutput_items - produced);
-        const int count = d_reader.fold(noutput_items - produced,
-                                        out + produced * d_frames.symbol_length(),
-                                        d_noise.data());
-        if (count == 0)
-            continue;
-        add_item_tag(0,
-                     nitems_written(0) + produced,
-                     noise_key,
-                     noise_value(d_noise.data(), count));
-        if (d_expected != first)
-            tag(produced, snapshot_key, first);
-        for (const int frame : d_reader.saturated())
-            tag(produced + frame, saturated_key, 1);
-        produced += count;
-        d_expected = first + count;
-    }
-    return produced > 0 ? produced : WORK_DONE;
 }
 
 } // namespace gr::wiforce

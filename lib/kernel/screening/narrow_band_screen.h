@@ -16,7 +16,7 @@ namespace gr::wiforce::kernel {
  * A transmitter on a few subcarriers hits all samples, and its snapshots are marked as
  * those of any other burst are. Where it costs less information to lose these subcarriers
  * than to lose the snapshots, they are kept: the receiver weights each subcarrier of a
- * group by its own noise (estimation/ends/noise.py).
+ * group by its own noise (separation/noise_estimate.h).
  *
  * A snapshot is compared with its neighbours, subcarrier by subcarrier. Interference on a
  * few of them raises the mean of the change and not its median. Only marked snapshots are
