@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.clocks.acquisition import acquire
-from gnuradio.wiforce.estimation.clocks.joint_clock import likelihood_bias
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
-from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagClock
+from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagClock, likelihood_bias
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth

@@ -8,15 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...wiforce_kernels import OUTLIER_RATIO, noise_estimate, phase_errors, phase_expansion
+from ...wiforce_kernels import (
+    OUTLIER_RATIO,
+    noise_estimate,
+    phase_errors,
+    phase_expansion,
+    raised_subcarriers,
+)
 from ..ends.least_squares import ToneModel
-from ..ends.noise import robust_noise
 from ..group_tones import GroupTones, without_loud
 from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, acquire
-from .joint_clock import likelihood_bias
 from .pulse_fit import fit_pulses
-from .tracked_tag import TrackedTag
+from .tracked_tag import TrackedTag, likelihood_bias
 
 # A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
 # 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/data/thresholds.csv
@@ -180,7 +184,7 @@ class ClockSearch:
         residuals = fit.noise()
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
-        self._noise.set(robust_noise(fitting, fit.freedom), groups.level.max())
+        self._noise.set(_robust_noise(fitting, fit.freedom), groups.level.max())
 
     def _refine(self, groups: GroupTones) -> None:
         """Fit all clocks to a block of groups by the complete model, from their present values."""
@@ -228,3 +232,16 @@ def _best_of(late_s: Array, likelihood: Array) -> float:
     best = int(np.argmax(likelihood))
     clear = likelihood[best] - likelihood[late_s == 0.0][0] > DELAY_EVIDENCE
     return float(late_s[best]) if clear else 0.0
+
+
+def _robust_noise(residuals: Array, freedom: int) -> Array:
+    """Mean (K,) of the residuals (G, K) without subcarriers that are raised in some groups."""
+    quartile = np.sort(residuals, axis=0)[len(residuals) // 4]
+    if not np.all(quartile > 0):
+        return np.asarray(residuals.mean(axis=0))
+    # The quartile of 12 groups lies below the mean, by about one standard deviation of a ratio.
+    inverse = (1 - 0.7 * freedom**-0.5) / quartile if freedom > 1 else 0.3 / quartile
+    kept = raised_subcarriers(residuals * inverse, freedom) == 1
+    if kept.all():
+        return np.asarray(residuals.mean(axis=0))
+    return np.asarray(np.sum(residuals * kept, axis=0) / np.maximum(kept.sum(axis=0), 1))

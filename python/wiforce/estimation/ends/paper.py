@@ -16,7 +16,7 @@ from ..groups import Array, Groups
 
 # Lines on which the paper reads end 1 and end 2 (section 3.2).
 _LINES = (1, 4)
-# Groups that the noise is averaged over: 2.3 s of default groups, as in noise.py.
+# Groups that the noise is averaged over: 2.3 s of default groups, as in noise_estimate.h.
 _NOISE_GROUPS = 64
 # Noise is divided by, and may be absent in simulations.
 _LEAST_NOISE = 1e-300
