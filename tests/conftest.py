@@ -26,6 +26,8 @@ TIMEOUT_S = 400
 WITH_DEVICE = ("live", "radio", "software_n210")
 # Files that take or wait for eight seconds and more, with a device and without, by their time.
 LONGEST = (
+    *("qa_packets", "qa_press_sequences", "qa_card_effects", "qa_plausibility"),
+    *("qa_card_clocks", "qa_many_captures", "qa_check_file", "qa_sensor_calibration"),
     *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_device"),
     *("qa_streams", "qa_guided_live", "qa_live_recording", "qa_device_hostile"),
     *("qa_check", "qa_live_health", "qa_programs", "qa_live_presses"),
@@ -33,10 +35,10 @@ LONGEST = (
     *("qa_faults", "qa_read", "qa_estimation_separation", "qa_receiver"),
     *("qa_outside_captures", "qa_running", "qa_antenna_ratio", "qa_fuzz"),
     *("qa_golden", "qa_files", "qa_simulation_effects", "qa_bench_speed"),
-    *("qa_simulation_channel", "qa_sensor_calibration", "qa_stream", "qa_bench_tradeoff"),
-    *("qa_planning_plan", "qa_reader", "qa_read_output", "qa_capture_scene"),
-    *("qa_backscatter_tag", "qa_evaluate_scenes", "qa_sensor_inversion", "qa_rooms"),
-    *("qa_command", "qa_estimation_pulses", "qa_live_outputs"),
+    *("qa_simulation_channel", "qa_stream", "qa_bench_tradeoff", "qa_planning_plan"),
+    *("qa_reader", "qa_read_output", "qa_capture_scene", "qa_backscatter_tag"),
+    *("qa_evaluate_scenes", "qa_sensor_inversion", "qa_rooms", "qa_command"),
+    *("qa_estimation_pulses", "qa_live_outputs"),
 )
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
 # again, pytest with rewritten assertions in several seconds.
