@@ -3,7 +3,7 @@
 
 It shares no line with the product: own sounding frame, own clocks, own contact law, own writers.
 Each case leaves in its folder what a user would have: a VNA table per sensor, a scene that names
-the sensor model still to be calibrated from it, and a capture; and the truth to judge by.
+the sensor model still to be calibrated from it, and a capture.
 
     python3 tests/models/second_simulator.py CASE FOLDER
 """
@@ -232,23 +232,6 @@ def write_capture(blocks, path):
     Path(f"{path}.sigmf-meta").write_text(json.dumps(meta))
 
 
-def write_truth(case, path):
-    period = GROUP * FRAME / RATE
-    t = (np.arange(int(case.duration_s / period)) + 0.5) * period
-    with open(path, "w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(
-            ["time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg"]
-        )
-        for tag in case.tags:
-            force, location = pressed(tag, t)
-            psi = (phases(tag, force, location) + 180) % 360 - 180
-            for i in range(len(t)):
-                touch = int(force[i] >= 0.9)
-                where = location[i] if touch else ""
-                rows.writerow([t[i], tag.name, touch, force[i], where, *psi[i]])
-
-
 def write_vna(tag, path, rng, noise_deg=0.1):
     """Phase against force at five locations and both ports, and the untouched phases."""
     with open(path, "w", newline="") as stream:
@@ -281,7 +264,7 @@ def write_scene(case, path):
 
 
 def write_case(name, folder, seed=7):
-    """All files of a case: ``capture.*``, ``truth.csv``, ``scene.yaml``, ``SENSOR.csv`` (VNA).
+    """All files of a case: ``capture.*``, ``scene.yaml``, ``SENSOR.csv`` (VNA).
 
     The scene names the sensor models ``SENSOR.yaml``, to be calibrated from ``SENSOR.csv``.
     """
@@ -290,7 +273,6 @@ def write_case(name, folder, seed=7):
     for tag in case.tags:
         write_vna(tag, folder / f"{tag.name}.csv", rng)
     write_scene(case, folder / "scene.yaml")
-    write_truth(case, folder / "truth.csv")
     write_capture(simulate(case, rng), folder / "capture")
     return case
 
