@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
-import csv
 import os
 import shutil
 from functools import lru_cache
@@ -140,23 +139,6 @@ def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
         assert np.abs(wrap_deg(np.subtract(got, want))).max() < 0.5
 
 
-@pytest.mark.long
-def test_antenna_ratio_stream_with_bursts_is_read_as_the_recording(captures, interfered):
-    _, scene = captures
-    found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()
-    reader = wiforce.reader(scene, input_type="folded", on_reading=found.append)
-    for port, name in enumerate((interfered, second_antenna(interfered))):
-        flowgraph.connect(wiforce.capture_source(name, scene), (ratio, port))
-    flowgraph.connect(ratio, reader)
-    flowgraph.run()
-    wanted = []
-    read_capture(open_capture(interfered), scene, wanted.append)
-    assert len(found) == len(wanted)
-    for got, want in zip(found, wanted, strict=True):
-        assert got.interference == want.interference and got.flags == want.flags
-        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=1e-3)
-
-
 def test_reader_samples_of_one_antenna_are_refused_for_two():
     with pytest.raises(InputError, match="environment.receive_antennas: must be 1 where samples"):
         wiforce.reader(SCENE, input_type="sc16")
@@ -174,44 +156,3 @@ def test_shorter_file_of_one_antenna_is_reported(captures, tmp_path):
     assert done.returncode == 0, done.stderr
     assert f"{path}: ends 125000 samples" in done.stderr and "before" in done.stderr
     assert "groups that lack one antenna cannot be read" in done.stderr
-
-
-ROOM = {
-    **SCENE,
-    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}],
-    "reference_s": 0.5,
-    "simulation": {
-        **SCENE["simulation"],
-        "duration_s": 1.2,
-        "static_clutter_db": 50,
-        "other_tags": [
-            {"clock_hz": 1730, "clock_offset_ppm": -35, "level_db": 0, "delay_s": 20e-9}
-        ],
-        "presses": [
-            {"start_s": 0.6, "hold_s": 9, "force_n": 5, "end_force_n": 4, "location_mm": 54}
-        ],
-    },
-}
-
-
-def steady(scene, folder):
-    """Readings of a steady touch, and the force in each."""
-    found = []
-    name = folder / "room"
-    simulate(scene, name)
-    read_capture(open_capture(name), scene, found.append)
-    with open(f"{name}.truth.csv", encoding="utf-8", newline="") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["touch"] == "1"]
-    times = np.array([float(row["time_s"]) for row in rows])
-    force = np.array([float(row["force_n"]) for row in rows])
-    return [(r, np.interp(r.time_s, times, force)) for r in found if r.time_s > 0.7]
-
-
-@pytest.mark.long
-def test_ratio_of_a_strong_tag_beside_an_unlisted_one_is_read(tmp_path):
-    """The ratio is not linear in the tag, by more than ten times the noise; its deviation holds."""
-    readings = steady(load_scene(ROOM), tmp_path)
-    good = [(abs(r.force_n - force), r.force_std_n) for r, force in readings if not r.flags]
-    errors, stds = np.transpose(good)
-    assert len(good) > 10 and np.all(errors < 3 * stds)
-    assert np.median(errors) > 0.3 and np.median(stds) < 2.0

@@ -102,20 +102,6 @@ def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
         assert abs(np.angle(np.mean(seen / turn), deg=True)) < 0.2
 
 
-@pytest.mark.long
-def test_a_press_while_running_starts_where_the_stream_stands():
-    tag = wiforce.backscatter_tag(**QUIET)
-    probe = Probe(1_000_000, lambda: (tag.set_location_mm(30.0), tag.set_force_n(4.0)))
-    received = run(tag, 2100, probe=probe)
-    pressed = run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 2100)
-    untouched = run(wiforce.backscatter_tag(**QUIET), 2100)
-    assert (tag.force_n(), tag.location_mm()) == (4.0, 30.0)
-    at = probe.done_at
-    start = np.argmax(np.abs(received - untouched) > 1e-4)
-    assert at - 70_000 < start <= at + 70_000  # a buffer's worth
-    np.testing.assert_allclose(received[start + 70_000 :], pressed[start + 70_000 :], atol=1e-5)
-
-
 def test_clock_offset_set_while_running_moves_the_lines_and_keeps_the_phase():
     tag = wiforce.backscatter_tag(**QUIET)
     probe = Probe(0, lambda: tag.set_clock_offset_ppm(1000.0))

@@ -3,20 +3,15 @@
 
 import json
 
-import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from live_runs import (
     FRAMES,
-    GAINS,
-    live,
     rows_of,
     run_session,
     scene_file,
-    streaming_s,
-    wait_until,
 )
 from software_usrp import SoftwareUsrp
 
@@ -73,20 +68,3 @@ def test_live_recording_metadata_names_device_gains_and_loss(recorded):
     assert "N210" in fields["core:hw"] and fields["core:datatype"] == "ci16_le"
     assert fields["wiforce:rx_gain_db"] == fields["wiforce:tx_gain_db"] == 15
     assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"
-
-
-@pytest.mark.long
-def test_live_killed_at_full_rate_keeps_all_but_the_last_second(software_usrp, tmp_path):
-    scene = scene_file(tmp_path, [(0.9, 4.0, 6.0, 45.0)])
-    device = software_usrp(scene)
-    output, name = tmp_path / "out.jsonl", tmp_path / "run"
-    with live(device.args, scene, *GAINS, "-o", output, "--record", name) as process:
-        wait_until(lambda: streaming_s(device) > 1.6)
-        end_s = streaming_s(device)
-        process.kill()
-    times = [json.loads(line)["time_s"] for line in output.read_text().splitlines()]
-    assert np.allclose(times, GROUP_S * (np.arange(len(times)) + 0.5))
-    assert times[-1] > end_s - 1 - GROUP_S
-    capture = open_capture(name)
-    assert capture.samples / 12.5e6 > end_s - 1
-    assert capture.sample_rate_hz == 12.5e6 and capture.center_frequency_hz == 900e6

@@ -70,23 +70,6 @@ def test_coherent_residual_forgets_a_burst_at_once():
     ] * 10
 
 
-def test_coherent_residual_does_not_depend_on_batches():
-    rng = np.random.default_rng(5)
-    fits = [fit_of(rng, 4.0 if 10 < g < 80 else 0.0)[0] for g in range(120)]
-    noise = rng.uniform(0.5, 2.0, (120, 62))
-    alone = coherent_residual(2)
-    expected = [alone.update(fit, fit.rows, noise[g : g + 1])[0][0] for g, fit in enumerate(fits)]
-    together, found = coherent_residual(2), []
-    for start, stop in ((0, 1), (1, 60), (60, 120)):
-        part = fits[start:stop]
-        mixed = np.concatenate([np.concatenate([f.white, f.slopes], axis=2) for f in part])
-        tones = np.concatenate([f.white @ f.ends + f.residual for f in part])
-        batch = GroupFit(np.arange(2), mixed, tones)
-        found += list(together.update(batch, batch.rows, noise[start:stop])[0])
-    assert np.max(expected) > 5
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
 def received_with(image, channel):
     return channel + image * image_of(channel, WAVEFORM)
 

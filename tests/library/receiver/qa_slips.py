@@ -138,8 +138,11 @@ def read_as_a_stream(capture, scene, input_type):
 @pytest.mark.parametrize(
     ("antennas", "input_type", "at_s", "lost"),
     cases(
-        *((1, "sc16", 0.25, -1), (1, "folded", 0.1, 1), (2, "folded", 0.25, -1)),
-        long=((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 300), (2, "folded", 0.1, 1)),
+        *((1, "sc16", 0.25, -1), (2, "folded", 0.25, -1)),
+        long=(
+            *((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 300)),
+            *((1, "folded", 0.1, 1), (2, "folded", 0.1, 1)),
+        ),
     ),
 )
 def test_slip_within_the_reference_reads_alike_from_file_and_stream(
