@@ -9,11 +9,11 @@ import fuzzing
 import numpy as np
 import pytest
 
-CASES, LONG_CASES = 6, 10_000
+CASES, LONG_CASES = 4, 10_000
 # What is not refused starts a process for the radio.
 LONG_RADIO_CASES = 500
 # These take longer than all else.
-FEWER = {"metadata": 3, "samples": 3, "radio": 3, "symbol": 3, "esp32": 3}
+FEWER = {"metadata": 2, "samples": 2, "radio": 2, "symbol": 2, "esp32": 2}
 # Readers leave their buffers behind: see "What GNU Radio 3.10 requires" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES = 100
