@@ -24,21 +24,21 @@ ROOT = Path(__file__).parent
 TIMEOUT_S = 400
 # Folders whose tests wait for a device most of the time.
 WITH_DEVICE = ("live", "radio", "software_n210")
-# Files that take or wait for eight seconds and more, with a device and without, by their time.
+# Files that take or wait for ten seconds and more, by their time: with a device, and without.
 LONGEST = (
-    *("qa_packets", "qa_press_sequences", "qa_card_effects", "qa_plausibility"),
-    *("qa_card_clocks", "qa_many_captures", "qa_check_file", "qa_sensor_calibration"),
-    *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_device"),
-    *("qa_streams", "qa_guided_live", "qa_live_recording", "qa_device_hostile"),
-    *("qa_check", "qa_live_health", "qa_programs", "qa_live_presses"),
-    *("qa_live_requests", "qa_rooms_read", "qa_examples", "qa_interference"),
-    *("qa_faults", "qa_read", "qa_estimation_separation", "qa_receiver"),
-    *("qa_outside_captures", "qa_running", "qa_antenna_ratio", "qa_fuzz"),
-    *("qa_golden", "qa_files", "qa_simulation_effects", "qa_bench_speed"),
-    *("qa_simulation_channel", "qa_stream", "qa_bench_tradeoff", "qa_planning_plan"),
-    *("qa_reader", "qa_read_output", "qa_capture_scene", "qa_backscatter_tag"),
-    *("qa_evaluate_scenes", "qa_sensor_inversion", "qa_rooms", "qa_command"),
-    *("qa_estimation_pulses", "qa_live_outputs"),
+    *("qa_live_reconnect", "qa_streams", "qa_live_presses", "qa_live_examples"),
+    *("qa_live_requests", "qa_soapy_player", "qa_live_health", "qa_guided_live", "qa_live_ends"),
+    *("qa_device", "qa_programs", "qa_live_refusals", "qa_check"),
+    *("qa_packets", "qa_press_sequences", "qa_card_effects", "qa_read", "qa_plausibility"),
+    *("qa_examples", "qa_format", "qa_card_clocks", "qa_golden", "qa_docs"),
+    *("qa_simulation_effects", "qa_flowgraph_mistakes", "qa_fuzz", "qa_rooms_read", "qa_web_page"),
+    *("qa_stream", "qa_interference", "qa_estimation_separation", "qa_pictures"),
+    *("qa_sensor_calibration", "qa_many_captures", "qa_survey", "qa_calibration_session"),
+    *("qa_estimation_clock_lines", "qa_command", "qa_doctests", "qa_planning_plan", "qa_slips"),
+    *("qa_estimation_clock", "qa_simulation_channel", "qa_usrp", "qa_chain_blocks"),
+    *("qa_sample_streams", "qa_sensor_inversion", "qa_faults", "qa_workers", "qa_check_file"),
+    *("qa_capture_scene", "qa_guided_calibration", "qa_receiver", "qa_bench_stress"),
+    *("qa_waveforms", "qa_sensor_file", "qa_estimation_frame", "qa_surface"),
 )
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
 # again, pytest with rewritten assertions in several seconds.
