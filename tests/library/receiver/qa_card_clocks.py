@@ -9,7 +9,14 @@ from card_rooms import (
     readings_of,
     readings_of_rooms,
 )
+from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.estimation.ends.separation import EndSeparator
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.packets.packet_channels import undivided
+from gnuradio.wiforce.estimation.packets.packet_groups import PacketGroups
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
+from gnuradio.wiforce.signal.timed_weights import timed_table
+from gnuradio.wiforce.signal.waveform import packet_waveform
 from long_cases import cases
 
 LINE_DB = 29
@@ -43,6 +50,26 @@ def test_time_stamps_that_err_by_1_ms_give_no_wrong_reading(stamps, seed, tmp_pa
     """A millisecond is half a period of the tag's fourth line: readings are flagged or right."""
     _, clear, stds = readings_of_rooms(29, (seed,), tmp_path, **stamps)
     assert (clear["touch"] == 1).all() and stds.max(initial=0) < 4
+
+
+@pytest.mark.parametrize("seed", cases(3, long=(1, 2)))
+def test_clock_of_a_tag_in_few_irregular_packets_errs_by_less_than_a_degree(seed):
+    """It was off by 4 degrees, as slopes of its likelihood say little; packets had wrong ends."""
+    rng, rate_hz = np.random.default_rng(seed), 134 * (1 + 30e-6)
+    time_s = np.sort(rng.uniform(0, 24, 24 * 90))
+    cycles = rate_hz * time_s + 0.3
+    pulses = np.stack([(cycles + 0.5) % 1 - 0.5, (2 * cycles) % 1 - 0.5], axis=1)
+    ends, noise = (rng.normal(size=(n, 16, 2)) @ [1, 1j] for n in (2, len(time_s)))
+    channel = (np.abs(pulses) < 1 / 8) @ ends + 0.2 * noise
+    table = timed_table([134.0], time_s[:90] - 0.5, 1.0)
+    waveform = packet_waveform(1 / 90, 6.4e-6, 312.5e3 * np.arange(16))
+    separator = EndSeparator(table, [TagClock(134.0)], waveform, derotated=False)
+    groups = PacketGroups(table, time_s, undivided(channel[:, :, None])).read(0, 24)
+    found = Groups.concatenate([separator.process(groups), separator.flush()])
+    assert len(found) == 24 and found.locked.all()
+    error = found.clock_phase[:, 0] - 2 * np.pi * (rate_hz * (found.index + 0.5) + 0.3)
+    assert np.abs(np.angle(np.exp(1j * error))).max() < np.radians(1)
+    assert np.abs(found.clock_offset_ppm - 30).max() < 2
 
 
 def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):

@@ -531,7 +531,7 @@ void bind_separation(py::module& m)
              "groups"_a,
              "seen_s"_a)
         .def(py::init<const clock_tracker&>(), "other"_a)
-        .def_readonly("time_s", &clock_tracker::time_s, "Time of phase and rate.")
+        .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
         .def_readonly("seen_s",
                       &clock_tracker::seen_s,
                       "Centre of the last group that held the tag.")

@@ -30,6 +30,9 @@ _NEWTON_STEPS = 6
 # Parabolas through the likelihood of clock 2's delay, each an eighth as wide as the one before: the
 # last one, 8e-4 rad wide, errs by less than 1e-5 rad.
 _PARABOLAS = 3
+# A fine search follows a coarse one, of the orders of J that lines up to 16 have, and covers four
+# of its steps to both sides.
+_COARSE, _AROUND = 32, 4 * 0.5
 
 
 @dataclass(frozen=True)
@@ -96,10 +99,27 @@ def acquire(
 
 def _profile(coefficients: Array) -> Array:
     """J on a circle of phases, by a Fourier transform of its coefficients (..., D+1)."""
-    spectrum = np.zeros((*coefficients.shape[:-1], _PHASES), complex)
+    phases = max(_PHASES, 2 * coefficients.shape[-1])
+    spectrum = np.zeros((*coefficients.shape[:-1], phases), complex)
     spectrum[..., : coefficients.shape[-1]] = 2 * coefficients
     spectrum[..., 0] /= 2
-    return (np.fft.ifft(spectrum) * _PHASES).real
+    return (np.fft.ifft(spectrum) * phases).real
+
+
+def most_likely(
+    coefficients: Array, elapsed: Array, nominal_rate: float, tolerance_ppm: float
+) -> tuple[float, float]:
+    """Rate above nominal and phase of the highest J of all groups, at all orders of coefficients.
+
+    Offsets up to 1.5 times the tolerance are searched, then those next to the best of them.
+    """
+    limit = 1.5e-6 * tolerance_ppm * nominal_rate
+    rate = 0.0
+    if limit:
+        rate, _ = _search(coefficients[:, : _COARSE + 1], elapsed, nominal_rate, limit)
+    around = _AROUND / (_COARSE * max(np.ptp(elapsed), 1e-3))
+    more, phase = _search(coefficients, elapsed, nominal_rate + rate, around)
+    return rate + more, phase
 
 
 def _search(
@@ -113,7 +133,7 @@ def _search(
     paths = np.multiply.outer(nominal_rate + rates, elapsed)
     profiles = _profile(np.array([turned_by(coefficients, path).sum(axis=0) for path in paths]))
     best, peak = np.unravel_index(np.argmax(profiles), profiles.shape)
-    return float(rates[best]), float(2 * np.pi * peak / _PHASES)
+    return float(rates[best]), float(2 * np.pi * peak / profiles.shape[1])
 
 
 def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseLikelihood, float]:

@@ -14,7 +14,7 @@ from ...signal.weights import ToneTable
 from ...wiforce_kernels import clock_tracker, locked_tag, predict_clocks
 from ..group_tones import GroupTones
 from ..groups import Array
-from .acquisition import ClockFit
+from .acquisition import ClockFit, most_likely
 from .likelihood import PhaseLikelihood, evaluate, turned_by
 
 
@@ -40,6 +40,8 @@ class ClockTracker(clock_tracker):
     It begins with a fit of L groups at ``times_s``; ``noise_level`` is the mean noise variance that
     the likelihoods of the fit are scaled by.
     """
+
+    rate: float  # above nominal, of the kernel's class
 
     def __init__(
         self,
@@ -68,12 +70,26 @@ class ClockTracker(clock_tracker):
             times_s[-1],
         )
         self.likelihood = fit.likelihood
+        self.nominal_rate = nominal_rate
+        # Times of the latest groups and J of them by the complete model.
+        self.latest: list[tuple[float, Array]] = []
 
     def __copy__(self) -> ClockTracker:
         other = ClockTracker.__new__(ClockTracker)
         clock_tracker.__init__(other, self)
-        other.likelihood = self.likelihood
+        other.__dict__ = dict(self.__dict__)
         return other
+
+    def place(self, at_s: float, tolerance_ppm: float = 0.0) -> None:
+        """Set the clock at a time to the most likely one of the latest groups, within a tolerance
+        or near the present rate.
+        """
+        times_s, coefficients = (np.array(each) for each in zip(*self.latest, strict=True))
+        elapsed, former = times_s - at_s, 0.0 if tolerance_ppm else self.rate
+        near = elapsed, self.nominal_rate + former, tolerance_ppm
+        rate, self.phase = most_likely(coefficients, *near)
+        # The kernel corrects it by no more than clocks drift.
+        self.time_s, self.rate, self.variances = at_s, former + rate, (0.0, 0.0, 0.0)
 
     def correct(self, errors: Array, variances: Array) -> None:
         """Correct phase and rate by their errors (2,) with known variances (2,)."""

@@ -162,6 +162,9 @@ class EndSeparator:
             self._noise.set(first.power()[0], float(first.level[0]))
         if update:
             groups = self._search.renew(groups)
+            if self._search.timed:
+                groups = groups[:1]
+                self._search.follow(groups)
         complete = groups.missing == 0
         arrays = self._model.separate(self._kernel, groups, complete, self._noise, update)
         if update:
