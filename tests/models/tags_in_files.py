@@ -96,7 +96,7 @@ class TagInFile:
         that they share. White noise of as much has as much there; of what wanders, packets that
         follow each other show a third.
         """
-        states = find_states(self.received, LEAST_STEP)
+        states = find_states(self.received, self.hertz, LEAST_STEP)
         gain = np.mean(np.log(np.abs(self.received[:, :, states.reference])), axis=1)
         against = against_reference(self.received, states.reference)[:, :, 1 - states.reference]
         values = np.zeros((3, len(gain)))
@@ -125,7 +125,7 @@ class TagInFile:
         Neighbouring subcarriers of an AX200 have noise alike, and in directions that paths of
         ordinary delays take it is two to five times the mean.
         """
-        own = find_states(self.received, LEAST_STEP).label == 0
+        own = find_states(self.received, self.hertz, LEAST_STEP).label == 0
         packets = self.received[own].transpose(0, 2, 1).reshape(np.sum(own), -1)
         scaled = packets / np.linalg.norm(packets, axis=1, keepdims=True)
         count = packets.shape[1]

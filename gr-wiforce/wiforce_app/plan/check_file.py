@@ -164,7 +164,9 @@ def check_snapshots(recording, kind):
     """
     rows = slice(0, _MOST_PACKETS)
     channel, time_s = recording.channel[rows], recording.time_s[rows]
-    coarse, fine = find_states(channel, TAG_STEP), find_states(channel, LEAST_STEP)
+    coarse, fine = (
+        find_states(channel, recording.subcarrier_hz, step) for step in (TAG_STEP, LEAST_STEP)
+    )
     single, looks = None, [channel]
     if recording.antennas == 1:
         single = AntennaCombination(channel, recording.subcarrier_hz)

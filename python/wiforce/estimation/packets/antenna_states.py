@@ -20,9 +20,11 @@ LEAST_PACKETS = 20
 # this share of the smaller one's packets at most, against a quarter of them where one normal or
 # uniform distribution is divided. Divisions are tried at this many of the widest gaps.
 _BETWEEN, _CANDIDATES = 0.1, 16
-# Standard deviations by which a state may hold fewer packets with open switches than their share of
-# all packets. One state of 700 holds still fewer by chance.
-_FEWER_STDS = 3.0
+# Largest share of a state's step that is not a gain, a phase and a delay: two files of an Intel
+# AX200 have up to 0.004; tags of which the delays differ by 15 ns have 0.02 and more over 5 MHz.
+_FLAT = 0.01
+# What the parts are that packets are divided into.
+_STATE, _PART, _OTHER = range(3)
 # Largest change of the shape over the subcarriers that a card makes. An Intel AX200 changes it by
 # 0.12 when the phase between its antennas flips; packets of another sender, whose paths are
 # others, differ by 0.3 to 1.
@@ -36,8 +38,10 @@ FOREIGN = (
 OWN_SHARE = 0.1
 # Directions in which states are looked for, and packets that these are computed from.
 _DIRECTIONS, _MOST_PACKETS = 3, 4000
-# Turns in which states and tags of a group are fitted at most; three to five are usual.
-_TURNS = 10
+# Degrees of freedom of the noise of packets, of which a few in a hundred are four standard
+# deviations or more from all states; turns in which its size is measured; and the gain of a
+# log-likelihood that is none.
+_FREEDOM, _TURNS, _ALIKE = 4.0, 20, 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,64 +66,98 @@ class AntennaStates:
         return int(np.count_nonzero(self.label < 0))
 
 
-def find_states(
-    channel: Array,
-    step: float,
-    known: Array | None = None,
-    closed: Array | None = None,
-    period: Array | None = None,
-    former: AntennaStates | None = None,
-) -> AntennaStates:
+def find_states(channel: Array, subcarrier_hz: Array, step: float) -> AntennaStates:
     """Find the states that the receiver chains of a card take, from channels (n, K, A).
 
     ``step`` is the least change of the antennas against each other that makes a state, relative to
-    their static paths. States are found in the ``known`` packets (n,); the others get the nearest
-    one. ``closed`` (n, 2 S) is how long each end of each tag is closed in a packet, ``period`` (n,)
-    the group of each packet, in which tags are constant. States of ``former`` were found while less
-    was known of the tags, and are divided further.
-
-    What one antenna receives against another one is free of the packet's phase and gain, and within
-    a state it varies by noise and tags alone. What follows the tags' switches is fitted and
-    removed. Packets are divided where a principal component of the rest takes values that are
-    apart, the farthest ones first.
+    their static paths. What one antenna receives against another one is free of the packet's phase
+    and gain, and within a state it varies by noise and tags alone. Packets are divided where a
+    principal component takes values that are apart, the farthest ones first. A receiver changes an
+    antenna by a gain, a phase and a delay: a part that is not one of these against another part is
+    of a tag, of the room, or of another sender.
     """
+    reference, against = _against_strongest(channel)
+    if not against.shape[1]:
+        return AntennaStates(np.zeros(len(channel), int), reference)
+    _, label = _means_and_labels(against, against, subcarrier_hz, step)
+    return AntennaStates(_numbered(label), reference)
+
+
+def find_states_beside_tags(
+    channel: Array,
+    subcarrier_hz: Array,
+    step: float,
+    known: Array,
+    closed: Array,
+    period: Array,
+) -> tuple[AntennaStates, Array]:
+    """States as of :func:`find_states`, and which errors of clocks and times packets show (n,).
+
+    ``channel`` (E, n, K, A) is without tags, as far as they are ``known`` (n,), for E errors of
+    clocks and times, none first; ``closed`` (E, n, 2 S) is how long each end of each tag is closed
+    in a packet then, ``period`` (n,) the group of each packet, in which tags are constant. Groups
+    without a closed end are those whose tags were not found.
+
+    States are looked for in packets in which all ends are open at any of the errors, which hold no
+    tag. The others are compared with these states. Of a packet near an edge of a switch, it is not
+    known whether the end is closed; taken as closed with open ends, or the other way round, it
+    would be taken for one of another state, and then confirm a clock that is wrong.
+    """
+    count = len(closed[0])
+    reference, against = _against_strongest(channel.reshape(-1, *channel.shape[2:]))
+    best, label = np.zeros(count, int), np.zeros(count, int)
+    if not against.shape[1]:
+        return AntennaStates(label, reference), best
+    against = against.reshape(len(closed), count, -1)
+    found = np.isin(period, period[closed.any(axis=(0, 2))])
+    rows = np.flatnonzero(found & ~closed.any(axis=(0, 2)))
+    if len(rows) < LEAST_PACKETS:
+        rows = np.arange(count)
+    means, label = _means_and_labels(against[0, rows], against[0], subcarrier_hz, step)
+    if len(means) == 1:
+        return AntennaStates(_numbered(label), reference), best
+    best = np.argmin(np.min([np.linalg.norm(against - m, axis=2) for m in means], axis=0), axis=0)
+    taken = best, np.arange(count)
+    against, closed = against[taken], closed[taken]
+    ours = label >= 0
+    label[ours] = _nearest_mean(against[ours], means)
+    own = label[rows[ours[rows]]]
+    noise = against[rows[ours[rows]]] - means[own]
+    mixture = _Mixture(means, noise, np.bincount(own, minlength=len(means)) / len(own))
+    for group in np.unique(period[closed.any(axis=1) & ours]):
+        packets = np.flatnonzero((period == group) & ours)
+        largest = LEAST_STEP / 2 if known[packets].all() else TAG_STEP
+        label[packets] = mixture.states(against[packets], closed[packets], largest)
+    return AntennaStates(_numbered(label), reference), best
+
+
+def _against_strongest(channel: Array) -> tuple[int, Array]:
+    """The strongest antenna, and what the others receive against it (n, K (A - 1))."""
     reference = int(np.argmax(np.median(np.sum(np.abs(channel) ** 2, axis=1), axis=0)))
-    label = np.zeros(len(channel), int)
-    if channel.shape[2] == 1:
-        return AntennaStates(label, reference)
     others = np.delete(np.arange(channel.shape[2]), reference)
-    against = against_reference(channel, reference)[:, :, others].reshape(len(channel), -1)
-    if known is None or np.count_nonzero(known) < LEAST_PACKETS:
-        known = np.ones(len(channel), bool)
-    rows, own = np.flatnonzero(known), np.zeros(np.count_nonzero(known), int)
-    if former is not None:
-        # A flip that is not yet known would be fitted as a tag.
-        own = np.unique(former.label[rows], return_inverse=True)[1]
+    against = against_reference(channel, reference)[:, :, others]
+    return reference, against.reshape(len(channel), -1)
+
+
+def _means_and_labels(
+    some: Array, against: Array, subcarrier_hz: Array, step: float
+) -> tuple[Array, Array]:
+    """Means (states, C) of the states of some packets (m, C), and the nearest one of each packet
+    (n, C), -1 where it is of other paths.
+    """
+    own = np.zeros(len(some), int)
     while True:
-        units = _units(against[rows], own)
-        relative = against[rows] * units[own]
-        if closed is not None and period is not None:
-            _remove_tags(relative, own, closed[rows], period[rows])
-        apart = _division(relative, own, step)
+        apart = _division(some * _units(some, own)[own], own, step)
         if apart is None:
             break
         own[apart] = own.max() + 1
-    tagless = relative / units[own]
-    own = _merged(tagless, own, step)
-    if closed is not None:
-        # Divisions were made while those after them were still taken for a tag.
-        own = _without_tags(tagless, own, closed[rows])
-        own = _nearest(tagless, np.arange(len(rows)), own, np.arange(len(rows)))
-    own = _without_room(against[rows].reshape(len(rows), -1, len(others)), own)
-    own = np.unique(own, return_inverse=True)[1]
-    label[rows] = own
-    label[~known] = _nearest(against, rows, own, np.flatnonzero(~known))
-    if closed is not None and period is not None:
-        means = _means(against[rows], own)
-        for group in np.unique(period[~known]):
-            unknown = np.flatnonzero(~known & (period == group))
-            label[unknown] = _beside_tags(against[unknown], means, label[unknown], closed[unknown])
-    return AntennaStates(_ordered(against, label), reference)
+    own = _merged(some, own, step)
+    means = _means(some, own)
+    kind = _kinds(means, _noise(some, means, own), np.bincount(own), subcarrier_hz)
+    label = np.where(kind[_nearest_mean(against, means)] == _OTHER, -1, 0)
+    means = means[kind == _STATE]
+    label[label == 0] = _nearest_mean(against[label == 0], means)
+    return means, label
 
 
 def against_reference(channel: Array, reference: int) -> Array:
@@ -148,17 +186,6 @@ def _units(against: Array, label: Array) -> Array:
         size = np.median(np.linalg.norm(own, axis=1))
         units[state] = np.exp(-1j * np.angle(_shape(own))) / max(size, 1e-30)
     return units
-
-
-def _remove_tags(relative: Array, label: Array, closed: Array, period: Array) -> None:
-    """Remove what follows the tags' switches, period by period, in place."""
-    starts = np.flatnonzero(np.diff(period, prepend=-1))
-    for rows in np.split(np.arange(len(period)), starts[1:]):
-        _, of = np.unique(label[rows], return_inverse=True)
-        constants = np.eye(of.max() + 1)[of]
-        columns = np.hstack([closed[rows], constants])
-        found = np.linalg.lstsq(columns, relative[rows], rcond=1e-6)[0]
-        relative[rows] -= closed[rows] @ found[: closed.shape[1]]
 
 
 def _division(relative: Array, label: Array, step: float) -> Array | None:
@@ -214,36 +241,6 @@ def _merged(against: Array, label: Array, step: float) -> Array:
         label = np.where(label == states[one], states[other], label)
 
 
-def _without_tags(against: Array, label: Array, closed: Array) -> Array:
-    """Labels without states that a tag makes, of which some groups are not known well.
-
-    A receiver does not know of the switches of a tag: in each of its states they are all open as
-    often as in every other one. What is farther apart than any tag's change remains.
-    """
-    open_ = ~(closed > 0).any(axis=1)
-    share = open_.mean()
-    while True:
-        count, of_open = np.bincount(label), np.bincount(label, open_)
-        spread = np.sqrt(count * share * (1 - share))
-        few = of_open < count * share - _FEWER_STDS * spread
-        means = np.array([against[label == state].mean(axis=0) for state in range(len(count))])
-        apart = np.linalg.norm(means[:, None] - means, axis=2) / np.linalg.norm(means, axis=1)
-        np.fill_diagonal(apart, np.inf)
-        few &= apart.min(axis=1) < TAG_STEP
-        few[count.argmax()] = False
-        if not few.any():
-            return label
-        # The smallest one first: what it joins may be right then.
-        state = int(np.where(few, count, len(label) + 1).argmin())
-        label = np.where(label == state, apart[state].argmin(), label)
-        label = np.unique(label, return_inverse=True)[1]
-
-
-def _nearest(against: Array, rows: Array, label: Array, others: Array) -> Array:
-    """State nearest to each of some other packets."""
-    return _nearest_mean(against[others], _means(against[rows], label))
-
-
 def _means(against: Array, label: Array) -> Array:
     """Mean of the packets (n, C) of each state, (states, C)."""
     return np.array([against[label == state].mean(axis=0) for state in range(label.max() + 1)])
@@ -255,69 +252,129 @@ def _nearest_mean(against: Array, means: Array) -> Array:
     return np.asarray(np.argmin(distance, axis=0))
 
 
-def _beside_tags(against: Array, means: Array, label: Array, closed: Array) -> Array:
-    """State of the packets of a group (n, C), of whose tags little is known.
+def _noise(against: Array, means: Array, label: Array) -> Array:
+    """Power of the noise of a packet of each state, (states,)."""
+    power = np.sum(np.abs(against - means[label]) ** 2, axis=1)
+    return np.asarray(np.bincount(label, power) / np.bincount(label))
 
-    Tags and states are fitted in turns: a wrong state would be taken for a part of the tag, and the
-    tag for a step between states.
+
+def _kinds(means: Array, noise: Array, count: Array, subcarrier_hz: Array) -> Array:
+    """What the parts are that packets were divided into, (parts,): states, of which each is a gain,
+    a phase and a delay against another one; packets of other paths; or parts of a state.
     """
-    inverse = np.linalg.pinv(closed, rcond=1e-6)
+    kind = np.full(len(means), _OTHER)
+    order = np.argsort(-count, kind="stable")
+    kind[order[0]] = _STATE
+    alike = [1 - _likeness(means[order[0]], mean) ** 2 <= _SAME_PATHS**2 for mean in means]
+    for part in order[1:]:
+        kind[part] = _PART if alike[part] else _OTHER
+        for state in np.flatnonzero(kind == _STATE):
+            step, own = _own_change(means[state], means[part], subcarrier_hz)
+            known = noise[state] / count[state] + noise[part] / count[part]
+            if alike[part] and own - known < _FLAT * step:
+                kind[part] = _STATE
+    return kind
+
+
+def _likeness(one: Array, other: Array) -> float:
+    """Share of a profile (C,) that another one has, from 0 to 1."""
+    size = np.linalg.norm(one) * np.linalg.norm(other)
+    return float(np.abs(np.vdot(one, other)) / max(size, 1e-300))
+
+
+def _own_change(former: Array, mean: Array, subcarrier_hz: Array) -> tuple[float, float]:
+    """Power of a change of the antennas (C,) against each other, and of what of it is not a gain, a
+    phase and a delay.
+    """
+    hertz = (subcarrier_hz - subcarrier_hz.mean())[:, None]
+    former, mean = (each.reshape(len(hertz), -1) for each in (former, mean))
+    product = mean * former.conj()
+    weight, slope = np.abs(product), np.zeros(product.shape[1])
     for _ in range(_TURNS):
-        tag = closed @ (inverse @ (against - means[label]))
-        new = _nearest_mean(against - tag, means)
-        if np.array_equal(new, label):
-            break
-        label = new
-    return label
+        turned = product * np.exp(-1j * hertz * slope)
+        phase = np.angle(turned * turned.sum(axis=0).conj())
+        slope = slope + np.sum(weight * hertz * phase, axis=0) / np.sum(weight * hertz**2, axis=0)
+    turn = np.exp(1j * hertz * slope)
+    power = np.maximum(np.sum(np.abs(former) ** 2, axis=0), 1e-300)
+    factor = np.sum(product * turn.conj(), axis=0) / power
+    step, own = mean - former, mean - factor * turn * former
+    return float(np.sum(np.abs(step) ** 2)), float(np.sum(np.abs(own) ** 2))
 
 
-def _without_room(against: Array, label: Array) -> Array:
-    """Labels of states that are the receiver's; a change of the room remains in one state.
+class _Mixture:
+    """States of packets beside tags of which only the switches are known.
 
-    A receiver changes from one packet to the next, by the same factor on all subcarriers, or to
-    and fro; a change that differs from subcarrier to subcarrier and never returns may be one of
-    the room.
+    ``means`` (states, C) are the states without tags, ``noise`` (m, C) packets less them and
+    ``share`` (states,) how often they are. Only what distinguishes states is looked at, in units of
+    its noise. A few packets are far from all states: noise has Student's t distribution (D. Peel
+    and G. J. McLachlan, Statistics and Computing 10 (2000), 339-348).
     """
-    label = label.copy()
-    means = np.array([against[label == state].mean(axis=0) for state in range(label.max() + 1)])
-    lasting = np.array([_majority(label == state) for state in range(len(means))])
-    starts = np.where(lasting.any(axis=1), np.argmax(lasting, axis=1), 0)
-    for state in np.argsort(starts, kind="stable"):
-        start = starts[state]
-        if start < LEAST_PACKETS:
-            continue  # the first one, or one that alternates with others all the time
-        before = np.arange(start - LEAST_PACKETS, start)
-        former = np.bincount(label[before]).argmax()
-        after = np.arange(start, min(start + LEAST_PACKETS, len(label)))
-        after, before = after[label[after] == state], before[label[before] == former]
-        step = means[state] - means[former]
-        size = np.sum(np.abs(step) ** 2)
-        jump = against[after].mean(axis=0) - against[before].mean(axis=0)
-        sudden = np.vdot(step, jump).real > 0.5 * size
-        power = np.maximum(np.sum(np.abs(means[former]) ** 2, axis=0), 1e-300)
-        factor = np.sum(means[former].conj() * means[state], axis=0) / power
-        own = np.sum(np.abs(means[state] - factor * means[former]) ** 2)
-        returns = lasting[former, start:].any()
-        if not (sudden and (returns or own < OWN_SHARE * size)):
-            label[label == state] = former
-    return label
+
+    def __init__(self, means: Array, noise: Array, share: Array) -> None:
+        self._basis = np.linalg.svd(means - means[0], full_matrices=False)[2][: len(means) - 1]
+        own, size = self._flat(noise), np.median(np.linalg.norm(means, axis=1))
+        self._wide, self._share = own.shape[1], share
+        weights = np.ones(len(own))
+        for _ in range(_TURNS):
+            spread = (own.T * weights) @ own / len(own) + 1e-12 * size**2 * np.eye(self._wide)
+            power, vectors = np.linalg.eigh(spread)
+            self._whiten = vectors / np.sqrt(power)
+            weights = self._weights(np.sum((own @ self._whiten) ** 2, axis=1))
+        self._means = self._flat(means) @ self._whiten
+        self._size, self._power = size, power
+
+    def states(self, against: Array, closed: Array, largest: float) -> Array:
+        """Most likely state of the packets (n, C) of a group, in which tags are constant."""
+        packets = self._flat(against) @ self._whiten
+        # Two standard deviations of what an end adds are the largest step that it may cause.
+        self._prior = 2 * (2 / (largest * self._size)) ** 2 * self._power
+        best = self._fit(packets, closed, np.zeros((closed.shape[1], self._wide)))
+        # A state that all packets of a closed end are taken to is made good by the tag.
+        for end in np.flatnonzero(closed.any(axis=0)):
+            own, start = closed[:, end] > 0, best[1].copy()
+            start[end] = 0
+            center = np.median(packets[own] - closed[own] @ start, axis=0)
+            for mean in self._means:
+                start[end] = center - mean
+                best = max(best, self._fit(packets, closed, start), key=lambda each: each[0])
+        return np.asarray(np.argmax(best[2], axis=1))
+
+    def _flat(self, values: Array) -> Array:
+        """Real coordinates (n, D) of values (n, C) in what distinguishes states."""
+        own = values @ self._basis.conj().T
+        return np.hstack([own.real, own.imag])
+
+    def _weights(self, distance: Array) -> Array:
+        """Weights of packets at squared distances from their mean, as of Student's t."""
+        return np.asarray((_FREEDOM + self._wide) / (_FREEDOM + distance))
+
+    def _fit(self, packets: Array, closed: Array, tag: Array) -> tuple[float, Array, Array]:
+        """Logarithm of the posterior, tag (2 S, D) and probabilities of the states (n, states)
+        that expectation and maximisation lead to from a tag.
+        """
+        former, share = -np.inf, self._share
+        prior = np.multiply.outer(self._prior, np.eye(len(tag)))
+        while True:
+            rest: Array = packets - closed @ tag
+            heavy = self._weights(np.sum((rest[:, None] - self._means) ** 2, axis=2))
+            likely = share * heavy ** ((_FREEDOM + self._wide) / 2)
+            sums = likely.sum(axis=1, keepdims=True)
+            likely /= sums
+            posterior = float(np.sum(np.log(sums)) + self._share @ np.log(share))
+            posterior -= float(np.sum(self._prior * tag**2)) / 2
+            if not posterior - former > _ALIKE:
+                return posterior, tag, likely
+            # One packet's worth of what is known of the shares: a group may lack a state.
+            former, share = posterior, (likely.sum(axis=0) + self._share) / (len(packets) + 1)
+            heavy *= likely
+            each = heavy.sum(axis=1, keepdims=True)
+            right = closed.T @ (packets * each - heavy @ self._means)
+            normal = closed.T @ (closed * each) + prior
+            tag = np.linalg.solve(normal, right.T[:, :, None])[:, :, 0].T
 
 
-def _majority(own: Array) -> Array:
-    """Where a state begins to be that of most packets; ndarray of bool, shape (n,)."""
-    inside = np.convolve(own, np.ones(LEAST_PACKETS), "full")[LEAST_PACKETS - 1 :]
-    return own & (inside > LEAST_PACKETS / 2)
-
-
-def _ordered(against: Array, label: Array) -> Array:
-    """Labels by their frequency, -1 for states of other paths than the first one's."""
-    states, count = np.unique(label, return_counts=True)
-    order = states[np.argsort(-count, kind="stable")]
-    found = np.full(len(label), -1)
-    first, number = _shape(against[label == order[0]]), 0
-    for state in order:
-        match = np.abs(np.vdot(first, _shape(against[label == state])))
-        if 1 - match**2 <= _SAME_PATHS**2:
-            found[label == state] = number
-            number += 1
-    return found
+def _numbered(label: Array) -> Array:
+    """Labels by their frequency, but for -1."""
+    own = label >= 0
+    rank = np.argsort(np.argsort(-np.bincount(label[own]), kind="stable"), kind="stable")
+    return np.where(own, rank[label], -1)

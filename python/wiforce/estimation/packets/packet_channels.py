@@ -16,6 +16,7 @@ from .antenna_states import (
     AntennaStates,
     against_reference,
     find_states,
+    find_states_beside_tags,
 )
 
 # Largest part of what a packet holds along the static paths that a tag is.
@@ -333,9 +334,10 @@ def _differs(residual: Array) -> bool:
 class TagParts:
     """What tags add to packets."""
 
-    # (n, S), of each tag in each packet, over that of its first end while untouched
+    # (3, n, S), of each tag in each packet, over that of its first end while untouched: as clocks
+    # and times are known, and if they err either way by as much as they may
     reflection: Array
-    closed: Array  # (n, 2 S), how long each of their ends is closed, from 0 to 1; 0 where unknown
+    closed: Array  # (3, n, 2 S), how long each end is closed then, from 0 to 1; 0 where unknown
     direct: Array  # (S, K), what the static paths hold of an untouched end, in units of them
     combined: Array  # (S, K (A - 1)), the same of the combinations without a static path
     # (n,), packets in which this is all that the tags add, but for less than LEAST_STEP of the
@@ -389,7 +391,8 @@ class PacketChannels:
     ) -> None:
         self._received, self._time_s, self._untouched = channel, time_s, untouched
         self._subcarrier_hz, self._period_s = subcarrier_hz, period_s
-        states, known = find_states(channel, step), np.ones(len(channel), bool)
+        states = find_states(channel, subcarrier_hz, step)
+        known = np.ones(len(channel), bool)
         self._combination = self._calibrated(channel, states, known, None)
 
     def divide(self, tags: TagParts | None = None) -> DividedPackets:
@@ -397,12 +400,21 @@ class PacketChannels:
         along: Array | None = None
         across: Array | float = 0.0
         if tags is not None:
-            along, across = tags.reflection @ tags.direct, tags.reflection @ tags.combined
-            along *= np.minimum(1, LARGEST / np.maximum(np.abs(along), 1e-30))
+            parts = tags.reflection @ tags.direct, tags.reflection @ tags.combined
+            size = np.abs(parts[0])
+            parts[0][:] *= np.minimum(1, LARGEST / np.maximum(size, 1e-30))
             channel = self._received * self._gain
-            free = self._combination.without(channel, along, across) / self._gain
+            every = [
+                self._combination.without(channel, *each) / self._gain
+                for each in zip(*parts, strict=True)
+            ]
             period = (self._time_s / self._period_s).astype(int)
-            states = find_states(free, LEAST_STEP, tags.known, tags.closed, period, self.states)
+            switches = tags.known, tags.closed, period
+            states, best = find_states_beside_tags(
+                np.array(every), self._subcarrier_hz, LEAST_STEP, *switches
+            )
+            taken = best, np.arange(len(best))
+            free, along, across = np.array(every)[taken], parts[0][taken], parts[1][taken]
             if not (self._untouched & (states.label >= 0)).any():
                 states = self.states  # without a packet of the reference, states are none
             former = self._combination

@@ -29,6 +29,9 @@ _ROUNDS, _SOLVED, _HALVINGS = 40, 1e-3, 8
 _SETTLING, _SMALL = 4, 1e-4
 # Probability with which two standard deviations of U are exceeded before anything is measured.
 _EXCEEDED = 0.05
+# Phases by which clocks and the times of packets may err together: none, and half of the shortest
+# time that an end is closed, either way. Time stamps that err by more do not show that end.
+_ASIDE = np.array([0.0, -1.0, 1.0]) * np.pi / 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +79,8 @@ def solve_tags(
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)
     combined = np.zeros((count, channels), np.complex64)
-    reflection = np.zeros((len(time_s), count), np.complex64)
-    closed = np.zeros((len(time_s), 2 * count))
+    reflection = np.zeros((len(_ASIDE), len(time_s), count), np.complex64)
+    closed = np.zeros((len(_ASIDE), len(time_s), 2 * count))
     unknown = np.ones((len(time_s), count))
     uncertain: list[float] = []
     known = np.zeros(0, int)
@@ -100,8 +103,8 @@ def solve_tags(
         uncertain.append(solved.uncertain)
         changes = _changes(groups.index, solved.reflection)
         for each, values, change in zip(found, solved.reflection, changes, strict=True):
-            reflection[each.rows, tag] = each.closed[:, own] @ values
-            closed[each.rows, own] = each.closed[:, own]
+            reflection[:, each.rows, tag] = each.closed[:, :, own] @ values
+            closed[:, each.rows, own] = each.closed[:, :, own]
             unknown[each.rows, tag] = change
     size = np.sqrt(np.mean(np.abs(direct) ** 2, axis=1) + np.mean(np.abs(combined) ** 2, axis=1))
     known_packets = unknown @ size < LEAST_STEP / 2
@@ -140,21 +143,20 @@ class _Group:
         closed = []
         for tag, clock in enumerate(clocks):
             rate = 2 * np.pi * clock.stated_hz * (1 + 1e-6 * group.clock_offset_ppm[0, tag])
-            phase = group.clock_phase[0, tag] + rate * times_s
-            half = rate * window_s / 2
-            closed.append(switch_averages(phase, half, group.clock2_delay[0, tag]))
-        self.closed = np.hstack(closed)
+            phase = group.clock_phase[0, tag] + rate * times_s + _ASIDE[:, None]
+            closed.append(switch_averages(phase, rate * window_s / 2, group.clock2_delay[0, tag]))
+        self.closed = np.concatenate(closed, axis=2)
         own = packets.state[self.rows] >= 0
         states = np.eye(packets.state.max() + 2)[packets.state[self.rows[own]]]
         slow = clutter_at(times_s[own], period_s, table.clutter_hz)[:, 1:]
-        columns = np.hstack([self.closed[own], states, slow])
+        columns = np.hstack([self.closed[0, own], states, slow])
         level = packets.level[self.rows[own]]
         inverse = np.linalg.pinv(columns, rcond=1e-6)
         fit = inverse @ level
         residual = level - columns @ fit
         freedom = max(len(columns) - np.linalg.matrix_rank(columns, tol=1e-6), 1)
         gain = np.sum(inverse**2, axis=1)
-        count = self.closed.shape[1]
+        count = self.closed.shape[2]
         self.rise = fit[:count]
         self.variance = np.multiply.outer(gain[:count], np.sum(residual**2, axis=0) / freedom)
         # What is common to all subcarriers is noise of the receiver's gain.
