@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -76,18 +78,21 @@ class RecordingReader:
         self.frame_offset = frame_offset
         self._check_length()
         self._folding = ThreadPoolExecutor(1, "tones")
-        # The first batch is folded while the room is surveyed: most rooms need no other weights.
-        # Those that do wait for it.
-        self._fold(plan)
-        self.survey = survey_recording(recording, plan, frame_offset) if survey else None
-        expected, plan = plan, adapted(plan, self.survey)
-        if plan.table is not expected.table:
+        with ExitStack() as refused:
+            refused.callback(partial(self._folding.shutdown, cancel_futures=True))
+            # The first batch is folded while the room is surveyed: most rooms need no other
+            # weights. Those that do wait for it.
             self._fold(plan)
-        if survey and scene.environment.receive_antennas == 1:
-            found = _compression_of(recording, plan.waveform, frame_offset)
-            plan = expecting_snr(plan.stating(compression=found), self.survey)
-        self.plan = plan
-        self.receiver = Receiver(plan, tracked, on_groups=on_groups)
+            self.survey = survey_recording(recording, plan, frame_offset) if survey else None
+            expected, plan = plan, adapted(plan, self.survey)
+            if plan.table is not expected.table:
+                self._fold(plan)
+            if survey and scene.environment.receive_antennas == 1:
+                found = _compression_of(recording, plan.waveform, frame_offset)
+                plan = expecting_snr(plan.stating(compression=found), self.survey)
+            self.plan = plan
+            self.receiver = Receiver(plan, tracked, on_groups=on_groups)
+            refused.pop_all()
 
     def _fold(self, plan: Plan) -> None:
         """Fold the groups from the first one on by the weights of a plan."""

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The receiver: readings do not depend on how groups are divided into batches."""
 
+import threading
+
 import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.wiforce_kernels import end_separation
 from long_cases import cases
 from plain import make_air
@@ -318,3 +322,13 @@ def test_receiver_press_of_one_sensor_is_no_force_of_another(tmp_path):
     right = found[(found["sensor"] == "right") & (found["touch"] == 1) & found["ok"]]
     apart = (right["force_n"] - 5.0).abs()
     assert len(right) > 105 and (apart < 4 * right["force_std_n"]).all() and apart.max() < 0.8
+
+
+def test_recording_reader_that_is_refused_folds_nothing_more(tmp_path):
+    """A program that goes on with another scene would share its cores with the one refused."""
+    scene = wiforce.load_scene("tabletop").as_dict()
+    wiforce.simulate(scene, tmp_path / "wide")
+    scene["sensors"][0]["clock_tolerance_ppm"] = 20_000
+    with pytest.raises(InputError, match="clock_tolerance_ppm"):
+        RecordingReader(open_capture(tmp_path / "wide"), scene, survey=False)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("tones")]
