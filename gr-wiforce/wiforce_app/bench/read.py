@@ -17,6 +17,7 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.clocks import clocks_for
@@ -40,9 +41,10 @@ _PIECE_SAMPLES, _SAMPLE_RATE_HZ = 45_000_000, 12.5e6
 _PIECE_S = _PIECE_SAMPLES / _SAMPLE_RATE_HZ
 _SENSORS = (1, 2, 4, 8)
 _GROUP_LENGTHS = (63, 125, 625)
-# Batches and runs of single groups are timed in turns, so often. Their lower quartile repeats
-# within 10 %; sums differ by half, as what else the machine does lengthens some of them.
-_TURNS, _SINGLE_GROUPS = 24, 64
+# Groups of each batch that are read once more one by one, and batches that are timed: the lower
+# quartile of so many repeats within 10 %. Sums differ by half, as what else the machine does
+# lengthens some of them.
+_SINGLE_GROUPS, _TIMED = 64, 24
 # Groups that are read together along an axis. Recordings are read in batches of 256, but a piece of
 # long groups holds fewer, and all rows are to be alike. Each time is the median of so many.
 _BATCH, _REPEATS = 64, 5
@@ -152,8 +154,8 @@ def read(as_json, seconds, sensors, folder, scaling, axes, plot_path):
 
     Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
     turns. The command is timed with its start-up; samples and groups are timed by themselves, by
-    processor time. A combination that the plan refuses, because its groups are too short to
-    separate the tags, is left out.
+    processor time, groups by its lower quartile over batches. A combination that the plan refuses,
+    because its groups are too short to separate the tags, is left out.
 
     With --scaling, one of sensors, snapshots per group, snapshots per second and samples per symbol
     changes at a time, and the exponents by which the times grow are printed.
@@ -313,21 +315,22 @@ def _time_samples(recording, settings):
 
 
 def _time_batches(settings, batches):
-    """Processor time per group from tones to readings, in batches and one by one."""
-    receiver = Receiver(settings)
-    first, took, alone = 0, [], []
-    for turn in range(_TURNS + 1):
-        batch = batches[turn % len(batches)]
-        batch = batch.having(index=first + np.arange(len(batch)))
-        single = [
-            batch[i : i + 1].having(index=batch.index[-1:] + 1 + i)
-            for i in range(min(len(batch), _SINGLE_GROUPS))
-        ]
-        first += len(batch) + len(single)
-        took.append(_time_groups(receiver, [batch]) / len(batch))
-        alone.append(_time_groups(receiver, single) / len(single))
-    # Clocks and reference are found in the first turn.
-    return tuple(np.quantile([took[1:], alone[1:]], 0.25, axis=1).tolist())
+    """Processor time per group from tones to readings, in batches and one by one.
+
+    Two receivers read the recording on, in turns, so that both follow clocks that they have found.
+    """
+    together, alone = Receiver(settings), Receiver(settings)
+    took = []
+    for batch in batches:
+        known = alone.state == "reading"
+        single = [batch[i : i + 1] for i in range(min(len(batch), _SINGLE_GROUPS) * known)]
+        pair = _time_groups(together, [batch]), _time_groups(alone, single)
+        alone.process(batch[len(single) :])
+        if known:
+            took.append((pair[0] / len(batch), pair[1] / len(single)))
+        if len(took) == _TIMED:
+            break
+    return tuple(np.quantile(took, 0.25, axis=0).tolist())
 
 
 def _time_groups(receiver, batches):
@@ -380,7 +383,8 @@ def _scaling_row(setting, folder):
     settings = plan(scene)
     plan_s = time.process_time() - start
     start = time.process_time()
-    settings = adapted(settings, survey_recording(recording, settings, 0))
+    offset = first_frame(recording, settings.waveform, require_frames(recording, settings.waveform))
+    settings = adapted(settings, survey_recording(recording, settings, offset))
     survey_s = time.process_time() - start
     runs = [_time_samples(recording, settings) for _ in range(_REPEATS)]
     samples_s = float(np.median([took for took, _ in runs]))
