@@ -130,8 +130,13 @@ def _search(
     # The highest term rotates by at most half a radian over the block between two rates.
     step = 0.5 / (degree * max(np.ptp(elapsed), 1e-3))
     rates = np.linspace(-limit, limit, 2 * int(np.ceil(limit / step)) + 1)
-    paths = np.multiply.outer(nominal_rate + rates, elapsed)
-    profiles = _profile(np.array([turned_by(coefficients, path).sum(axis=0) for path in paths]))
+    turned = turned_by(coefficients, (nominal_rate + rates[0]) * elapsed)
+    onward = turned_by(np.ones_like(coefficients), np.diff(rates[:2]).sum() * elapsed)
+    sums = np.empty((len(rates), degree + 1), complex)
+    for each in sums:
+        np.sum(turned, axis=0, out=each)
+        turned *= onward
+    profiles = _profile(sums)
     best, peak = np.unravel_index(np.argmax(profiles), profiles.shape)
     return float(rates[best]), float(2 * np.pi * peak / profiles.shape[1])
 

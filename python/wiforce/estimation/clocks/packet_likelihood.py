@@ -34,21 +34,23 @@ def complete_likelihood(
     clocks[:, 0, 1:] = tag.rate, tag.rate * tag.averaging_s / 2
     found = np.empty((len(groups), _EVERY_PHASE))
     for row, weights in enumerate(groups.weights):
-        first, second = weights.switched(clocks, [(tag.clock2_delay, *tag.duty)]).T[:2]
+        switched = weights.switched(clocks, [(tag.clock2_delay, *tag.duty)])
+        first, second = np.ascontiguousarray(switched.T[:2])
         tones = groups.white[row] * np.sqrt(inverse_noise)
         if fit is not None and len(fit.rows) > 2:
             others = np.linalg.qr(fit.white[row][:, ~np.isin(fit.rows, tag.rows)])[0]
             tones = tones - others @ (others.T @ tones)
             first, second = (each - others @ (others.T @ each) for each in (first, second))
-        power = (tones @ tones.conj().T).real
+        parts = np.hstack([tones.real, tones.imag])
         # Energy in the span of two columns, by their Gram matrix and its inverse.
-        one, both, two = (np.sum(a * b, axis=0) for a, b in _pairs(first, second))
-        rests = (np.sum(a * (power @ b), axis=0) for a, b in _pairs(first, second))
-        of_one, of_both, of_two = rests
+        one, both, two = _gram(first, second)
+        of_one, of_both, of_two = _gram(parts.T @ first, parts.T @ second)
         size = np.maximum(one * two - both**2, 1e-9 * one * two)
         found[row] = (two * of_one - 2 * both * of_both + one * of_two) / np.maximum(size, 1e-300)
     return np.asarray(np.fft.rfft(found, axis=1)[:, :-1] / _EVERY_PHASE)
 
 
-def _pairs(first: Array, second: Array) -> tuple[tuple[Array, Array], ...]:
-    return (first, first), (first, second), (second, second)
+def _gram(first: Array, second: Array) -> tuple[Array, ...]:
+    """Inner products of the columns of two matrices: of each of the first, both, and the second."""
+    pairs = (first, first), (first, second), (second, second)
+    return tuple(np.einsum("ij,ij->j", *pair) for pair in pairs)
