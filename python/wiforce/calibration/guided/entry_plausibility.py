@@ -12,7 +12,6 @@ import numpy as np
 
 from ...errors import InputError
 from ...sensor import line
-from ...signal.carrier import wrap_deg
 from ..data import continuous_phase
 from ..tables import CalibrationTable
 from .press_measurement import PressMeasurement
@@ -77,9 +76,37 @@ def press_warnings(
     presses = [each for each in before if not each.untouched]
     here = [each for each in presses if each.location_mm == new.location_mm]
     own = _Line(frequency_hz, length_mm, permittivity)
-    if not here:
-        return _step(new, presses, own)
-    return _slip(new, here, own) or _jump(new, here, own) or _widening(new, here, own)
+    return _elsewhere(new, presses, own) or _jump(new, here, own) or _widening(new, here, own)
+
+
+def _elsewhere(new: PressMeasurement, presses: Sequence[PressMeasurement], own: _Line) -> list[str]:
+    """Whether the ends of the short lie where those of a press at another location would.
+
+    With a change of force, whatever its amount, both move outward or both inward: a short only
+    widens. Along the line they move the same way.
+    """
+
+    def distance(each: PressMeasurement) -> tuple[float, float]:
+        step_mm = abs(each.location_mm - new.location_mm)
+        return step_mm, abs(float(np.log(each.force_n / new.force_n)))
+
+    if not presses:
+        return []
+    nearest = min(presses, key=distance)
+    outward = own.added_mm(new) - own.added_mm(nearest)
+    outward -= own.nearest_turn(outward)
+    step = abs(new.location_mm - nearest.location_mm)
+    moved = float(outward[1] - outward[0]) / 2
+    # At one location, an end that moves alone is no slip.
+    certain = step > 0 or (outward.prod() < 0 and np.abs(outward).min() > _LEAST_STEP_MM)
+    if not certain or abs(moved) <= max(_STEP_PART * step, _LEAST_STEP_MM):
+        return []
+    place = new.location_mm + moved
+    cause = "" if step else "; the sensor or the indenter slipped"
+    return [
+        f"the phases are those of a press at about {place:.0f} mm, not at {new.location_mm:g} mm"
+        f"{cause}"
+    ]
 
 
 def _jump(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
@@ -107,24 +134,6 @@ def _continues(sweep: Sequence[PressMeasurement], port: int, own: _Line) -> bool
     return True
 
 
-def _slip(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
-    """Whether the ends of the short moved the same way along the line.
-
-    With a change of force, whatever its amount, both move outward or both inward: a short only
-    widens.
-    """
-    nearest = min(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))
-    outward = own.added_mm(new) - own.added_mm(nearest)
-    outward -= own.nearest_turn(outward)
-    if outward.prod() >= 0 or np.abs(outward).min() <= _LEAST_STEP_MM:
-        return []
-    slip = (outward[1] - outward[0]) / 2
-    return [
-        f"the press is about {abs(slip):.0f} mm nearer to port {2 if slip > 0 else 1} than that "
-        f"with {nearest.force_n:.2f} N; the sensor or the indenter slipped"
-    ]
-
-
 def _widening(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Line) -> list[str]:
     """Whether the width of the short follows from those at other forces."""
     near = sorted(here, key=lambda each: abs(np.log(each.force_n / new.force_n)))[:_NEIGHBOURS]
@@ -149,28 +158,4 @@ def _widening(new: PressMeasurement, here: Sequence[PressMeasurement], own: _Lin
     return [
         f"the short is {abs(own_width - expected):.1f} mm {more} than the other forces at "
         f"{new.location_mm:g} mm suggest for {new.force_n:.2f} N"
-    ]
-
-
-def _step(new: PressMeasurement, presses: Sequence[PressMeasurement], own: _Line) -> list[str]:
-    """Whether the first press at a location lies where the nearest other location suggests."""
-    if not presses:
-        return []
-
-    def distance(each: PressMeasurement) -> tuple[float, float]:
-        step_mm = abs(each.location_mm - new.location_mm)
-        return step_mm, abs(float(np.log(each.force_n / new.force_n)))
-
-    nearest = min(presses, key=distance)
-    step = new.location_mm - nearest.location_mm
-    change = np.array(new.phase_deg) - np.array(nearest.phase_deg)
-    slope = own.slope
-    # Phase 1 falls and phase 2 rises towards port 2; a change of force raises both.
-    expected = slope * step
-    moved = step + float(wrap_deg(change[1] - change[0] - 2 * expected)) / (2 * slope)
-    if abs(moved - step) <= max(_STEP_PART * abs(step), _LEAST_STEP_MM):
-        return []
-    return [
-        f"the phases are those of a press at about {nearest.location_mm + moved:.0f} mm, not at "
-        f"{new.location_mm:g} mm"
     ]
