@@ -8,7 +8,7 @@ so that both slopes give the permittivity. The changes against the untouched lin
 a2 of the short are alike on average along the line (line.py).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,13 +184,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
             continue
         rows, _ = touched_rows(own, untouched_phases(own))
         slope = line.round_trip_deg_per_mm(frequency, permittivity)
-        found += (
-            _radians_at_places(rows, slope)
-            or _directions(rows, slope)
-            or _unconnected(rows, slope)
-            or _unpressed(rows, slope)
-            or _swapped_at_places(rows, slope)
-        )
+        found += _explained(rows, slope) or _unconnected(rows, slope) or _unpressed(rows, slope)
     if found:
         return list(dict.fromkeys(found))
     for estimate in estimate_line(table, length_mm, permittivity):
@@ -246,45 +240,83 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     return found
 
 
-def _radians_at_places(rows: CalibrationTable, slope: float) -> list[str]:
-    """Locations whose phases are in radians, where others are in degrees."""
-    found = []
+def _explained(rows: CalibrationTable, slope: float) -> list[str]:
+    """The mistake of ports, signs, locations or units without which all phases follow a line.
+
+    Returns list of str: a sentence; none where the phases follow a line as they are, or where two
+    mistakes explain them alike, such as swapped ports at either of two locations.
+    """
+    if len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
+        return []
+    given = 1 - float(concentrations(rows, slope * _SLOPES).max())
+    if given <= 1 - ON_A_LINE:
+        return []
+    found = [(given, 0.0, "")] * 2
+    found += [
+        (_scatter(changed, slope * _DIRECTION_SLOPES), share, text)
+        for text, share, changed in _without_mistakes(rows)
+    ]
+    (best, share, text), (other, *_) = sorted(found)[:2]
+    on_a_line = share == 1 or best <= 1 - ON_A_LINE
+    return [text] if on_a_line and best <= share * other else []
+
+
+def _scatter(rows: CalibrationTable, slopes: np.ndarray) -> float:
+    """1 less the concentration about the best of some lines, of slopes (n,) in deg/mm.
+
+    A port at which force moves the short inward follows none.
+    """
+    total = np.zeros(len(slopes))
+    for port in (1, 2):
+        own = rows.take(rows.port == port)
+        moves = [_line_over_force(own, place) for place in np.unique(own.location_mm)]
+        change, std = np.reshape(moves, (-1, 2)).T
+        if change.sum() >= -_SIGNIFICANT * np.linalg.norm(std):
+            total += _port_concentrations(own, port, slopes) / 2
+    return float(1 - total.max())
+
+
+def _without_mistakes(rows: CalibrationTable) -> Iterator[tuple[str, float, CalibrationTable]]:
+    """For each mistake: a sentence, the share of the scatter that may be left, and the rows."""
+    for ports in ((1,), (2,), (1, 2)):
+        chosen = np.isin(rows.port, ports)
+        turned = replace(rows, location_mm=np.where(chosen, -rows.location_mm, rows.location_mm))
+        inverted = replace(rows, phase_deg=np.where(chosen, -rows.phase_deg, rows.phase_deg))
+        if len(ports) == 1:
+            alone = f"the phase of port {ports[0]} alone moves with location in the wrong direction"
+            end = "are its locations measured from the other end than those of the other port?"
+            yield f"{alone}: {end}", _REVERSED, turned
+            yield f"{alone}: is its sign inverted?", _REVERSED, inverted
+        else:
+            yield (
+                "the phase of port 1 rises with location and that of port 2 falls: are the ports "
+                "swapped, or is location measured from port 2?",
+                _REVERSED,
+                turned,
+            )
+            yield (
+                "phases move with location and with force in the wrong direction: is their sign "
+                "inverted (they must be those of arg S11 and arg S22)?",
+                _REVERSED,
+                inverted,
+            )
     for place in np.unique(rows.location_mm):
         here = rows.location_mm == place
+        yield (
+            f"the phases at location {place:g} mm would fit the others with the ports swapped: "
+            "are they swapped there, or is location measured from port 2?",
+            _REVERSED,
+            replace(rows, port=np.where(here, 3 - rows.port, rows.port)),
+        )
         widest = float(np.max(np.abs(rows.phase_deg[here])))
-        if widest > TURN_RAD:
-            continue
-        # Phases of a press may be as small; in degrees these would fit the other locations better.
-        degrees = replace(
-            rows, phase_deg=np.where(here, np.degrees(rows.phase_deg), rows.phase_deg)
-        )
-        before, after = (
-            float(concentrations(each, slope * _SLOPES).max()) for each in (rows, degrees)
-        )
-        if after > before:
-            found.append(
+        if widest <= TURN_RAD:
+            # In degrees, those of presses are hardly ever all so small.
+            yield (
                 f"all phases at location {place:g} mm lie within +-{widest:.1f}: are they in "
-                "radians there instead of degrees?"
+                "radians there instead of degrees?",
+                1.0,
+                replace(rows, phase_deg=np.where(here, np.degrees(rows.phase_deg), rows.phase_deg)),
             )
-    return found
-
-
-def _swapped_at_places(rows: CalibrationTable, slope: float) -> list[str]:
-    """Locations whose ports are swapped, where the others are right."""
-    before = float(concentrations(rows, slope * _SLOPES).max())
-    if before >= ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
-        return []
-    found = []
-    for place in np.unique(rows.location_mm):
-        swapped = replace(rows, port=np.where(rows.location_mm == place, 3 - rows.port, rows.port))
-        after = float(concentrations(swapped, slope * _SLOPES).max())
-        if after >= ON_A_LINE and 1 - after <= _REVERSED * (1 - before):
-            found.append(
-                f"the phases at location {place:g} mm would fit the others with the ports swapped: "
-                "are they swapped there, or is location measured from port 2?"
-            )
-    # Either of two locations may be the swapped one of a line that runs the other way.
-    return found if len(found) == 1 else []
 
 
 def _unconnected(rows: CalibrationTable, slope: float) -> list[str]:
@@ -382,41 +414,6 @@ def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
     return [
         f"all locations lie within {farthest_mm:g} mm of port 1: are they in {unit} instead of "
         "millimetres?"
-    ]
-
-
-def _directions(rows: CalibrationTable, slope: float) -> list[str]:
-    """Whether ports are swapped, or the sign or the locations of one port or both are reversed."""
-    slopes, places = slope * _DIRECTION_SLOPES, np.unique(rows.location_mm)
-    reverse, right = [], []
-    for port in (1, 2):
-        expected, other = (
-            float(_port_concentrations(rows, port, sign * slopes).max()) for sign in (1, -1)
-        )
-        if other >= ON_A_LINE and 1 - other <= _REVERSED * (1 - expected):
-            reverse.append(port)
-        elif expected >= ON_A_LINE:
-            right.append(port)
-    if len(places) < ENOUGH_LOCATIONS or not reverse or len(reverse + right) < 2:
-        return []
-    own = rows.take(np.isin(rows.port, reverse))
-    rises = sum(_movement(own, place)[0] for place in places) > 0
-    if right:
-        cause = "is its sign inverted?"
-        if rises:
-            cause = "are its locations measured from the other end than those of the other port?"
-        return [
-            f"the phase of port {reverse[0]} alone moves with location in the wrong direction: "
-            f"{cause}"
-        ]
-    if rises:
-        return [
-            "the phase of port 1 rises with location and that of port 2 falls: are the ports "
-            "swapped, or is location measured from port 2?"
-        ]
-    return [
-        "phases move with location and with force in the wrong direction: is their sign inverted "
-        "(they must be those of arg S11 and arg S22)?"
     ]
 
 

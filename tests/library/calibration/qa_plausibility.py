@@ -109,6 +109,18 @@ def test_suspicions_of_few_forces_are_none(name, forces):
         assert [each for each in found if "check --permittivity" not in each] == [], places
 
 
+@pytest.mark.parametrize("port", [1, 2])
+def test_suspicions_of_one_port_from_the_other_end_hold_at_any_locations(port):
+    """Where the locations were not their own mirror images, calibrate ended with a traceback."""
+    right = table_of(load_sensor("line-900mhz"), (20.0, 30.0, 45.0, 55.0))
+    (found,) = suspicions(replace(right, location_mm=of_port(right, port)), 80.0, 1.0)
+    assert f"port {port} alone moves" in found and "measured from the other end" in found
+
+
+def test_suspicions_of_a_table_of_one_port_are_none(table):
+    assert suspicions(table.take(table.port == 1), 80.0, 1.0) == []
+
+
 def test_suspicions_of_constant_phases_hold_without_noise(table):
     """Rounded phases of an unconnected port have no scatter at all."""
     dead = replace(table, phase_deg=np.where(table.port == 1, 20.0, -70.0))
