@@ -13,6 +13,7 @@ import click
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from long_cases import cases
 from wiforce_app import blas_settings
 from wiforce_app import main as app
 
@@ -38,7 +39,7 @@ def raising(monkeypatch):
 
 
 def test_help_lists_the_subcommands():
-    done = run_process("--help")
+    done = run_command("--help")
     assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
 
 
@@ -81,7 +82,7 @@ def test_list_shows_shipped_names_with_a_description():
 def test_version_option_prints_version_of_build():
     from gnuradio.wiforce._config import VERSION
 
-    assert run_process("--version").stdout == f"gr-wiforce {VERSION}\n"
+    assert run_command("--version").stdout == f"gr-wiforce {VERSION}\n"
 
 
 @pytest.mark.parametrize(
@@ -167,7 +168,9 @@ def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plan", "demo"], ["schema", "scene"]])
+@pytest.mark.parametrize(
+    "arguments", cases(["list"], ["schema", "scene"], long=(["--help"], ["plan", "demo"]))
+)
 def test_command_closed_pipe_ends_silently_as_by_sigpipe(arguments):
     """A pipe into head must show no message, and a script must see that output is missing."""
     reading, writing = os.pipe()
