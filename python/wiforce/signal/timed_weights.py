@@ -30,6 +30,8 @@ _CLUTTER_SHARE = 0.5
 _EXTRA_SEQUENCES = 8
 # Condition of the basis beyond which tones count as undetermined; half of the digits remain.
 _WORST_CONDITION = 1e6
+# Groups of which a table keeps the fit, of some 0.2 MB each.
+_KEPT = 64
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,22 @@ class TimedTable(ToneTable):
 
     def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> "_Fit | None":
         """Least squares at these times; None when they do not determine the tones."""
-        fit = _Fit.of(self._columns(times_s, states), len(self.tones))
+        key, state = times_s.tobytes(), b"" if states is None else states.tobytes()
+        former, fit = self._fits.get(key, (None, None))
+        if former != state:
+            fit = _Fit.of(self._columns(times_s, states), len(self.tones))
+            if key in self._fits or len(self._fits) < _KEPT:
+                self._fits[key] = state, fit
         # Noise of a tone over that of a snapshot.
         worst = WORST_PARTIAL_GAIN / max(len(times_s), 1)
         return fit if fit is not None and len(fit.gain) and fit.gain.max() <= worst else None
+
+    @cached_property
+    def _fits(self) -> dict[bytes, tuple[bytes, "_Fit | None"]]:
+        """States and fits of some groups, by their times: packets are divided several times, and
+        most groups keep their states.
+        """
+        return {}
 
     def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
