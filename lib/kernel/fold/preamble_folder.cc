@@ -5,6 +5,8 @@
 #include "simd_kernels.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 
 namespace gr::wiforce::kernel {
 
@@ -13,6 +15,8 @@ namespace {
 constexpr float FULL_SCALE = 32752 / 32768.0f;
 // Drivers divide integers by 32767. What is larger was not limited by a converter.
 constexpr float BEYOND = 1.0001f;
+// Repetitions of the symbol in which a value may be alike by chance.
+constexpr std::size_t LEAST_REPEATED = 8;
 
 template <class Component>
 float peak_of(const Component* parts, int count)
@@ -23,6 +27,56 @@ float peak_of(const Component* parts, int count)
         high = std::max(high, parts[n]);
     }
     return std::max<float>(high, -float(low));
+}
+
+// A component of the symbol in some frames, by its repetitions.
+template <class Component>
+struct repeated {
+    const Component* parts;
+    std::size_t stride, frames;
+    int repetitions, length;
+
+    // Values that it takes, of which at most three are counted.
+    int values() const
+    {
+        const Component first = *parts;
+        Component other = first;
+        for (std::size_t frame = 0; frame < frames; frame++)
+            for (int n = 0; n < repetitions; n++) {
+                const Component value = parts[frame * stride + n * length];
+                if (value != first && value != other) {
+                    if (other != first)
+                        return 3;
+                    other = value;
+                }
+            }
+        return other == first ? 1 : 2;
+    }
+};
+
+// Whether an amplifier or fewer bits limit the samples: noise, which gives three values
+// or more to all other components, does not reach the largest.
+template <class Component>
+bool is_limited(repeated<Component> component, float peak)
+{
+    const int length = component.length;
+    const auto is_largest = [=](Component part) { return std::abs(float(part)) >= peak; };
+    const Component* const symbol = component.parts;
+    const Component* const largest = std::find_if(symbol, symbol + length, is_largest);
+    component.parts = largest;
+    if (largest == symbol + length || peak == 0 || component.values() > 1)
+        return false;
+    int reached = 0; // by noise
+    for (int n = 0; n < length; n++) {
+        component.parts = symbol + n;
+        const int values = component.values();
+        const bool limited =
+            values == 1 && std::abs(float(symbol[n])) >= FULL_SCALE * peak;
+        if (values < 3 && !limited)
+            return false;
+        reached += !limited;
+    }
+    return reached > 0 && component.frames * component.repetitions >= LEAST_REPEATED;
 }
 
 } // namespace
@@ -96,6 +150,14 @@ void preamble_folder::fold(Function run,
     if (!saturated)
         return;
     saturated->clear();
+    const repeated<Component> first{
+        averaged, stride, frames, d_repetitions, 2 * d_symbol_length
+    };
+    if (frames && peak < FULL_SCALE * one && is_limited(first, peak)) {
+        saturated->resize(frames);
+        std::iota(saturated->begin(), saturated->end(), 0);
+        return;
+    }
     for (std::size_t frame = 0; peak >= FULL_SCALE * one && frame < frames; frame++) {
         const float most = peak_of(averaged + frame * stride, 2 * averaged_length());
         if (most >= FULL_SCALE * one && most <= BEYOND * one)

@@ -36,8 +36,8 @@ public:
     // `averaged` is the first averaged sample of the first frame; frames follow each
     // other at frame_length. Writes symbol_length * frames values, the noise of each
     // frame and, to `saturated`, the frames that hold averaged samples at a converter's
-    // full scale, 1 for floats (none where they exceed it). Allocates nothing where it
-    // has room for all frames.
+    // full scale, 1 for floats (none where they exceed it), or at a lower limit.
+    // Allocates nothing where it has room for all frames.
     void fold(const fc32* averaged,
               std::size_t frames,
               fc32* folded,

@@ -181,5 +181,7 @@ def test_levels_are_those_of_the_parts_that_make_the_samples():
     assert levels.dc_dbfs == pytest.approx(-40, abs=0.1)
     assert levels.preamble_dbfs == pytest.approx(20 * np.log10(0.4), abs=0.1)
     assert levels.clipped == 0
-    loud = np.clip((4 * shifted).view(float), -1, 1).view(complex)
-    assert measure_levels(loud, WAVEFORM).clipped > 0.1
+    loud = np.clip((4 * (shifted + noise)).view(float), -1, 1).view(complex)
+    clipped = measure_levels(loud, WAVEFORM).clipped
+    assert clipped > 0.1
+    assert measure_levels(0.5 * loud, WAVEFORM).clipped == clipped  # limited below full scale

@@ -479,7 +479,7 @@ class Levels:
     preamble_dbfs: float  # mean power of a preamble
     noise_dbfs: float | None  # mean power in the guard without its mean frame
     dc_dbfs: float  # of the mean sample of the guard, or of all samples without a guard
-    clipped: float  # share of the samples at full scale
+    clipped: float  # share of the samples at full scale, or at a lower limit
     # Density of the phase of the static path in the snapshots, up to half their rate, relative to
     # its power; None where it is hidden by other noise or the frames are few.
     phase_noise_dbc_hz: float | None = None
@@ -491,7 +491,8 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
     end, averaged = MARGIN + preamble, waveform.repetitions * waveform.symbol_length
     frames = whole_frames(samples, length)
     parts = np.abs(samples.real), np.abs(samples.imag)
-    clipped = np.mean((parts[0] >= _CLIPPED) | (parts[1] >= _CLIPPED))
+    limit = _CLIPPED * _limit(frames[:, end - averaged : end])
+    clipped = np.mean((parts[0] >= limit) | (parts[1] >= limit))
     guard = frames[:, preamble + MARGIN + _LATE_ECHOES : length - MARGIN]
     quiet = guard if guard.size else frames
     # Static samples in the guard (late echoes, DC offset) are not noise.
@@ -504,6 +505,14 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
         clipped=float(clipped),
         phase_noise_dbc_hz=_phase_noise_dbc_hz(frames[:, :end][:, -averaged:], waveform),
     )
+
+
+def _limit(averaged: Array) -> float:
+    """Magnitude that no sample of frames (n, L) passes: where noise reaches all but the largest."""
+    parts = np.abs(np.stack([averaged.real, averaged.imag]))
+    constant, largest = np.ptp(parts, axis=1) == 0, parts.max()
+    limited = parts[:, 0] >= _CLIPPED * largest
+    return float(largest) if constant.any() and limited[constant].all() else 1.0
 
 
 def _phase_noise_dbc_hz(averaged: Array, waveform: Waveform) -> float | None:
