@@ -59,7 +59,7 @@ void press_filter::turn_slowly(
     const auto was = next->press.motion.phase();
     if (how != course::ends) {
         const double by =
-            squared(speeds[speed]) * (how == course::begins ? 1 : d_elapsed_s) / 2;
+            squared(turning_speed(speed)) * (how == course::begins ? 1 : d_elapsed_s) / 2;
         next->press.motion.widen_velocity({ by, by, by });
     }
     next->press.motion.predict(d_elapsed_s);
@@ -233,7 +233,7 @@ void press_filter::change_steadily(const explanation& from,
     const double along = squared(speeds[speed]) * (from.press.steady ? d_elapsed_s : 1.0);
     next->press.motion.widen_velocity(covariance_along(direction, along, aside * along));
     if (from.turn.goes_on) { // by what it turned before, or by anything
-        const double by = squared(speeds[from.turn.speed]) *
+        const double by = squared(turning_speed(from.turn.speed)) *
                           (from.turn.velocity == 0 ? 1 : d_elapsed_s);
         next->press.motion.widen_velocity({ by, by, by });
     }
@@ -256,7 +256,7 @@ void press_filter::part_turn(explanation& to,
     const auto is = to.press.motion.phase();
     const double expected = to.turn.velocity * d_elapsed_s;
     const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
-    const double by_turn = squared(speeds[to.turn.speed] * d_elapsed_s),
+    const double by_turn = squared(turning_speed(to.turn.speed) * d_elapsed_s),
                  by_force = squared(speeds[to.press.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
     // What slides moves both in any direction, which only amplitudes tell from a turn.
@@ -277,7 +277,8 @@ void press_filter::part_turn(explanation& to,
 void press_filter::turn_unseen(explanation& to, double part) const
 {
     const double by = to.turn.velocity * d_elapsed_s,
-                 bends = squared(speeds[to.turn.speed] * d_elapsed_s) * d_elapsed_s;
+                 bends =
+                     squared(turning_speed(to.turn.speed) * d_elapsed_s) * d_elapsed_s;
     to.line.common.turn(part * by);
     to.line.common.widen(squared(by) / 12 + bends);
     to.press.motion.turn(part * by);

@@ -441,11 +441,15 @@ void press_filter::settle()
             same->log_weight = log_sum(same->log_weight, next.log_weight);
             continue;
         }
-        const auto of_line =
-            std::count_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
-                return one_line(kept, next);
-            });
-        if (of_line < static_cast<std::ptrdiff_t>(most_of_line))
+        std::size_t of_line = 0, of_kind = 0;
+        for (const auto& kept : d_kept)
+            if (one_line(kept, next)) {
+                of_line++;
+                of_kind +=
+                    kept.is == next.is &&
+                    (next.is != mixed || kept.mixture.before == next.mixture.before);
+            }
+        if (of_line < most_of_line || of_kind == 0)
             d_kept.push_back(next);
     }
     double total = 0;

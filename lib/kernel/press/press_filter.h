@@ -154,6 +154,7 @@ private:
     // Amplitudes, and what shows in them: hands, turns, off states.
     void notice_hand(explanation& to) const;
     void lose_sight_of_hand(explanation& to) const;
+    double turning_speed(std::size_t speed) const;
     double hand_variance(std::size_t speed) const;
     double compare_contact(const explanation& with, double spread) const;
     double update_strength(explanation& to) const;

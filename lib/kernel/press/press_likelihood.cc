@@ -217,10 +217,17 @@ double press_filter::compare_contact(const explanation& with, double spread) con
     return log_sum(density(spread), density(0)) - std::log(2.0);
 }
 
+// What turns, turns by no more in a group than a sudden turn does.
+double press_filter::turning_speed(std::size_t speed) const
+{
+    return std::min(speeds[speed], d_set.turn_deg * deg / d_elapsed_s);
+}
+
 // By which a hand that moves at one of the speeds changes amplitudes, as it does phases.
 double press_filter::hand_variance(std::size_t speed) const
 {
-    return squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
+    return squared(turning_speed(speed)) * d_elapsed_s *
+           std::max(d_elapsed_s, least_turn_s);
 }
 
 double press_filter::update_amplitude(both_amplitudes& own) const

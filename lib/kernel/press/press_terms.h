@@ -12,8 +12,9 @@
 namespace gr::wiforce::kernel {
 
 // Explanations that are kept, and of them those that agree on where the untouched line
-// lies: otherwise the many courses of what is likely leave no room for what is not, and
-// the deviation of presses beside turning tags grows from 0.2 to 0.55 N.
+// lies, beside the likeliest of each state: otherwise the many courses of what is likely
+// leave no room for what is not, and the deviation of presses beside turning tags grows
+// from 0.2 to 0.55 N.
 constexpr std::size_t most_kept = 32, most_of_line = 12;
 // Logarithm of a weight that counts, of 1e-8; explanations with less than 1e-5 change no
 // reading.

@@ -308,6 +308,39 @@ def test_groups_that_a_silence_cuts_are_no_turns():
     assert probability(found, found["turns"], len(rows) - 1)[read].max() < 0.05
 
 
+def approach(time_s, force_n):
+    """Hand that comes from .3 s before a press on: 8 deg and 10 % at both ends."""
+    near = np.interp(time_s, [1.7, 2, 4.05, 4.4, 4.7, 5, 8.05, 8.4], [0, 1, 1, 0, 0, 1, 1, 0])
+    return 1j * np.radians(8 * near) + np.log1p(0.1 * near)
+
+
+def push(time_s, force_n):
+    """Sensor that a press turns, both ends by 4 deg/N."""
+    return 1j * np.radians(4 * force_n)
+
+
+@pytest.mark.parametrize("moves", [approach, push])
+def test_press_at_mid_line_beside_a_turn_is_not_missed(moves):
+    """In long groups a turn of the tag could be so fast that it explained each press."""
+    period_s, noise, parts = 0.144, np.radians(0.035), 72
+    time_s = (np.arange(62 * parts) + 0.5) * period_s / parts
+    steps = [0, 2, 2.05, 3, 4, 4.05, 5, 5.1, 8, 8.05], [0, 0, 3, 3.96, 5, 0, 0, 4, 4, 0]
+    force_n = np.interp(time_s, *steps)
+    phases_deg = np.array(MODEL.phases_deg(np.maximum(force_n, 1e-3), 40.0))
+    phases_deg[force_n < MODEL.onset_force_n] = MODEL.untouched_deg()
+    changes = 1j * np.radians(phases_deg - MODEL.untouched_deg())
+    ratios = np.exp(changes + moves(time_s, force_n)[:, None]).reshape(-1, parts, 2).mean(axis=1)
+    rng = np.random.default_rng(1)
+    ratios += noise * (rng.standard_normal(ratios.shape) + 1j * rng.standard_normal(ratios.shape))
+    rows = rows_of(np.degrees(np.angle(ratios)), period_s=period_s, untouched=3)
+    rows["amplitude"], rows["variance"] = np.log(abs(ratios)), noise**2
+    found = explained(rows, filter_for(period_s=period_s, smoothing_s=SMOOTHING_S))
+    untouched = probability(found, found["is"] == UNTOUCHED, len(rows))
+    pressed = force_n.reshape(-1, parts).min(axis=1) > 1.2
+    pressed[-1] = False  # of which nothing is given yet
+    assert pressed.sum() == 33 and untouched[pressed].max() < 0.99
+
+
 @pytest.mark.parametrize("period_s", [0.0072, 0.144])
 def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     """A sensor that nobody touches for half a minute was read as touched, without a flag."""
