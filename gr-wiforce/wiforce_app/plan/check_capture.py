@@ -63,7 +63,10 @@ def advice_on_sensors(tags, scene, others_hz):
 
 def _of_sensor(tag, sensor, others):
     if tag.clock_offset_ppm is None:
-        check = "check that it is on and near enough, and clock_hz in the scene"
+        check = (
+            "check that it is on and near enough, and clock_hz in the scene, beside which "
+            f"clocks were tried as far as clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) says"
+        )
         yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {others or check}"
         return
     if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
