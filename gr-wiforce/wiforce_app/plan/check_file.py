@@ -20,7 +20,7 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
 )
 from gnuradio.wiforce.io.capture.channel_snapshots import CLOCK_STEP_S, ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
-from gnuradio.wiforce.io.capture.samples import likely_datatype
+from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
@@ -34,7 +34,6 @@ from .check_capture import advice_on_levels
 _MOST_SAMPLES, _PIECE = 4_000_000, 64
 # Power above the noise at which a burst begins, and samples of a piece that repeat: 10 dB.
 _BURST = 10.0
-_CLIPPED = 1 - 2**-11
 # Lags at which symbols repeat: short and long training symbols of 802.11 sampled at 20 Msps, the
 # second one also that of the project's own frames; and how alike repetitions are at least.
 _LAGS, _ALIKE = {16: "short training symbols", 64: "symbols"}, 0.8
@@ -72,7 +71,7 @@ def check_samples(capture):
             "mean_dbfs": _db(float(np.mean(power)) if len(power) else 0.0),
             "quietest_dbfs": _db(noise),
             "dc_dbfs": _db(dc),
-            "clipped": float(np.mean(np.any(parts >= _CLIPPED, axis=1))) if len(parts) else 0.0,
+            "clipped": float(np.mean(np.any(parts >= CLIPPED, axis=1))) if len(parts) else 0.0,
             "not_finite": float(np.mean(~finite)) if len(finite) else 0.0,
         },
         "bursts": {

@@ -59,12 +59,14 @@ struct repeated {
 template <class Component>
 bool is_limited(repeated<Component> component, float peak)
 {
+    if (component.frames * component.repetitions < LEAST_REPEATED || peak == 0)
+        return false;
     const int length = component.length;
     const auto is_largest = [=](Component part) { return std::abs(float(part)) >= peak; };
     const Component* const symbol = component.parts;
     const Component* const largest = std::find_if(symbol, symbol + length, is_largest);
     component.parts = largest;
-    if (largest == symbol + length || peak == 0 || component.values() > 1)
+    if (largest == symbol + length || component.values() > 1)
         return false;
     int reached = 0; // by noise
     for (int n = 0; n < length; n++) {
@@ -76,7 +78,7 @@ bool is_limited(repeated<Component> component, float peak)
             return false;
         reached += !limited;
     }
-    return reached > 0 && component.frames * component.repetitions >= LEAST_REPEATED;
+    return reached > 0;
 }
 
 } // namespace
@@ -153,7 +155,7 @@ void preamble_folder::fold(Function run,
     const repeated<Component> first{
         averaged, stride, frames, d_repetitions, 2 * d_symbol_length
     };
-    if (frames && peak < FULL_SCALE * one && is_limited(first, peak)) {
+    if (peak < FULL_SCALE * one && is_limited(first, peak)) {
         saturated->resize(frames);
         std::iota(saturated->begin(), saturated->end(), 0);
         return;

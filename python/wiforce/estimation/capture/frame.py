@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...io.capture.samples import CLIPPED
 from ...signal.waveform import Waveform
 from ...wiforce_kernels import COMPARED_FRAMES
 from ..groups import Array
@@ -467,8 +468,6 @@ def _neighbours(frames: Array) -> Array:
 _LATE_ECHOES = 24
 # Frames from which phase noise is estimated, and how far it must exceed other noise.
 _PHASE_NOISE_FRAMES, _VISIBLE = 512, 1.5
-# Share of full scale above which a sample counts as clipped: the last code of a 12-bit converter.
-_CLIPPED = 1 - 2**-11
 
 
 @dataclass(frozen=True)
@@ -491,7 +490,7 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
     end, averaged = MARGIN + preamble, waveform.repetitions * waveform.symbol_length
     frames = whole_frames(samples, length)
     parts = np.abs(samples.real), np.abs(samples.imag)
-    limit = _CLIPPED * _limit(frames[:, end - averaged : end])
+    limit = CLIPPED * _limit(frames[:, end - averaged : end])
     clipped = np.mean((parts[0] >= limit) | (parts[1] >= limit))
     guard = frames[:, preamble + MARGIN + _LATE_ECHOES : length - MARGIN]
     quiet = guard if guard.size else frames
@@ -511,7 +510,7 @@ def _limit(averaged: Array) -> float:
     """Magnitude that no sample of frames (n, L) passes: where noise reaches all but the largest."""
     parts = np.abs(np.stack([averaged.real, averaged.imag]))
     constant, largest = np.ptp(parts, axis=1) == 0, parts.max()
-    limited = parts[:, 0] >= _CLIPPED * largest
+    limited = parts[:, 0] >= CLIPPED * largest
     return float(largest) if constant.any() and limited[constant].all() else 1.0
 
 

@@ -329,7 +329,7 @@ class _Mixture:
         # Two standard deviations of what an end adds are the largest step that it may cause.
         self._prior = 2 * (2 / (largest * self._size)) ** 2 * self._power
         best = self._fit(packets, closed, np.zeros((closed.shape[1], self._wide)))
-        # A state that all packets of a closed end are taken to is made good by the tag.
+        # Where all packets of a closed end are taken to a wrong state, the tag compensates for it.
         for end in np.flatnonzero(closed.any(axis=0)):
             own, start = closed[:, end] > 0, best[1].copy()
             start[end] = 0

@@ -51,6 +51,8 @@ def item_type_named(name: str) -> ItemType:
 
 
 FULL_SCALE = 32768
+# Share of it from which on a sample counts as clipped: the last code of a 12-bit converter.
+CLIPPED = 1 - 2**-11
 
 
 def samples_of(codes: ArrayLike) -> np.ndarray:
