@@ -15,8 +15,8 @@ from press_sequences import FAMILIES, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Seque
 CLOCKS_HZ = 1000.0, 1400.0
 # How often a tag turns, as the scene says: at any time, or while it is touched.
 TURNS_PER_S, TOUCHED_TURNS_PER_S = 0.3, 0.5
-# A reading is wrong if it is off by more than each of these, as in tests/soak/judge.py; and far off
-# by so many standard deviations.
+# A reading is wrong if it is off by more than each of these; and far off by so many standard
+# deviations.
 _STDS, _FORCE_N, _LOCATION_MM, _ONSET_MARGIN_N, _FAR_STDS = 5.0, 0.3, 1.0, 0.3, 20.0
 _STATIC_DB = 50.0  # static path over the tag's line 1
 _LEAST_RECEIVED = 0.1  # share of a group for which a tag is on that is received in it
