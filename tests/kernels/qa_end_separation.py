@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kernel that separates one group after the other, against its steps in NumPy."""
+"""The kernel that separates one group after the other."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,9 @@ from gnuradio.wiforce.signal.switching import switch_averages
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.wiforce_kernels import (
     clock_tracker,
-    coherent_residual,
-    end_fit,
     end_separation,
     locked_tag,
     noise_estimate,
-    phase_errors,
-    phase_expansion,
     tone_peaks,
     whiten,
 )
@@ -44,7 +40,7 @@ class Run:
         part = GroupWeights(partial, gain, self.table.times_s[mask], 10 / 9)
         self.weights = [part if g == 5 else whole for g in range(GROUPS)]
         self.center_s = (np.arange(GROUPS) + 0.5) * SNAPSHOTS * T
-        ends = normal(rng, 2, 2, SUBCARRIERS)
+        self.sent = ends = normal(rng, 2, 2, SUBCARRIERS)
         self.tones = []
         for group, center_s in enumerate(self.center_s):
             received = np.sqrt(NOISE) * normal(rng, SNAPSHOTS, SUBCARRIERS)
@@ -141,86 +137,22 @@ def by_kernel(run, jointly, update, sizes, spread=None, wander=None):
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def in_numpy(run, jointly, update):
-    """The same group by group."""
-    coherence, noise, trackers = coherent_residual(2 * TAGS), run.noise(), run.trackers()
-    rows, found = [0, 1, 4, 5], []
-
-    def fit_of(group, phase, rate):
-        total = RATES + rate
-        clocks = np.stack([phase, total, total * TA / 2], axis=1)[None]
-        return end_fit(run.weights[group].switched(clocks, PULSES), run.white[group : group + 1])
-
-    for group, center_s in enumerate(run.center_s):
-        phase = np.array([tracker.predict(center_s) for tracker in trackers])
-        rate = np.array([tracker.rate for tracker in trackers])
-        received = np.array([tracker.seen_s >= center_s - 1e-9 for tracker in trackers])
-        weights, inverse, level = run.weights[group], noise.inverse, noise.level
-        if update:
-            fit, colorer = fit_of(group, phase, rate), weights.colorer
-            information = phase_expansion(fit).information(inverse)
-            measured = np.array(phase_errors(*(each[0] for each in information))).T
-            for tag, (tracker, likelihood) in enumerate(
-                zip(trackers, run.likelihoods, strict=True)
-            ):
-                lines, other = likelihood.rows, slice(2 - 2 * tag, 4 - 2 * tag)
-                own = run.tones[group, lines]
-                own = own - colorer[lines] @ fit.white[0][:, other] @ fit.ends[0][other]
-                terms = likelihood.kernel.at(phase[tag : tag + 1], own[None], inverse)[0]
-                received[tag] = tracker.update(
-                    center_s, terms / weights.loss, level, measured[tag] if jointly else None
-                )
-            phase = np.array([tracker.phase for tracker in trackers])
-            rate = np.array([tracker.rate for tracker in trackers])
-        fit = fit_of(group, phase, rate)
-        ratio, raised, inverse, variance, _ = noise.follow(
-            fit.power() / fit.freedom,
-            fit.freedom,
-            [run.level[group]],
-            [bool(update and run.complete[group])],
-        )
-        factors, disturbed = coherence.update(fit, rows, inverse)
-        energy = np.abs(fit.ends[0]) ** 2
-        own = fit.gain[0] * np.maximum(factors[0], ratio[0] if ratio[0] > 1.15 else 1)
-        power = energy.mean(axis=1) - fit.gain[0] * variance.mean()
-        one = {
-            "ends": np.zeros((2 * TAGS, SUBCARRIERS), complex),
-            "gain": np.full(2 * TAGS, np.inf),
-            "snr_db": np.full(2 * TAGS, np.nan),
-            "noise": variance[0] * raised[0],
-            "noise_rise": raised[0],
-        }
-        one["ends"][rows] = fit.ends[0]
-        one["gain"][rows] = own + 2 * 0.01**2 * energy @ inverse[0]
-        one["snr_db"][rows] = 10 * np.log10(np.maximum(0.2 * power / variance.mean(), 1e-12))
-        by_tag = {
-            "locked": received,
-            "overlapping": received,
-            "disturbed": disturbed[0].reshape(2, 2).any(axis=1),
-            "clock_phase": phase % (2 * np.pi) * received,
-            "clock_offset_ppm": 1e6 * (rate - 0.001 * RATES) / (1.001 * RATES) * received,
-            "clock2_delay": np.array([0.1, 0.0]) * received,
-        }
-        for name, values in by_tag.items():
-            one[name] = np.zeros(TAGS, values.dtype)
-            one[name][[*PLACES]] = values
-        found.append(one)
-    return {name: np.array([one[name] for one in found]) for name in found[0]}
-
-
 @pytest.mark.parametrize("jointly", [False, True])
 @pytest.mark.parametrize("update", [True, False])
-@pytest.mark.parametrize("sizes", [[GROUPS], [1] * GROUPS, [3, 8, 3]])
-def test_kernel_separates_as_its_steps_in_numpy(run, jointly, update, sizes):
-    """Every reading comes from here, from files and streams, in batches of any size."""
-    found, expected = by_kernel(run, jointly, update, sizes), in_numpy(run, jointly, update)
-    assert found.keys() == expected.keys()
-    for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, rtol=1e-7, atol=1e-9, err_msg=name)
+def test_kernel_separates_alike_in_batches_of_any_size(run, jointly, update):
+    """Every reading comes from here, from files and streams."""
+    found = by_kernel(run, jointly, update, [GROUPS])
+    for sizes in ([1] * GROUPS, [3, 8, 3]):
+        for name, values in by_kernel(run, jointly, update, sizes).items():
+            np.testing.assert_array_equal(values, found[name], err_msg=name)
+    assert np.isinf(found["gain"][:, 2]).all()
+    assert found["gain"][10, 0] > 3 * found["gain"][9, 0]
+    # Noise of NOISE in 625 snapshots leaves 0.01 in an end that is there for a quarter of the time.
+    np.testing.assert_allclose(found["ends"][9, [0, 1, 4, 5]], run.sent.reshape(4, -1), atol=0.06)
     if update:
-        assert expected["locked"][:, 2].tolist() == [group != 8 for group in range(GROUPS)]
-        factor = expected["gain"][10, 0] / expected["gain"][9, 0]
-        assert factor > 3 and np.isinf(expected["gain"][:, 2]).all()
+        assert found["locked"][:, 2].tolist() == [group != 8 for group in range(GROUPS)]
+        offset_ppm = (np.array(PPM) - 1000) / 1.001  # of clocks that are 1000 ppm off nominal
+        np.testing.assert_allclose(found["clock_offset_ppm"][-1, [0, 2]], offset_ppm, atol=1.5)
 
 
 def test_kernel_passes_on_what_is_corrected(run):

@@ -25,12 +25,6 @@ def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def pairs(values):
-    """Means (..., M) of both tones of each pair: the phase of its parts has no meaning."""
-    means = values.reshape(*values.shape[:-1], -1, 2).mean(axis=-1)
-    return np.repeat(means, 2, axis=-1)
-
-
 def fitted(tags, seed=1):
     """Random waveforms and tones, and their fit."""
     rng = np.random.default_rng(seed)
@@ -81,41 +75,6 @@ def test_end_fit_without_tags_leaves_the_tones():
     np.testing.assert_array_equal(fit.residual, tones)
     assert fit.ends.shape == (GROUPS, 0, SUBCARRIERS)
     np.testing.assert_allclose(fit.power(), np.sum(np.abs(tones) ** 2, axis=1), rtol=1e-12)
-
-
-@pytest.mark.parametrize("first", [1, GROUPS - 1])
-def test_coherent_residual_is_that_of_both_estimators(first):
-    """It is the only sign of an interferer that is alike on all subcarriers."""
-    rng = np.random.default_rng(4)
-    mixed = rng.standard_normal((GROUPS, TONES, 8))
-    tones = normal(rng, GROUPS, TONES, SUBCARRIERS)
-    common = 30 * normal(rng, 1, SUBCARRIERS)
-    leaked = normal(rng, GROUPS, TONES, 1) * common + mixed[:, :, :1] @ (5 * common)
-    tones[first:] += leaked[first:]
-    fit, inverse_noise = end_fit(mixed, tones), rng.uniform(0.5, 2, (GROUPS, SUBCARRIERS))
-    matched = fit.ends.conj() * inverse_noise[:, None]
-    energy = np.sum(matched * fit.ends, axis=2).real
-    along = np.abs(matched @ fit.residual.swapaxes(1, 2)) ** 2 / energy[:, :, None]
-    leverage = pairs(np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1))
-    shares = pairs(fit.solver**2)
-    errors = np.sum(shares * along / np.maximum(1 - leverage, 0.1)[:, None], axis=2)
-    sandwich, mean = errors / shares.sum(axis=2), along.sum(axis=2) / fit.freedom
-    spread, count = fit.freedom**-0.5, np.arange(1, GROUPS + 1)[:, None]
-    lasting = np.array([np.median(sandwich[: g + 1], axis=0) for g in range(GROUPS)])
-    lasting /= 1 - 1 / fit.freedom
-    expected = np.where(mean > 1 + 5 * spread, mean, 1)
-    lasts = lasting > 1 + 4 * spread * np.sqrt(3 / count)
-    expected = np.where(lasts, np.maximum(expected, lasting), expected)
-    sudden = mean > (1 + 5 * spread) * np.maximum(lasting, 1)
-    near = np.where(sudden, np.maximum(lasting, sandwich), lasting)
-    expected = np.where(sudden, np.maximum(expected, near), expected)
-    factors, disturbed = coherent_residual(6).update(fit, [0, 1, 4, 5], inverse_noise)
-    np.testing.assert_allclose(factors, expected, rtol=1e-9)
-    np.testing.assert_array_equal(disturbed, near > 42)
-    # Long and sudden disturbances, and quiet groups.
-    assert (near > 42).any() and not (near > 42).all()
-    assert (lasting > 42).any() == (first == 1)
-    assert (sudden & (sandwich > mean)).any() == (first > 1)
 
 
 class PlainNoise:
