@@ -82,7 +82,7 @@ indices walked_frames(frame_walk& walk, const std::vector<run>& runs, std::uint6
                 return std::min(arrived - walk.position(), walk.until_decision());
             };
             while (true) {
-                walk.pass_lead(silence.data(), left());
+                walk.pass(silence.data(), std::min(left(), walk.lead()));
                 const std::uint64_t whole = walk.whole_frames(left());
                 for (std::uint64_t n = 0; n < whole; n++)
                     frames.push_back(walk.frame() + n);

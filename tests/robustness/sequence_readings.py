@@ -165,7 +165,7 @@ class _Snapshots:
         spectrum[:, waveform.bins] = (channel + noise[0] + 1j * noise[1]) * sent
         folded = np.fft.ifft(spectrum, axis=1).astype(np.complex64)
         everything = np.ones(n, bool)
-        return SnapshotGroup(index, folded, None, everything, kept=everything)
+        return SnapshotGroup(index, folded, everything, everything)
 
 
 def _on_time(begin, duration, clock_hz):

@@ -55,16 +55,6 @@ public:
         d_position += count;
     }
 
-    // Passes those of `available` samples that lie before the next frame's averaged ones;
-    // returns how many.
-    template <class Sample>
-    std::uint64_t pass_lead(const Sample* samples, std::uint64_t available)
-    {
-        const std::uint64_t count = std::min(available, lead());
-        pass(samples, count);
-        return count;
-    }
-
     void skip(std::uint64_t samples);
 
     // Compares the frames passed lately with those before. When they come elsewhere,

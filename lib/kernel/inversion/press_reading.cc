@@ -52,7 +52,7 @@ press_reading::press_reading(const press_posterior& posterior,
 }
 
 // R against the untouched line of an explanation, turned by `common`.
-std::array<complex, 2> press_reading::level(const explanation& of, double common) const
+std::array<complex, 2> press_reading::level(const press_outcome& of, double common) const
 {
     std::array<complex, 2> found;
     for (int end = 0; end < 2; end++)
@@ -62,7 +62,7 @@ std::array<complex, 2> press_reading::level(const explanation& of, double common
 }
 
 // psi of both ends and their standard deviations (docs/theory.md, The off state).
-press_reading::phases press_reading::phases_of(const explanation& of,
+press_reading::phases press_reading::phases_of(const press_outcome& of,
                                                const std::array<complex, 2>& level,
                                                double common_variance) const
 {

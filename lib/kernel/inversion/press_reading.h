@@ -52,11 +52,9 @@ public:
                   const bits& flags,
                   const limits& at);
 
-    using explanation = press_outcome;
-
     //! A group, and what may have happened in it: the likeliest explanation first.
     struct group {
-        const explanation* first;
+        const press_outcome* first;
         std::size_t count;
         bool readable, overlapping, disturbed;
         double common_variance; // of a rotation in this group alone, rad^2
@@ -83,8 +81,8 @@ private:
     struct phases {
         pair deg, std_deg;
     };
-    std::array<complex, 2> level(const explanation& of, double common) const;
-    phases phases_of(const explanation& of,
+    std::array<complex, 2> level(const press_outcome& of, double common) const;
+    phases phases_of(const press_outcome& of,
                      const std::array<complex, 2>& level,
                      double common_variance) const;
     void invert(const group& of, reading& to, press_posterior::workspace& work) const;

@@ -6,7 +6,7 @@ namespace gr::wiforce::kernel {
 /*!
  * \brief What may happen to a sensor, how often and how strongly.
  *
- * docs/press.md gives the source of each value and what half and twice of it do. Nothing
+ * docs/press.md has these as a table, and what half and twice of each do. Nothing
  * is counted in groups. "Per age": the longer something has lasted, the longer it lasts,
  * so a change has the rate 1 / (age + settling_s).
  */

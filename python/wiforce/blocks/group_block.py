@@ -255,7 +255,7 @@ class SnapshotSink(GroupBlock):
                 present = everything if present is None else present
                 kept = present if undisturbed is None else present & undisturbed
                 groups.append(
-                    SnapshotGroup(index, folded, None, present, saturated, retuned, kept, misplaced)
+                    SnapshotGroup(index, folded, present, kept, saturated, retuned, misplaced)
                 )
             self.read(groups)
         except Exception as error:

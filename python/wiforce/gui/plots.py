@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer
-from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
+from PyQt5.QtWidgets import QApplication, QVBoxLayout
 
 from ..errors import InputError
 from ..io.palette import SERIES
@@ -22,12 +22,10 @@ _LEAST_POWER = 1e-20
 class _OnePlot(Display):
     """A plot that is drawn again five times per second."""
 
-    def __init__(
-        self, left: str, bottom: str, title: str | None, size: QSize, parent: QWidget | None
-    ) -> None:
+    def __init__(self, left: str, bottom: str, title: str | None, size: QSize) -> None:
         if QApplication.instance() is None:  # Qt itself ends the process
             raise RuntimeError(f"{type(self).__name__}: a QApplication must exist")
-        super().__init__(parent)
+        super().__init__()
         self._size = size
         self._plot = time_plot(left)
         self._plot.setLabel("bottom", bottom)
@@ -56,12 +54,11 @@ class Spectrum(_OnePlot):
         snapshot_rate_hz: float,
         lines_hz: Mapping[str, float],
         title: str = "",
-        parent: QWidget | None = None,
     ) -> None:
         if not 0 < snapshot_rate_hz < np.inf:
             raise InputError("snapshot_rate_hz", "must be positive", snapshot_rate_hz)
         size = QSize(640, 220)
-        super().__init__("power (dB)", "Doppler frequency (Hz)", title or None, size, parent)
+        super().__init__("power (dB)", "Doppler frequency (Hz)", title or None, size)
         self.lines_hz = dict(lines_hz)
         self._rate_hz = snapshot_rate_hz
         self._power = np.zeros(0)
@@ -106,7 +103,6 @@ class Trend(_OnePlot):
         history_s: float = 10.0,
         title: str = "",
         y_range: tuple[float, float] | None = None,
-        parent: QWidget | None = None,
     ) -> None:
         for name, value in (("rate", rate), ("history_s", history_s)):
             if not 0 < value < np.inf:
@@ -121,7 +117,7 @@ class Trend(_OnePlot):
             for n, label in enumerate(labels)
         ]
         heading = "&nbsp;&nbsp; ".join(filter(None, [escape(title), *names]))
-        super().__init__(y_label, "time (s)", heading, QSize(640, 200), parent)
+        super().__init__(y_label, "time (s)", heading, QSize(640, 200))
         self._rate = rate
         self._history_s = history_s
         length = min(_MOST, int(np.ceil(rate * history_s)) + 1)

@@ -2,7 +2,7 @@
 """What the press filter says of the groups of a batch, as structured arrays of its outcomes.
 
 ``row`` is the group of each of m outcomes, rising; the likeliest of a group comes first. The other
-fields are those of ``outcome`` in lib/kernel/press/press_filter.h.
+fields are those of ``press_outcome`` in lib/kernel/press/explanation.h.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..wiforce_kernels import press_filter, press_outcome, press_parameters
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
-# States of a sensor, as in lib/kernel/press/press_filter.h.
-UNTOUCHED, PRESSED, UNEXPLAINED, MIXED = range(4)
+# Of ``press_state`` in lib/kernel/press/explanation.h.
+UNTOUCHED, MIXED = 0, 3
 # The image of presses: forces from the onset to 1.3 times the calibrated one, since harder presses
 # are presses as well, and the error of models that has been seen in calibrations (docs/press.md).
 _FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5

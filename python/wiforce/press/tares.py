@@ -55,7 +55,7 @@ class TareReports:
 
     def __init__(self) -> None:
         self.state = TareState()
-        self.on_state: Callable[[TareState], None] | None = None
+        self.on_state: Callable[[TareState], object] | None = None
 
     @property
     def measuring(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
-from ..estimation.capture.folded_groups import FoldedGroups, GroupScreen, SnapshotGroup
+from ..estimation.capture.folded_groups import FoldedGroups, SnapshotGroup
 from ..estimation.capture.slips import Slips
 from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
@@ -190,7 +190,6 @@ class StreamReader:
         self.compression: Compression | None = None
         self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
-        self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
         self._in_place = GroupsInPlace(plan.group_length, plan.reference_groups)
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None  # None while no survey is waited for
@@ -211,7 +210,7 @@ class StreamReader:
         Arrays of the groups may be overwritten after the call; groups that were not received are
         flagged ``gap``.
         """
-        return self._take(self._in_place.process(map(self._screen.process, groups)))
+        return self._take(self._in_place.process(groups))
 
     def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
         readings: list[Reading] = []
@@ -288,9 +287,6 @@ class StreamReader:
                 self._kept = None if force else self._survey_at(Occasion.TARE)
         return state
 
-    def _report_tare(self, state: TareState) -> None:
-        self.tares.report(state)
-
     def _cancel_tare(self, reason: str) -> None:
         if self._receiver is not None:
             self._receiver.tares.cancel(reason)
@@ -365,7 +361,7 @@ class StreamReader:
             counts=self.counts,
             states=None if former is None else former.states,
         )
-        self._receiver.tares.on_state = self._report_tare
+        self._receiver.tares.on_state = self.tares.report
         self._update_findings()
 
     def _give(self, groups: Groups) -> None:

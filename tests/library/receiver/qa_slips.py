@@ -216,7 +216,7 @@ def test_group_left_out_before_a_slip_passes_on_that_the_device_was_tuned():
     def group(index, **found):
         folded = np.zeros((length, plan.waveform.symbol_length), np.complex64)
         present = np.ones(length, bool)
-        return SnapshotGroup(index, folded, None, present, kept=present, **found)
+        return SnapshotGroup(index, folded, present, present, **found)
 
     begin = first * length
     given = in_place.process(

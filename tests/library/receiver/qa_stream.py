@@ -16,7 +16,7 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.wiforce_kernels import folded_reader
+from gnuradio.wiforce.wiforce_kernels import folded_reader, interference_screen
 from long_cases import cases
 from press_capture import array_source
 
@@ -75,15 +75,14 @@ def collected(capture):
     settings = wiforce.plan(SCENE)
     length = settings.group_length
     got = folded_reader(**frame_settings(open_capture(capture), settings.waveform, 0)).read(10**6)
-    return [
-        SnapshotGroup(
-            g,
-            got["folded"][g * length :][:length],
-            got["noise"][g * length :][:length],
-            np.ones(length, bool),
-        )
-        for g in range(len(got["folded"]) // length)
-    ]
+    screen, everything = interference_screen(length, 64), np.ones(length, bool)
+    found = []
+    for g in range(len(got["folded"]) // length):
+        rows = slice(g * length, (g + 1) * length)
+        folded = got["folded"][rows]
+        kept = ~screen.examine(everything, folded, got["noise"][rows])
+        found.append(SnapshotGroup(g, folded, everything, kept))
+    return found
 
 
 def stream(settings, received, tare=None, batch=1, again_s=10.0):
@@ -249,8 +248,8 @@ def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
         SnapshotGroup(
             index,
             np.concatenate([group.folded for group in joined]),
-            np.concatenate([group.noise for group in joined]),
             np.concatenate([group.present for group in joined]),
+            np.concatenate([group.kept for group in joined]),
         )
         for index in range(24)
         for joined in [groups["quiet" if index < tare else "busy"][index * 3 :][:3]]

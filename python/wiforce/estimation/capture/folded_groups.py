@@ -25,14 +25,10 @@ class SnapshotGroup:
 
     index: int  # on the grid of the run
     folded: Array = field(repr=False)  # (N, symbol_length), complex64
-    # (N, 2), smallest and largest difference of the averaged repetitions, as a power per sample;
-    # not needed where ``kept`` is known
-    noise: Array | None = field(repr=False)
     present: Array = field(repr=False)  # (N,), received; what the others hold means nothing
+    kept: Array = field(repr=False)  # (N,), received and without interference
     saturated: int = 0  # snapshots with samples at full scale
     retuned: bool = False  # rate or carrier was changed before the group
-    # (N,), to be used: set by blocks, or by GroupScreen
-    kept: Array | None = field(default=None, repr=False)
     # (k, 2), frames before slips found in it that may lie elsewhere: the first, the end
     misplaced: Sequence[tuple[int, int]] = ()
     slipped: bool = False  # the first one behind a slip: set by StreamReader
@@ -45,21 +41,6 @@ class SnapshotGroup:
     def copy(self) -> SnapshotGroup:
         """The same group with snapshots of its own, for when a block's buffer is reused."""
         return replace(self, folded=self.folded.copy())
-
-
-class GroupScreen:
-    """Finds the snapshots that other transmitters interfered with, group by group."""
-
-    def __init__(self, group_length: int, symbol_length: int = 64) -> None:
-        self._kernel = interference_screen(group_length, symbol_length)
-
-    def process(self, group: SnapshotGroup) -> SnapshotGroup:
-        """Take the next group; give it with ``kept``."""
-        if group.kept is not None or group.noise is None:
-            return group
-        present = group.present
-        marks = self._kernel.examine(present, group.folded[present], group.noise[present])
-        return replace(group, kept=present & ~marks)
 
 
 def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
@@ -124,14 +105,14 @@ class FoldedGroups:
         return path
 
     def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
-        """Tones of groups that were screened: with ``kept``, in order."""
+        """Tones of groups, in order."""
         count, length = len(received), self._table.group_length
         tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
         static = np.zeros((count, len(self._bins)), complex)
         weights = None
         missing, rejected = np.zeros(count, np.int64), np.zeros(count)
         for row, group in enumerate(received):
-            kept = group.present if group.kept is None else group.kept
+            kept = group.kept
             used = np.count_nonzero(kept)
             folded = group.folded if used == length else group.folded[kept]
             tones[row], static[row], solved = self.solve(kept, folded)
@@ -316,7 +297,7 @@ class RecordedRatio:
         self._length = table.group_length
         self._waveform = waveform
         self._folded = FoldedGroups(table, waveform)
-        self._screen = GroupScreen(table.group_length, waveform.symbol_length)
+        self._screen = interference_screen(table.group_length, waveform.symbol_length)
         self.captures = recordings
         self.kernels = {
             each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
@@ -352,7 +333,7 @@ class RecordedRatio:
             return Groups(np.zeros(0, np.int64))
         starts = np.unique(frames[0] // self._length, return_index=True)[1]
         runs = zip(*(np.split(values, starts[1:]) for values in frames), strict=True)
-        return self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
+        return self._folded.groups([self._group(*run) for run in runs])
 
     def _group(
         self, snapshots: Array, folded: Array, noise: Array, saturated: Array
@@ -361,9 +342,8 @@ class RecordedRatio:
         slots = snapshots % length
         present = np.zeros(length, bool)
         present[slots] = True
-        every = (
-            np.zeros((length, self._waveform.symbol_length), np.complex64),
-            np.zeros((length, 2)),
-        )
-        every[0][slots], every[1][slots] = folded, noise
-        return SnapshotGroup(int(snapshots[0] // length), *every, present, int(saturated.sum()))
+        kept = present & ~self._screen.examine(present, folded, noise)
+        every = np.zeros((length, self._waveform.symbol_length), np.complex64)
+        every[slots] = folded
+        index = int(snapshots[0] // length)
+        return SnapshotGroup(index, every, present, kept, int(saturated.sum()))
