@@ -105,6 +105,18 @@ MISTAKES = {
         ),
         "a tag is found at 1000 Hz, 0.8 times the clock_hz of arm; check clock_hz",
     ),
+    "near clock": (
+        lambda codes: said_of(
+            codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 997}]}
+        ),
+        "a tag is found at 999.938 Hz, +2947 ppm from the clock_hz of arm; check clock_hz",
+    ),
+    "half the clock": (
+        lambda codes: said_of(
+            codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 2000}]}
+        ),
+        "a tag is found at 1000 Hz, 0.5 times the clock_hz of arm; check clock_hz",
+    ),
     "other clock": (
         lambda codes: said_of(
             codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 1150}]}

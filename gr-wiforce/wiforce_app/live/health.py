@@ -9,7 +9,7 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.planning.room.findings import other_clocks
+from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clock
 from gnuradio.wiforce.press.sensor_state import (
     PATIENCE_S,
     RETUNED,
@@ -115,7 +115,7 @@ class RunHealth:
         since_s = tag.first_s if tag.received_s is None else tag.received_s
         if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
             tag.silent = True
-            cause = self._never_received() if tag.received_s is None else ""
+            cause = self._never_received(reading.sensor) if tag.received_s is None else ""
             self._events.append(describe_silence(reading.sensor, since_s) + cause)
 
     def _note_doubt(self, reading, tag, flag):
@@ -132,9 +132,12 @@ class RunHealth:
             tag.doubt_said = True
             self._events.append(describe_doubt(reading.sensor, problem))
 
-    def _never_received(self):
+    def _never_received(self, sensor):
         """What the survey of the room suggests of a tag that was never received."""
-        others = other_clocks([clock.clock_hz for clock in self._stream.plan.others])
+        settings = self._stream.plan
+        others = wrong_clock(self._stream.survey, settings, sensor) or other_clocks(
+            [clock.clock_hz for clock in settings.others]
+        )
         return f" ({others or 'is the tag on, and clock_hz its clock?'})"
 
     def _returns(self, reading, tag):

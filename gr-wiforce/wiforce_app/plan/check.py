@@ -15,6 +15,7 @@ from gnuradio.wiforce.planning.advice import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.planning.room.findings import findings as findings_of
+from gnuradio.wiforce.planning.room.findings import wrong_clock
 from gnuradio.wiforce.planning.room.report import finding_line, finding_rows, measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
@@ -46,6 +47,7 @@ class Findings:
     times_ignored: int = 0
     sensors: list = field(default_factory=list)
     room: list = field(default_factory=list)
+    wrong_clocks: dict = field(default_factory=dict)  # what is wrong with a sensor's clock_hz
     advice: list = field(default_factory=list)
     notes: list = field(default_factory=list)
 
@@ -141,15 +143,18 @@ def _measure(findings, scene, session, samples):
         findings.sensors.append(measure_tag(sensor.name, index, groups))
     # The common phase of a free-running oscillator hides what else is in the room.
     if scene.environment.reader_clock == "shared":
-        findings.room = _survey(scene, samples)
+        _survey(findings, scene, samples)
 
 
-def _survey(scene, samples):
-    """What the samples show besides the scene's tags; nothing where they are too short."""
+def _survey(findings, scene, samples):
+    """Note what samples show besides the scene's tags; nothing where they are too short."""
     settings = plan(scene)
     mains_hz = scene.environment.possible_mains_hz
     found = survey_samples(samples, settings.waveform, settings.clocks, mains_hz)
-    return findings_of(found, settings, adapted(settings, found))
+    findings.room = findings_of(found, settings, adapted(settings, found))
+    findings.wrong_clocks = {
+        name: wrong for name in scene.sensor_names if (wrong := wrong_clock(found, settings, name))
+    }
 
 
 def advice_on(findings: Findings, scene: Scene) -> list[str]:
@@ -165,7 +170,7 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
         *outside_band(scene),
         *advice_on_levels(findings.levels),
         *_advice_on_loss(findings),
-        *advice_on_sensors(findings.sensors, scene, others_hz),
+        *advice_on_sensors(findings.sensors, scene, others_hz, findings.wrong_clocks),
     ]
 
 

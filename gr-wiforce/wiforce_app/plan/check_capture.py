@@ -14,7 +14,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import other_clocks
+from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clock
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
@@ -52,22 +52,25 @@ def _excess_db(clipped):
     return 20 * math.log10(4 * deviation) + 6
 
 
-def advice_on_sensors(tags, scene, others_hz):
+def advice_on_sensors(tags, scene, others_hz, wrong):
     """What to change because of the tags that were measured (``room_report.measure_tag``).
 
-    ``others_hz`` are clocks of tags that the scene does not list.
+    ``others_hz`` are clocks of tags that the scene does not list, ``wrong`` has by sensor what
+    `wrong_clock` says.
     """
+    others = other_clocks(others_hz)
     for tag, sensor in zip(tags, scene.sensors, strict=False):
-        yield from _of_sensor(tag, sensor, other_clocks(others_hz))
+        yield from _of_sensor(tag, sensor, others, wrong.get(sensor.name, ""))
 
 
-def _of_sensor(tag, sensor, others):
+def _of_sensor(tag, sensor, others, wrong):
     if tag.clock_offset_ppm is None:
         check = (
             "check that it is on and near enough, and clock_hz in the scene, beside which "
             f"clocks were tried as far as clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) says"
         )
-        yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {others or check}"
+        cause = wrong or others or check
+        yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {cause}"
         return
     if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
         yield (
@@ -77,10 +80,8 @@ def _of_sensor(tag, sensor, others):
     errors = tag.phase_error_deg
     if None in errors or max(errors, default=0) > 1.5:
         error = "unknown" if None in errors else f"{max(errors):.1f} deg"
-        yield (
-            f"{sensor.name}: the expected phase error is {error}: raise "
-            "--tx-gain, move the antennas closer, or use longer phase groups"
-        )
+        remedy = "raise --tx-gain, move the antennas closer, or use longer phase groups"
+        yield f"{sensor.name}: the expected phase error is {error}: {wrong or remedy}"
 
 
 # Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
@@ -113,31 +114,33 @@ def check_capture(path, scene_path, datatype=None):
     first = first_frame(capture, waveform, place)
     samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
     levels = asdict(measure_levels(samples, waveform))
-    tags, others_hz, reason = _tags(capture, scene)
+    tags, clocks, reason = _tags(capture, scene)
     return {
         "files": files,
         "first_frame": first,
         "levels": levels,
         "sensors": [asdict(tag) for tag in tags],
-        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene, others_hz)],
+        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene, *clocks)],
         "notes": reason,
         "warnings": [*differences, *_warnings(antennas, files)],
     }
 
 
 def _tags(capture, scene):
-    """The scene's tags in the first groups of a capture, the clocks of others; where the scene's
-    are none, the reason.
+    """The scene's tags in the first groups of a capture, the clocks of others and the wrong ones;
+    where the scene's are none, the reason.
     """
     groups = []
     try:
         reader = RecordingReader(capture, plan(scene), on_groups=groups.append)
         next(iter(reader))
     except InputError as error:
-        return [], [], [f"tags were not looked for: {error}"]
+        return [], ([], {}), [f"tags were not looked for: {error}"]
     seen = groups[0] if groups else Groups(np.zeros(0, np.int64))
     tags = [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)]
-    return tags, [clock.clock_hz for clock in reader.plan.others], []
+    names = scene.sensor_names
+    wrong = {name: wrong_clock(reader.survey, reader.plan, name) for name in names}
+    return tags, ([clock.clock_hz for clock in reader.plan.others], wrong), []
 
 
 def _file(capture, radio):

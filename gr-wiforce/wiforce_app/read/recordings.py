@@ -7,7 +7,7 @@ from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import findings, wrong_rate
+from gnuradio.wiforce.planning.room.findings import findings, wrong_clock
 from gnuradio.wiforce.press.sensor_state import describe_doubt
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import accepted_suspicions
@@ -97,6 +97,11 @@ def warn_of_end(capture, reader):
         if wrong := capture_problem(reader.recording, waveform, reader.frame_offset):
             log.warning(wrong)
             return
+        wrong = [wrong_clock(reader.survey, reader.plan, name) for name in receiver.states]
+        for text in filter(None, wrong):
+            warn(capture, text)
+        if any(wrong):
+            return
     problems = {
         name: state.final_problem if unread else state.lasting_problem
         for name, state in receiver.states.items()
@@ -108,9 +113,6 @@ def warn_of_end(capture, reader):
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         rule = ALL_FLAGGED
-        if isinstance(reader, RecordingReader):
-            found = findings(reader.survey, reader.plan, reader.plan)
-            rule = wrong_rate(found, reader.plan) or rule
         if isinstance(reader, SnapshotReader):
             rule = "every reading is flagged; check clock_hz and packets of the scene, and the "
             rule += "signal level"

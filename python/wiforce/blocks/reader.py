@@ -138,7 +138,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
         environment = plan.require_scene().environment
         sampled = environment.receive_antennas == 1 and environment.reader_clock == "shared"
         self.watch = StreamWatch(plan, "reader", self._warn, frame_offset, sampled)
-        self.watch.findings = lambda: self.stream.findings or []
+        self.watch.survey = lambda: self.stream.survey
         SnapshotSink.__init__(self, "group_reader", plan.group_length, plan.waveform.symbol_length)
         self.open_port(on_reading)
         self.open_tare_port(self.stream.tares)

@@ -20,10 +20,11 @@ from ..estimation.capture.recorded_frames import (
     snapshots_problem,
 )
 from ..estimation.groups import Array
+from ..estimation.room.survey import Survey
 from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.plan import Plan
-from ..planning.room.findings import Finding, wrong_rate
+from ..planning.room.findings import wrong_clock
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
@@ -142,7 +143,7 @@ class StreamWatch:
     frame, ``sampled`` says that groups are those of samples, and not of ratios of two antennas.
     ``said`` holds the sentences so far; ``mean_frame`` returns the mean of the first frames (see
     ``StreamReader``), ``folded`` what samples were cut into, before any of it is read, and
-    ``findings`` what the survey of the room has found.
+    ``survey`` the latest survey of the room.
     """
 
     def __init__(
@@ -158,7 +159,7 @@ class StreamWatch:
         self._frame_offset, self._sampled = frame_offset, sampled
         self.mean_frame: Callable[[], Array] | None = None
         self.folded: Callable[[], Folded] | None = None
-        self.findings: Callable[[], Sequence[Finding]] = list
+        self.survey: Callable[[], Survey | None] = lambda: None
         self.said: list[str] = []
         self._quiet = False  # after a sentence, until readings are clear
         self._problem = self._level = ""
@@ -232,6 +233,8 @@ class StreamWatch:
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
             return describe_doubt(sensor, CLIPPED)
+        if flags and sensor not in self._clear and (clock := self._wrong_clock(sensor)):
+            return clock
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
             return describe_doubt(sensor, doubt)
@@ -250,8 +253,6 @@ class StreamWatch:
             return ""
         levels = [reading.snr_db for reading in readings if reading.snr_db is not None]
         if not levels:
-            if rate := self._wrong_rate():
-                return rate
             return (
                 f"{sensor}: no tag is found at its clock of {own.clock_hz:g} Hz; check that it is "
                 "on, near and alone at this clock, and clock_hz, clock_tolerance_ppm, frame_length "
@@ -262,8 +263,8 @@ class StreamWatch:
             "move the antennas closer, or use longer phase groups"
         )
 
-    def _wrong_rate(self) -> str:
-        return wrong_rate(self.findings(), self._plan)
+    def _wrong_clock(self, sensor: str) -> str:
+        return wrong_clock(self.survey(), self._plan, sensor)
 
     def start(self) -> None:
         """Watch that groups come of the frames that arrive."""
@@ -336,7 +337,7 @@ class StreamWatch:
             if doubt := (problem if self._clear else final)(each.name):
                 self.say(describe_doubt(each.name, doubt))
         if not self._clear:
-            if rate := self._wrong_rate():
-                self.say(rate)
+            for each in plan.sensors:
+                self.say(self._wrong_clock(each.name))
             if self._readings:
                 self.say(ALL_FLAGGED)

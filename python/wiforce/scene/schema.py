@@ -297,6 +297,10 @@ def _off_reflection_std(scope: Scope) -> float:
     return 0.0 if one == other else vna_std(off)
 
 
+# Of an RC oscillator, in ppm.
+LOOSEST_CLOCK_PPM = 20_000.0
+
+
 @declared
 class SceneSensor:
     """A sensor of the scene and its tag, as the reader knows them."""
@@ -314,7 +318,7 @@ class SceneSensor:
         "the snapshot rate.",
     )
     clock_tolerance_ppm: float = key(
-        Number(unit="ppm", low=0, high=20_000),
+        Number(unit="ppm", low=0, high=LOOSEST_CLOCK_PPM),
         default=100.0,
         doc="Largest error of the tag's clock: 100 ppm suit a crystal, 5000 a ceramic resonator, "
         "20 000 an RC oscillator. Above 1000, one antenna and 0.1 s of `reference_s` are needed.",

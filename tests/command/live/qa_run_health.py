@@ -28,6 +28,7 @@ class Run:
         self.stream = SimpleNamespace(
             state="reading",
             tares=tares,
+            survey=None,
             reference_problem=lambda name: self.problem,
             suspicions=lambda: {"arm": self.suspicions},
             plan=SimpleNamespace(

@@ -238,12 +238,19 @@ def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
 def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
     """It asked whether the tag was on, whose clock a survey of the same samples showed."""
     wiforce.simulate(wiforce.load_scene({**SCENE, "reference_s": 0.2}), tmp_path / "press")
-    other = {**SCENE, "reference_s": 0.2, "sensors": [{**SCENE["sensors"][0], "clock_hz": 340}]}
-    (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
-    done = check(tmp_path / "press", "--scene", tmp_path / "other.yaml", "--json")
-    (advice,) = json.loads(done.stdout)["advice"]
-    assert advice.startswith("arm: no tag detected at 340 Hz: on the air is a clock of 300.")
-    assert advice.endswith("which the scene does not list: is it the scene of what is received?")
+
+    def advice(clock_hz):
+        sensors = [{**SCENE["sensors"][0], "clock_hz": clock_hz}]
+        other = {**SCENE, "reference_s": 0.2, "sensors": sensors}
+        (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
+        done = check(tmp_path / "press", "--scene", tmp_path / "other.yaml", "--json")
+        return " ".join(json.loads(done.stdout)["advice"])
+
+    assert advice(340).startswith("arm: no tag detected at 340 Hz: on the air is a clock of 300.")
+    assert advice(340).endswith("does not list: is it the scene of what is received?")
+    found = "arm: no tag detected at 301 Hz: a tag is found at 300.01"
+    assert advice(301).startswith(found) and " ppm from the clock_hz of arm" in advice(301)
+    assert "a tag is found at 300 Hz, 2 times the clock_hz of arm; check clock_hz" in advice(150)
 
 
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):

@@ -85,6 +85,16 @@ def find_clocks(
     return tuple(found[tag] for tag in range(len(clocks)))
 
 
+def clock_beyond(
+    frequency_hz: Array, spectrum: Array, clock: TagClock, others: Sequence[ClockLine]
+) -> ClockLine:
+    """A tag in a clock's wide tolerance, found as in :func:`find_clocks` beside ``others``."""
+    rest = spectrum.copy()
+    for line in others:
+        _mask(frequency_hz, rest, line)
+    return _recognise(frequency_hz, rest, clock)[1]
+
+
 def vertex(spectrum: Array, best: int) -> tuple[float, float]:
     """Offset of a maximum from its bin, within half a bin, and its height: the main lobe is a
     parabola in dB. ``best`` is neither the first nor the last bin.

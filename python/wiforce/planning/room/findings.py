@@ -11,8 +11,10 @@ import numpy as np
 from ...errors import InputError
 from ...estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
 from ...estimation.clocks.tracked_tag import TagClock
+from ...estimation.room.clock_lines import clock_beyond
 from ...estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ...estimation.room.survey import Survey
+from ...scene.schema import LOOSEST_CLOCK_PPM
 from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from ...signal.waveform import Waveform
 from ..clocks import line_numbers, propose_clocks
@@ -120,30 +122,46 @@ def other_clocks(clocks_hz: Sequence[float]) -> str:
     )
 
 
-def wrong_rate(found: Sequence[Finding], plan: Plan) -> str:
-    """That a tag is received at a simple multiple of a clock of the scene.
+def wrong_clock(survey: Survey | None, plan: Plan, sensor: str) -> str:
+    """That a tag is received at another clock than the scene states for a sensor.
 
-    Samples whose rate is stated r times too high show everything at r times its frequency. Empty
-    where the first and the last strong line of a tag were not found at any such ratio.
+    Near it, though beyond its tolerance, or at a simple multiple of it: samples whose rate is
+    stated r times too high show everything at r times its frequency. Empty where there is none.
     """
-    rate_hz = 1 / plan.waveform.snapshot_period_s
-    seen_hz = [hertz for finding in found for hertz in (finding.frequency_hz, *finding.lines_hz)]
-    for clock, name in zip(plan.clocks, _names(plan), strict=False):
-        for ratio in sorted(SAMPLE_RATE_RATIOS):  # harmonics of a tag are at higher ones
-            at_hz = [ratio * line * clock.clock_hz for line in (1, STRONG_LINES[-1])]
-            if all(
-                any(
-                    abs(abs(aliased_hz(hertz, rate_hz)) - each)
-                    <= _APART_HZ + hertz * clock.planned_ppm * 1e-6
-                    for each in seen_hz
-                )
-                for hertz in at_hz
-            ):
-                return (
-                    f"a tag is found at {at_hz[0]:.6g} Hz, {ratio:g} times the clock_hz of {name}; "
-                    "check clock_hz, and sample_rate_hz of the scene, which may be "
-                    f"{ratio:g} times that of the samples"
-                )
+    if survey is None:
+        return ""
+    tag = _names(plan).index(sensor)
+    clock, listed = plan.clocks[tag], plan.require_scene().sensors[tag]
+    stated_hz = listed.clock_hz
+    reach_hz = stated_hz * listed.clock_tolerance_ppm * 1e-6
+    sources = [source for source in survey.sources if source.kind != "lamps"]
+    tags_hz = [source.fundamental_hz for source in sources if source.kind == "tag"]
+    lines_hz = [line.frequency_hz for source in sources for line in source.lines]
+
+    def is_among(hertz: Sequence[float], at_hz: float) -> bool:
+        reach = _APART_HZ + at_hz * clock.planned_ppm * 1e-6
+        return any(abs(each - at_hz) <= reach for each in hertz)
+
+    for ratio in sorted(SAMPLE_RATE_RATIOS):  # harmonics of a tag are at higher ones
+        at_hz = ratio * stated_hz
+        # Lines 1 and 4 suffice: the second of the others may be hidden.
+        strong = all(is_among(lines_hz, m * at_hz) for m in (1, STRONG_LINES[-1]))
+        if strong or is_among(tags_hz, at_hz):
+            return (
+                f"a tag is found at {at_hz:.6g} Hz, {ratio:g} times the clock_hz of {sensor}; "
+                "check clock_hz, and sample_rate_hz of the scene, which may be "
+                f"{ratio:g} times that of the samples"
+            )
+    near, others = survey.clocks[tag], (*survey.clocks[:tag], *survey.clocks[tag + 1 :])
+    if not near.found or abs(near.clock_hz - stated_hz) > reach_hz:
+        wide = replace(clock, clock_hz=stated_hz, tolerance_ppm=LOOSEST_CLOCK_PPM)
+        near = clock_beyond(survey.frequency_hz, survey.spectrum, wide, others)
+    if near.found and abs(near.clock_hz - stated_hz) > reach_hz:
+        apart_ppm = 1e6 * (near.clock_hz / stated_hz - 1)
+        return (
+            f"a tag is found at {near.clock_hz:.6g} Hz, {apart_ppm:+.0f} ppm from the clock_hz of "
+            f"{sensor}; check clock_hz, or state a clock_tolerance_ppm that holds it"
+        )
     return ""
 
 
