@@ -12,7 +12,6 @@ from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
-from gnuradio.wiforce.planning.off_states import off_states
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.room.report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
@@ -78,10 +77,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         report["warnings"] += waveform_warnings(settings)
     if reaches := carrier_reaches(settings):
         report["link"] = [dataclasses.asdict(each) for each in reaches]
-    stds = [sensor["phase_std_deg"] for sensor in report["expected"]]
-    judged = list(off_states(settings, stds))
-    if judged:
-        report["off_states"] = [each.report() for each in judged]
     if settings.skin is not None:
         report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
     if capture_path is not None:
@@ -96,8 +91,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        lines = [*link_lines(settings, reaches), *judged]
-        _print(report, scene, str(settings), lines, with_steps)
+        _print(report, scene, str(settings), link_lines(settings, reaches), with_steps)
 
 
 def _notes(settings):
