@@ -39,28 +39,3 @@ def test_windows_have_the_palette():
 
     for name in ("INK", "FAINT", "PAPER", "WARNING", "BEAM", "GROUND"):
         assert getattr(style, name).name() == getattr(palette, name)
-
-
-def test_pictures_take_their_colors_from_the_palette():
-    """Matplotlib's own colours are not all distinguishable without red and green."""
-    own = re.compile(r"""["']C\d|["']tab:|\bC\{|cmap|["']0\.\d+["']""")
-    sources = [
-        path
-        for folder in ("python/wiforce", "gr-wiforce", "docs")
-        for path in (ROOT / folder).rglob("*.py")
-        if "matplotlib" in path.read_text(encoding="utf-8")
-    ]
-    assert len(sources) >= 9
-    found = [
-        f"{path.relative_to(ROOT)}: {line.strip()}"
-        for path in sources
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if own.search(line)
-    ]
-    assert found == []
-
-
-def test_series_styles_differ_in_color_and_marker():
-    styles = [tuple(palette.series_style(number).values()) for number in range(49)]
-    assert len(set(styles)) == 49
-    assert len({marker for _, marker in styles[:7]}) == 7

@@ -91,12 +91,6 @@ def test_shell_completes_subcommands_scenes_and_sensors(typed, expected):
     assert done.stderr == ""  # it would appear on the line that is typed
 
 
-def test_completion_scripts_query_the_command():
-    for shell in ("bash", "zsh", "fish"):
-        text = (ROOT / "gr-wiforce" / "completions" / f"gr-wiforce.{shell}").read_text()
-        assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text
-
-
 def test_reference_matches_declarations_scenes_and_help():
     maker = loaded("make_reference")
     hint = "run: build/run python3 docs/make_reference.py"
@@ -342,13 +336,6 @@ def test_readme_accuracy_is_what_its_command_prints(tmp_path):
         stated = [float(value) for value in here.removesuffix(f" {unit}").split(" to ")]
         found = [float(value) for value in printed.split(" to ")]
         assert stated == pytest.approx(found, rel=0.2)
-
-
-def test_animation_takes_ten_seconds():
-    from PIL import Image
-
-    with Image.open(ROOT / "docs/images/press.gif") as animation:
-        assert animation.n_frames * animation.info["duration"] == 10_000
 
 
 def test_page_of_many_captures_prints_a_median_for_each(tmp_path, monkeypatch, capsys):

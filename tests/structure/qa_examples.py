@@ -8,7 +8,6 @@ import io
 import os
 import re
 import runpy
-import shutil
 import subprocess
 import sys
 import threading
@@ -56,14 +55,6 @@ def generated(compiled, qt):
     return module
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["5555"], ["tcp://127.0.0.1:1", "key", "x"]])
-def test_zmq_client_bad_usage_is_reported(arguments):
-    command = [sys.executable, HEADLESS / "zmq_client.py", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 1 and done.stderr.startswith("usage: zmq_client.py [ENDPOINT")
-    assert len(done.stderr.splitlines()) == 1
-
-
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_flowgraph_compiles_and_is_documented(generated, path):
     import yaml
@@ -90,19 +81,6 @@ def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
     assert done.returncode == 1 and "Traceback" not in done.stderr
     said = done.stderr.splitlines()
     assert sum(line.startswith("device: must be a USRP that answers (") for line in said) == 1
-
-
-def test_chain_from_a_file_that_is_missing_ends_with_one_sentence(tmp_path):
-    command = [sys.executable, HEADLESS / "chain_from_file.py", "nofile", tmp_path / "out.csv"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (1, "nofile.sigmf-meta: no such file\n")
-
-
-def test_read_recording_of_another_scene_ends_with_one_sentence(capture, tmp_path):
-    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], tmp_path / "out.csv"]
-    done = subprocess.run([*command, "demo"], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "sample rate must be radio.sample_rate_hz of the scene" in done.stderr
 
 
 class Collector(gr.basic_block):
@@ -358,49 +336,16 @@ def headless(script, *arguments):
     return printed.getvalue()
 
 
-def test_headless_press_simulation_prints_applied_presses():
-    lines = headless("press_simulation.py").splitlines()
-    touched = [line.split() for line in lines if " mm" in line]
-    clean = [words for words in touched if len(words) == 7]
-    for force_n, location_mm in ((3.0, 33.0), (5.5, 47.0)):
-        near = [w for w in clean if abs(float(w[5]) - location_mm) < LOCATION_LIMIT_MM]
-        assert len(near) > 10
-        assert np.median([float(w[2]) for w in near]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
-
-
-@pytest.mark.long
-def test_headless_two_sensors_prints_both_forces():
-    lines = [line.split() for line in headless("two_sensors.py").splitlines()]
-    for sensor, force_n in (("left", 3.0), ("right", 5.0)):
-        own = [float(w[3]) for w in lines if w[2] == sensor and len(w) == 8]
-        assert np.median(own) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
-
-
 def test_headless_read_recording_writes_readings(capture, tmp_path):
     name, truth = capture
     headless("read_recording.py", name, tmp_path / "out.csv", "tabletop")
     assert_true(tmp_path / "out.csv", truth)
 
 
-def test_headless_read_recording_refuses_to_replace_the_scene(capture, tmp_path):
-    scene = tmp_path / "scene.csv"
-    shutil.copy(wiforce.load_scene("tabletop").path, scene)
-    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], scene, scene]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode and "scene.csv: cannot be written (is an input)" in done.stderr
-    assert "sensors:" in scene.read_text()
-
-
 def test_headless_chain_from_file_writes_the_readings_of_the_reader(
     capture, of_the_reader, tmp_path
 ):
     headless("chain_from_file.py", capture[0], tmp_path / "out.csv")
-    assert_equal_files(tmp_path / "out.csv", of_the_reader)
-
-
-def test_headless_chain_from_file_reads_raw_samples(capture, of_the_reader, tmp_path):
-    shutil.copy(f"{capture[0]}.sigmf-data", tmp_path / "raw")
-    headless("chain_from_file.py", tmp_path / "raw", tmp_path / "out.csv", "tabletop", "ci16_le")
     assert_equal_files(tmp_path / "out.csv", of_the_reader)
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files that other systems read: catalogues, package managers, citation and code hosting."""
 
-import importlib.util
 import re
 import subprocess
 from pathlib import Path
@@ -16,10 +15,6 @@ VERSION = re.search(
 )[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 ON_CONDA = {"matplotlib": "matplotlib-base"}
-# What gr-wiforce needs and the collection of PyBOMBS has recipes for.
-ON_PYBOMBS = {
-    *("boost", "fftw", "gnuradio", "numpy", "pybind11", "python-matplotlib", "pyyaml", "scipy"),
-}
 
 
 def loaded(name):
@@ -81,23 +76,6 @@ def test_conda_recipe_has_the_version_and_the_dependencies_of_the_build():
     assert "-DWIFORCE_GNURADIO=ON" in build.read_text()
 
 
-def test_pybombs_recipe_names_recipes_that_exist():
-    recipe = loaded("packaging/pybombs/gr-wiforce.lwr")
-    assert set(recipe["depends"]) == ON_PYBOMBS
-    assert recipe["inherit"] == "cmake" and recipe["category"] == "common"
-    assert recipe["description"] == PROJECT["description"]
-    assert re.match(r"(git|wget|file)\+?\S*://", recipe["source"])
-
-
-def test_packaging_page_names_what_the_pybombs_recipe_leaves_out():
-    """Without them, the command and `wiforce.read` fail at their first import."""
-    needed = {re.split("[<>=]", each)[0].lower() for each in PROJECT["dependencies"]}
-    recipe = loaded("packaging/pybombs/gr-wiforce.lwr")
-    absent = needed - {name.removeprefix("python-") for name in recipe["depends"]}
-    page = (ROOT / "packaging/README.md").read_text(encoding="utf-8")
-    assert f"`pip install {' '.join(sorted(absent))}`" in page
-
-
 def test_workflows_call_ci_in_both_containers():
     jobs = loaded(".github/workflows/tests.yml")["jobs"]
     debian = jobs["debian"]
@@ -114,19 +92,6 @@ def test_workflows_call_ci_in_both_containers():
         assert loaded(path).keys() == {"name", True, "permissions", "jobs"}
 
 
-def test_issue_templates_have_the_form_that_github_reads():
-    templates = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
-    forms = [loaded(path) for path in templates if path.name != "config.yml"]
-    assert len(forms) == 3
-    for form in forms:
-        assert form["name"] and form["description"] and form["body"]
-        ids = [part["id"] for part in form["body"] if part["type"] != "markdown"]
-        assert ids and len(ids) == len(set(ids))
-        for part in form["body"]:
-            key = "value" if part["type"] == "markdown" else "label"
-            assert part["type"] in ("markdown", "textarea") and part["attributes"][key]
-
-
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md", "packaging/README.md"])
 def test_files_that_a_page_names_exist(page):
     """Contributors are sent to files that were moved."""
@@ -137,11 +102,3 @@ def test_files_that_a_page_names_exist(page):
     named = re.findall(r"`((?:python|gr-wiforce|tests|docs|packaging|lib|grc)/[\w./-]*)`", text)
     for path in named:
         assert (ROOT / path).exists(), path
-
-
-def test_wheel_builder_refuses_unknown_options_with_its_usage():
-    done = subprocess.run(
-        [ROOT / "packaging" / "build-wheels", "--windows"], capture_output=True, text=True
-    )
-    assert done.returncode == 2 and done.stderr.startswith("usage: packaging/build-wheels")
-    assert importlib.util.find_spec("wiforce_app") is not None

@@ -3,14 +3,10 @@
 
 import importlib.util
 from functools import cache
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_runs import run_command
-from gnuradio.wiforce.gui import ForceDisplay
-from gnuradio.wiforce.io.readings import Reading
 from long_cases import cases
 from matplotlib import image
 
@@ -45,13 +41,6 @@ def maker(name):
     return module
 
 
-def test_difference_tells_pictures_apart():
-    pictures = sorted(IMAGES.glob("*.png"))
-    assert len(pictures) >= 10
-    for first, second in combinations(pictures, 2):
-        assert difference(first, second) > LIMIT, (first.name, second.name)
-
-
 @pytest.mark.parametrize(
     "name",
     cases(
@@ -69,53 +58,3 @@ def test_picture_of_a_script_is_that_of_the_documentation(name, tmp_path, monkey
 def test_picture_of_the_demo_is_that_of_the_documentation(demo):
     """A newcomer compares his first picture with that of the tutorial."""
     assert difference(demo[0] / "readings.png", IMAGES / "readings.png") < LIMIT
-
-
-@pytest.mark.long
-def test_picture_of_a_survey_is_that_of_the_documentation(tmp_path):
-    walk = tmp_path / "walk"
-    assert run_command("simulate", "somebody_walks", walk).returncode == 0
-    assert run_command("survey", walk, "--plot", tmp_path / "survey.png").returncode == 0
-    assert difference(tmp_path / "survey.png", IMAGES / "survey.png") < LIMIT
-
-
-# Time of the begin, force and location of what docs/make_screenshots.py sets; None: flagged.
-STEPS = (
-    (0.0, 0.0, None),
-    (1.66, 3.0, 33.0),
-    (4.12, 5.5, 47.0),
-    (6.62, 0.0, None),
-    (8.12, 4.1, 55.0),
-)
-
-
-def test_force_display_looks_as_in_the_documentation(qt, tmp_path):
-    path = IMAGES / "force_display.png"
-    height, width = image.imread(path).shape[:2]
-    display = ForceDisplay()
-    display._timer.stop()
-    display.resize(width, height)
-    display.show()
-    for time_s in np.arange(0.018, 9.95, 0.036).tolist():
-        _, force_n, place = [step for step in STEPS if step[0] <= time_s][-1]
-        pressed = force_n > 0
-        values = (force_n, 0.065, place, 0.05) if pressed else ()
-        display.add(Reading(time_s, "arm", int(pressed), *values, snr_db=15.1))
-    for _ in range(5):
-        display.refresh()
-        qt.processEvents()
-    display.grab().save(str(tmp_path / "again.png"))
-    display.close()
-    assert difference(tmp_path / "again.png", path) < LIMIT
-
-
-@pytest.mark.long
-def test_page_looks_as_in_the_documentation(tmp_path, monkeypatch):
-    """A change of the page would leave the README with the former one."""
-    screenshots = maker("make_screenshots")
-    monkeypatch.setattr(screenshots, "IMAGES", tmp_path)
-    screenshots.take_browser(tmp_path)
-    taken = sorted(tmp_path.glob("*.png"))
-    assert len(taken) == 4
-    for path in taken:
-        assert difference(path, IMAGES / path.name) < LIMIT, path.name

@@ -12,9 +12,9 @@ import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui import Trend, history, widget, words
-from gnuradio.wiforce.io.readings import Flag, Reading
+from gnuradio.wiforce.io.readings import Reading
 from PyQt5 import QtCore, QtWidgets
-from PyQt5.QtGui import QColor, QFontMetrics
+from PyQt5.QtGui import QColor
 
 PRESSED = {
     "time_s": 1.0,
@@ -123,30 +123,6 @@ def test_display_malformed_message_is_ignored(display, qt):
     assert display.sensors() == []
 
 
-def test_display_any_flags_are_tolerated(display, qt):
-    words = tuple(flag.word for flag in Flag)
-    for flags in (*words, " ".join(words), words, "unknown"):
-        picture(display, qt, PRESSED | {"flags": flags})
-    assert display.latest("arm").flags == ()
-
-
-def test_display_flagged_reading_looks_different(display, qt):
-    plain = picture(display, qt, PRESSED)
-    flagged = picture(display, qt, PRESSED | {"flags": "weak"})
-    assert plain != flagged
-
-
-@pytest.mark.parametrize("size", [None, (640, 420), (1200, 900)])
-def test_display_labels_of_locations_do_not_overlap(display, qt, size):
-    """Labels on top of each other cannot be read."""
-    display.resize(*(size or (display.sizeHint().width(), display.sizeHint().height())))
-    picture(display, qt, PRESSED, PRESSED | {"sensor": "finger"})
-    axis = display._history._location.getAxis("left")
-    (spacing,) = {step for step, _ in axis._tickSpacing}
-    shown_mm = np.diff(axis.range)[0]
-    assert axis.height() * spacing / shown_mm >= QFontMetrics(axis.font()).ascent()
-
-
 def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatch):
     clock = {"now": 0.0}
     monkeypatch.setattr(widget.time, "monotonic", lambda: clock["now"])
@@ -163,20 +139,6 @@ def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatc
     assert display.sensors() == ["arm", "finger"]
     colors = {view._color.name() for view in display._views.values()}
     assert len(colors) == 2
-
-
-def test_display_resized_keeps_sensors_visible(display, qt):
-    two = (PRESSED, PRESSED | {"sensor": "finger", "flags": "weak ambiguous"})
-    for width, height in ((300, 200), (1600, 1000), (300, 200), (640, 520)):
-        display.resize(width, height)
-        image = picture(display, qt, *two)
-        assert (image.width(), image.height()) == (width, height)
-        for view in display._views.values():
-            assert view.width() <= width
-    assert display._history.isVisible()
-    display.resize(300, 200)
-    qt.processEvents()
-    assert not display._history.isVisible()
 
 
 def test_track_earlier_time_starts_new_history():
@@ -321,33 +283,6 @@ def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_p
     assert block.start() and block.widget._time.text()
     block.widget.refresh()
     assert "recording ended" not in block.widget._time.text()
-
-
-def test_window_of_companion_opens_at_a_size_that_shows_the_display_whole(qt):
-    """Companion puts widgets into a scroll area: the histories were hidden, and bars shown."""
-    window, content, area = QtWidgets.QWidget(), QtWidgets.QWidget(), QtWidgets.QScrollArea()
-    column = QtWidgets.QVBoxLayout(content)
-    control, display = QtWidgets.QSlider(QtCore.Qt.Horizontal), wiforce.ForceDisplay()
-    column.addWidget(control)
-    column.addWidget(display)
-    area.setWidgetResizable(True)
-    area.setWidget(content)
-    QtWidgets.QVBoxLayout(window).addWidget(area)
-    window.show()
-    for _ in range(5):
-        qt.processEvents()
-    try:
-        assert display._history.isVisible()
-        assert area.verticalScrollBar().maximum() == area.horizontalScrollBar().maximum() == 0
-        window.resize(300, 200)
-        window.hide()
-        window.show()
-        for _ in range(5):
-            qt.processEvents()
-        assert window.size() == QtCore.QSize(300, 200)  # the size that somebody chose
-    finally:
-        window.close()
-        display._timer.stop()
 
 
 def test_display_tare_button_shows_what_becomes_of_the_request(qt):

@@ -12,7 +12,7 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app.bench import stress
 from wiforce_app.bench.cases import Case
-from wiforce_app.bench.stress import Outcome, read_case
+from wiforce_app.bench.stress import read_case
 from wiforce_app.shell.tables import table
 
 # All rows but the searches, those of the JSON test and of clutter between others.
@@ -65,15 +65,6 @@ def test_clocks_nearly_equal_errors_match_stated_std(second_hz):
     for outcome in (read_case(made, run=run) for run in range(2)):
         assert outcome.not_finite == 0 and outcome.undetected_deg == 0
         assert len(outcome.errors_deg) >= 3 and np.median(outcome.std_deg) < 0.05
-
-
-def test_undetected_error_excludes_weak_and_within_std():
-    errors = np.array([[0.5, 0.01], [0.5, 0.5], [90.0, 0.0]])
-    std = np.array([[0.01, 0.01], [0.2, 0.2], [20.0, 0.1]])
-    outcome = Outcome(errors, std, 2, 0)
-    assert outcome.undetected_deg == 0.5 and outcome.worst_deg == 0.5
-    assert outcome.discarded == 3
-    assert Outcome(errors[1:], std[1:], 0, 0).undetected_deg == 0
 
 
 def test_stress_json_holds_every_path():

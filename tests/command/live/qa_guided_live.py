@@ -109,21 +109,6 @@ def calibrated(bench, tmp_path_factory, long_run):
     return Calibrated(bench, tmp_path_factory.mktemp("guided"), *plan)
 
 
-@pytest.mark.long
-@pytest.mark.timeout(1000)
-def test_guided_calibration_continues_after_it_was_killed(calibrated):
-    """An hour of work would be lost with the battery."""
-    assert calibrated.status == 0, calibrated.shown
-    assert len(calibrated.rows_before) >= 3
-    assert calibrated.rows()[: len(calibrated.rows_before)] == calibrated.rows_before
-    presses = [row for row in calibrated.rows() if row["location_mm"]]
-    assert len(presses) == len(calibrated.locations) * len(calibrated.forces)
-    assert (
-        f"arm.taps.csv: {len(calibrated.rows_before) - 1}; the session continues"
-        in calibrated.shown
-    )
-
-
 @pytest.mark.timeout(1000)
 def test_guided_sensor_reads_as_one_calibrated_with_a_vna(calibrated):
     """The person's sensor would be worse than the sensor's own noise."""
@@ -191,18 +176,6 @@ def test_help_states_the_defaults_of_the_plan(capsys):
     assert f"with--live{RULER_STD_MM:g}." in shown
 
 
-@pytest.mark.long
-def test_interrupted_session_ends_in_order_and_is_kept(bench, tmp_path):
-    """The device would be left transmitting, or the work lost."""
-    with bench.person(tmp_path / "arm.yaml") as person:
-        person.follow(prompts=2)
-        person.process.send_signal(signal.SIGTERM)
-        assert person.finish() == 143
-    table = tmp_path / "arm.taps.csv"
-    assert f"presses stored in {table}: 1; the same command continues" in person.shown
-    assert len(table.read_text().splitlines()) == 3 and not (tmp_path / "arm.yaml").exists()
-
-
 def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
     """The reader takes the released sensor for a touched one: nothing could be measured."""
     with bench.person(tmp_path / "arm.yaml") as person:
@@ -226,16 +199,3 @@ def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
             person.answer(prompt)
             prompt = person.prompt()
         assert "phases -172." in person.shown and "stored, 1 of 10" in person.shown
-
-
-# The last test, since the device is gone then.
-@pytest.mark.long  # it waits five seconds for the device
-def test_device_that_disappears_ends_the_session_and_keeps_it(bench, tmp_path):
-    with bench.person(tmp_path / "arm.yaml") as person:
-        person.follow(prompts=2)
-        bench.device.process.kill()
-        assert person.finish() == 1
-    # Its process says so after 5 s in which it ran, on a busy machine the session itself after 8 s.
-    assert "has sent no samples for" in person.shown
-    assert "arm.taps.csv: 1" in person.shown
-    assert len((tmp_path / "arm.taps.csv").read_text().splitlines()) == 3

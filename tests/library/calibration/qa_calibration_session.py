@@ -154,18 +154,6 @@ def test_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
         assert len(session.presses) == 3
 
 
-def test_undo_removes_measurements_one_by_one(tmp_path):
-    path = tmp_path / "arm.taps.csv"
-    with CalibrationSession(PLAN, path) as session:
-        measure_all(session, 2)
-        whole = path.read_text()
-        session.add(press(2.0, 20.0))
-        assert session.undo().force_n == 2.0
-        assert path.read_text() == whole and session.next_target().force_n == 2.0
-        assert session.undo() and session.undo() and session.undo() is None
-        assert session.next_target().force_n == 1.0
-
-
 @pytest.mark.parametrize("force_n", [-2.0, 0.0, 0.4, 10.1, 204.0])
 def test_force_out_of_range_is_refused(tmp_path, force_n):
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
@@ -193,18 +181,6 @@ def test_sweeps_rise_and_fall_and_are_distinguished(tmp_path):
     assert asked == 2 * [1, 2, 4, 6, 8, 8, 6, 4, 2, 1]
     table = read_tap_csv(tmp_path / "arm.taps.csv", 900e6)
     assert set(table.press) == {"1", "2"}
-
-
-def test_skipped_measurements_are_asked_for_in_the_next_run(tmp_path):
-    path = tmp_path / "arm.taps.csv"
-    with CalibrationSession(PLAN, path) as session:
-        measure_all(session, 1)
-        session.skip(session.next_target())
-        assert session.next_target().force_n == 2.0
-        session.skip_location(20.0)
-        assert session.next_target() == Target(30.0, 1, 1.0)
-    with CalibrationSession(PLAN, path) as session:
-        assert session.next_target() == Target(20.0, 1, 1.5)
 
 
 def test_model_is_that_of_calibrate_on_the_file(tmp_path):
