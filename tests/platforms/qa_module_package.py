@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What other modules build with: the CMake package, its kernels, and a matching pybind11."""
 
-import json
 import subprocess
 from pathlib import Path
 
@@ -122,43 +121,3 @@ def test_pybind11_unknown_identifier_is_warned_of(tmp_path):
     matched = match(tmp_path, "no identifier", GCC)
     assert matched.returncode == 0
     assert "could not determine" in matched.stderr and "definitions []" in matched.stderr
-
-
-def test_presets_cover_both_compilers_and_build_types_with_warnings_as_errors():
-    presets = {
-        preset["name"]: preset
-        for preset in json.loads((ROOT / "CMakePresets.json").read_text())["configurePresets"]
-    }
-
-    def variables(name):
-        preset = presets[name]
-        parents = preset.get("inherits", [])
-        found = {}
-        for parent in [parents] if isinstance(parents, str) else parents:
-            found |= variables(parent)
-        return found | preset.get("cacheVariables", {})
-
-    for compiler, program in (("gcc", "g++"), ("clang", "clang++")):
-        for build_type in ("Debug", "Release"):
-            assert variables(f"{compiler}-{build_type.lower()}") == {
-                "CMAKE_CXX_COMPILER": program,
-                "CMAKE_BUILD_TYPE": build_type,
-                "CMAKE_COMPILE_WARNING_AS_ERROR": "ON",
-            }
-
-
-def test_build_shows_all_warnings_in_every_source():
-    """Bindings and tests were compiled without -Wall."""
-    commands = json.loads((build_tree() / "compile_commands.json").read_text())
-    files = {command["file"].removeprefix(str(ROOT) + "/") for command in commands}
-    assert {"tests/kernels/qa_timeline.cc", "python/wiforce/bindings/wiforce_python.cc"} <= files
-    for command in commands:
-        assert {"-Wall", "-Wextra"} <= set(command["command"].split()), command["file"]
-
-
-def test_compilers_builds_the_presets_of_both_compilers():
-    script = ROOT / "tests/platforms/compilers"
-    assert run("bash", "-n", script).returncode == 0
-    shown = run(script, "--help")
-    assert shown.returncode == 0
-    assert "gcc-debug gcc-release clang-debug clang-release" in shown.stdout

@@ -132,18 +132,6 @@ def rms(codes):
     return np.sqrt(np.mean(codes.astype(float) ** 2))
 
 
-def test_scene_air_delay_shifts_the_received_samples(scene):
-    device = Connectors(scene, delay_ticks=512)
-    device.send(frames(scene, 20))
-    delayed = device.receive(7200).reshape(-1, 2)
-    direct = AirChannel(scene).process(np.r_[np.zeros(64), np.tile(frames(scene, 1) * 2, 10)], 0)
-    assert np.abs(delayed - simulated_codes(direct[:7200])).max() <= 4
-
-
-def simulated_codes(samples):
-    return np.rint(samples.view(np.float32) * 8192).astype(int).reshape(-1, 2) * 4
-
-
 def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     levels = {}
     for tx_db, rx_db in ((15, 15), (5, 15), (15, 5), (-100, 15), (-100, 5)):
@@ -159,63 +147,6 @@ def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     quantized = np.sqrt(noise**2 + 4**2 / 12)
     assert levels[-100, 15] == pytest.approx(20 * np.log10(quantized), abs=0.2)
     assert levels[-100, 5] < levels[-100, 15] - 3
-
-
-def test_scene_air_high_gain_clips_at_full_scale(scene):
-    device = Connectors(scene)
-    device.tuning.rx_gain_db = 31.5
-    device.send(frames(scene, 20))
-    codes = device.receive(7200)
-    assert codes.max() == 8191 * 4 and codes.min() == -8192 * 4
-
-
-def test_scene_air_pieces_and_second_receiver_get_the_same_samples(scene):
-    whole, cut = Connectors(scene), Connectors(scene)
-    for device in (whole, cut):
-        device.send(frames(scene, 20))
-    expected = whole.receive(7200)
-    other = SimpleNamespace(stream_start=4000)
-    assert np.array_equal(whole.receive(7200, chain=other), expected)
-    parts = [cut.receive(count, first) for first, count in ((0, 1), (1, 999), (1000, 6200))]
-    assert np.abs(np.concatenate(parts) - expected).max() <= 4  # a rounding of the ADC
-
-
-def test_scene_air_new_session_starts_the_scene_again(scene):
-    device = Connectors(scene)
-    device.send(frames(scene, 20))
-    first = device.receive(7200)
-    device.air.restart()
-    device.send(frames(scene, 20))
-    assert np.array_equal(device.receive(7200), first)
-
-
-def test_scene_air_time_continues_during_a_pause(scene):
-    device, steady = Connectors(scene), AirChannel(scene)
-    device.receive(1000)
-    device.send(np.tile(frames(scene, 1), 700))
-    later = device.receive(7200, first=360_000)  # 28.8 ms: in the middle of the press
-    steady.restart(360_000)
-    direct = steady.process(2 * np.tile(frames(scene, 1), 10), 360_000)
-    # The two draw different noise: compare what stands out of it.
-    difference = later.reshape(-1, 2) - simulated_codes(direct)
-    noise = steady.noise_std / np.sqrt(2) * 32768
-    assert rms(difference[720:]) == pytest.approx(np.sqrt(2 * (noise**2 + 4**2 / 12)), rel=0.1)
-
-
-def test_scene_air_unknown_carrier_returns_noise_only(scene):
-    device = Connectors(scene)
-    device.tuning.tx_carrier_hz = 5.8e9
-    device.send(frames(scene, 20))
-    assert rms(device.receive(7200)) < 4 * AirChannel(scene).noise_std * 32768
-
-
-def test_scene_air_other_rate_keeps_the_level(scene):
-    slow, fast = Connectors(scene), Connectors(scene)
-    slow.send(frames(scene, 20), spacing=16)
-    fast.send(frames(scene, 20))
-    # The level is that of the occupied subcarriers, whatever the echoes do to each.
-    level = rms(slow.receive(7200, spacing=16)) / rms(fast.receive(7200))
-    assert level == pytest.approx(1, abs=0.05)
 
 
 def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):

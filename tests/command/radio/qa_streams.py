@@ -6,7 +6,6 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, uhd
-from long_cases import cases
 from wiforce_app.radio.streams import Progress
 
 RATE = 12.5e6
@@ -52,19 +51,6 @@ def record(args, count, path):
     pairs = np.fromfile(path, np.int16).reshape(-1, 2)
     values = pairs[:, 0].astype(np.uint16).astype(np.int64) | pairs[:, 1].astype(np.int64) << 16
     return values, recorder.times()
-
-
-@pytest.mark.long
-def test_stream_ten_million_samples_at_full_rate_all_correct(software_usrp, tmp_path):
-    device = software_usrp("--air", "counter")
-    values, times = record(device.args, 10_000_000, tmp_path / "ramp")
-    assert times == {0: START_S * RATE}
-    assert len(values) == 10_000_000
-    assert np.array_equal(values, START_S * RATE + np.arange(10_000_000))
-    # Delays are measured from these times.
-    device_s, host_s = np.transpose(device.command("sent")["sent_s"])
-    assert np.all(np.diff(device_s) > 0) and np.all(np.diff(host_s) >= 0)
-    assert device_s[0] < START_S + 0.1 and device_s[-1] >= START_S + 10_000_000 / RATE
 
 
 @pytest.mark.parametrize(
@@ -142,10 +128,6 @@ def codes(samples):
     return np.rint(samples.view(np.float32) * 32767).astype(int)
 
 
-def constant(value, count):
-    return np.full(count, value, np.complex64)
-
-
 def test_stream_timed_bursts_arrive_at_their_sample_and_amplitude(software_usrp):
     device = software_usrp("--air", "cable")
     bursts = {
@@ -160,71 +142,6 @@ def test_stream_timed_bursts_arrive_at_their_sample_and_amplitude(software_usrp)
         expected[first : first + len(samples)] = samples
     assert np.abs(codes(received) - codes(expected)).max() <= 1
     assert device.command("status")["tx_late_packets"] == 0
-
-
-@pytest.mark.parametrize("rate", cases(25e6, 100e6 / 27, long=(5e6, 100e6 / 12)))
-def test_stream_amplitude_equal_at_every_kind_of_rate(software_usrp, rate):
-    device = software_usrp("--air", "cable", "--delay-us", 0)
-    # At some rates the driver doubles what it sends and so clips above 0.5.
-    samples = noise(1000, 4, limit=0.49)
-    received = Host(device, rate).exchange({START_S: samples}, START_S, 1000)
-    assert np.abs(codes(received) - codes(samples)).max() <= 1
-
-
-def test_stream_tuning_offset_shifts_the_frequency(software_usrp):
-    device = software_usrp("--air", "cable", "--delay-us", 0)
-    host = Host(device)
-    host.source.set_center_freq(900.1e6)
-    received = host.exchange({START_S: constant(0.25, 12500)}, START_S, 12500)
-    turns = np.unwrap(np.angle(received)) / 2 / np.pi
-    assert np.polyfit(np.arange(12500) / RATE, turns, 1)[0] == pytest.approx(-100e3, abs=1)
-    assert np.allclose(np.abs(received), 0.25, atol=1e-4)
-    del host
-    host = Host(device)
-    host.source.set_center_freq(950e6)
-    assert not host.exchange({START_S: constant(0.25, 1000)}, START_S, 1000).any()
-    assert device.command("status")["tx_late_packets"] == 0
-
-
-@pytest.mark.parametrize("board", cases("SBX", long=("CBX", "WBX")))
-def test_device_carriers_and_gains_decoded_from_register_writes(software_usrp, board):
-    device = software_usrp("--air", "cable", "--daughterboard", board)
-    host = Host(device)
-    low = 1.3e9 if board == "CBX" else 500e6
-    for rx_hz, tx_hz, rx_db, tx_db in [
-        (low, low + 10e6, 0, 31),
-        (1.8e9 + 1234.5, 2.1e9 - 77e3, 12.5, 7),
-        (2.1e9, 1.7000001e9, 34.3, 0),
-    ]:
-        tuned = {"rx": (host.source, rx_hz, rx_db), "tx": (host.sink, tx_hz, tx_db)}
-        for block, frequency_hz, gain_db in tuned.values():
-            block.set_center_freq(frequency_hz)
-            block.set_gain(gain_db)
-        status = device.command("status")
-        for way, (block, frequency_hz, _) in tuned.items():
-            carrier_hz, gain_db = status[f"{way}_carrier_hz"], status[f"{way}_gain_db"]
-            # The driver's own frequency is rounded to the CORDIC's 0.02 Hz.
-            assert carrier_hz == pytest.approx(block.get_center_freq(), abs=0.05)
-            assert carrier_hz == pytest.approx(frequency_hz, abs=0.05)
-            assert gain_db == pytest.approx(block.get_gain(), abs=0.03)
-
-
-def test_stream_gain_scales_the_level_and_clips(software_usrp):
-    host = Host(software_usrp("--air", "cable", "--delay-us", 0))
-    host.source.set_gain(6)
-    host.sink.set_gain(14)
-    sent = np.concatenate([constant(0.05, 500), constant(0.5 - 0.5j, 500)])
-    received = host.exchange({START_S: sent}, START_S, 1000)
-    assert np.allclose(received[:500], 0.5, atol=10 / 32767)  # 10 times half the host's step
-    assert np.allclose(received[500:], 1 - 1j, atol=1e-4)
-
-
-def test_device_time_set_at_the_next_pulse_per_second(software_usrp):
-    host = Host(software_usrp("--air", "cable", speed=4))
-    host.source.set_time_unknown_pps(uhd.time_spec(100.0))
-    last = host.source.get_time_last_pps().get_real_secs()
-    now = host.source.get_time_now().get_real_secs()
-    assert last == round(last) and 100 <= last <= now < last + 1
 
 
 def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
