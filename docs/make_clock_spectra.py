@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce.io.palette import SERIES
 from gnuradio.wiforce.planning.clocks import assess_clocks
+from gnuradio.wiforce.signal.lines import aliased_hz
+from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from matplotlib.figure import Figure
 
@@ -24,7 +26,7 @@ SETS = (
 )
 DRAWN = (0, 1, 3)
 NAIVE_HZ = (1000, 1400)
-LOWEST_DB = -40
+LOWEST_DB, WEAKEST_DB = -40, -20  # of the picture, and of an end's lines
 # |G_through - G_1 - G_2| of an untouched 80 mm line at 900 MHz, against |G_1|.
 PASSING = 2.7
 
@@ -40,21 +42,29 @@ def main():
     canvas = Figure(figsize=(10, 9), layout="constrained")
     axes = canvas.subplots(len(DRAWN) + 1, 1, sharex=True, sharey=True)
     for axis, index in zip(axes, DRAWN, strict=False):
-        _draw(axis, SETS[index][0], reports[index])
+        _draw(axis, *SETS[index], reports[index])
     _draw_naive(axes[-1])
     axes[-1].set_xlabel("where snapshots show the line (Hz); half the snapshot rate at the right")
     canvas.savefig(PICTURE, dpi=100)
 
 
-def _draw(axis, name, report):
+def _draw(axis, name, clocks_hz, report):
     """Lines of every end; hollow where another end has one there."""
     strongest = max(end.information for end in report.ends)
-    for i, end in enumerate(report.ends):
+    rate, m, shown = 1 / WAVEFORM.snapshot_period_s, np.arange(1, 65), []
+    for end in report.ends:
+        clock_hz = clocks_hz[end.tag]
+        level = np.abs(harmonics(m, clock_hz * WAVEFORM.averaging_s)[:, end.end - 1])
+        level_db = 20 * np.log10(np.maximum(level / level.max(), 1e-9))
+        own = level_db >= WEAKEST_DB
+        shown.append((np.abs(aliased_hz(m[own] * clock_hz, rate)), level_db[own]))
+    for i, (end, (seen_hz, level_db)) in enumerate(zip(report.ends, shown, strict=True)):
+        others_hz = np.concatenate([hz for k, (hz, _) in enumerate(shown) if k != i])
         lift = 10 * np.log10(end.information / strongest)
-        for line in end.lines:
-            if line.level_db + lift > LOWEST_DB:
-                shared, wide = bool(line.shared_with), end.end == 1
-                _stem(axis, line.seen_hz, line.level_db + lift, SERIES[i], shared, wide)
+        for hz, db in zip(seen_hz, level_db, strict=True):
+            shared = np.abs(others_hz - hz).min() < rate / GROUP_LENGTH
+            if db + lift > LOWEST_DB:
+                _stem(axis, hz, db + lift, SERIES[i], shared, end.end == 1)
         axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"tag {end.tag + 1}, end {end.end}")
     _finish(axis, name)
 

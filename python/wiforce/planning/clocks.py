@@ -5,7 +5,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -140,8 +140,8 @@ def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
 # An end that loses more than half its information to its neighbours, or to aliases, is not
 # readable.
 WORST_LOSS_DB = 3.0
-# Lines weaker than this against the strongest of their end are not listed.
-_WEAKEST_LINE_DB = -20.0
+# Lines that are weaker than this share of the strongest one of their end do not collide: -20 dB.
+_WEAKEST_LINE = 0.1
 _HIGHEST_HARMONIC = 64
 # Clock phases that are tried; clocks that are multiples of each other hide one another at few.
 _TRIALS = 48
@@ -149,32 +149,13 @@ _BATCHES = 8
 
 
 @dataclass(frozen=True)
-class Line:
-    """A line of an end's spectrum."""
-
-    harmonic: int  # multiple of the tag's clock
-    # On the air; ``seen_hz`` where snapshots show it, folded at half their rate.
-    frequency_hz: float
-    seen_hz: float
-    level_db: float  # against the strongest line of the end
-    # Tag, end and harmonic of lines of other ends that a group cannot resolve from it.
-    shared_with: tuple[tuple[int, int, int], ...] = ()
-
-
-@dataclass(frozen=True)
 class End:
-    """An end of a tag: its lines, its information, and what the other ends cost it."""
+    """An end of a tag: its information, and what the other ends cost it."""
 
     tag: int  # from 0; ``end`` is 1 or 2
     end: int
     information: float  # q, the worst over relative clock phases and clock errors within tolerance
     loss_db: float  # against the same switch alone, not aliased, with nothing moving
-    lines: tuple[Line, ...]  # in ascending order of harmonics
-
-    @property
-    def alone(self) -> tuple[Line, ...]:
-        """Lines that no other end shares."""
-        return tuple(line for line in self.lines if not line.shared_with)
 
 
 @dataclass(frozen=True)
@@ -185,23 +166,13 @@ class ClockReport:
     # Per tag, the part of its signal that distinguishes the right clock phase from the wrong one
     # that resembles it most; 0 when the ends could be swapped.
     phase_margins: tuple[float, ...]
+    # Lines of two tags that a group cannot resolve: (tag, harmonic, other tag, its harmonic).
+    collisions: tuple[tuple[int, int, int, int], ...]
 
     @property
     def worst_loss_db(self) -> float:
         """Loss of the weakest end, in dB."""
         return max(end.loss_db for end in self.ends)
-
-    @property
-    def collisions(self) -> tuple[tuple[int, int, int, int], ...]:
-        """Lines of two tags that coincide: (tag, harmonic, other tag, its harmonic)."""
-        found = {
-            (end.tag, line.harmonic, tag, harmonic)
-            for end in self.ends
-            for line in end.lines
-            for tag, _, harmonic in line.shared_with
-            if tag > end.tag
-        }
-        return tuple(sorted(found))
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -237,48 +208,33 @@ def assess_clocks(
     Clocks may be off by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of
     anything that moves.
     """
-    lines = _lines(clocks_hz, waveform, group_length, tolerance_ppm)
     information = worst_information(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
     ends = []
     for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
         ideal = _ideal_information(clocks_hz[tag] * waveform.averaging_s)[end - 1]
         loss_db = 10 * np.log10(ideal / max(q, 1e-12))
-        ends.append(End(tag, end, float(q), float(loss_db), lines[tag, end]))
+        ends.append(End(tag, end, float(q), float(loss_db)))
     margins = tuple(_phase_margin(f * waveform.averaging_s) for f in clocks_hz)
-    return ClockReport(tuple(ends), margins)
+    collisions = _collisions(clocks_hz, waveform, group_length, tolerance_ppm)
+    return ClockReport(tuple(ends), margins, tuple(sorted(collisions)))
 
 
-def _lines(
-    clocks_hz: Sequence[float],
-    waveform: Waveform,
-    group_length: int,
-    tolerance_ppm: float,
-) -> dict[tuple[int, int], tuple[Line, ...]]:
-    """Lines of every (tag, end) at positive harmonics, and which others share them."""
-    rate = 1 / waveform.snapshot_period_s
-    resolution_hz = rate / group_length
-    found: list[tuple[int, int, Line]] = []
-    for tag, clock_hz in enumerate(clocks_hz):
-        m = np.arange(1, _HIGHEST_HARMONIC + 1)
+def _collisions(
+    clocks_hz: Sequence[float], waveform: Waveform, group_length: int, tolerance_ppm: float
+) -> Iterator[tuple[int, int, int, int]]:
+    """Lines of two tags, as snapshots show them, that a group cannot resolve."""
+    rate, m = 1 / waveform.snapshot_period_s, np.arange(1, _HIGHEST_HARMONIC + 1)
+    own = []  # harmonics of either end of a tag, their frequencies, and where they are shown
+    for clock_hz in clocks_hz:
         levels = np.abs(harmonics(m, clock_hz * waveform.averaging_s))
-        for end, level in zip((1, 2), levels.T, strict=True):
-            level_db = 20 * np.log10(np.maximum(level / level.max(), 1e-9))
-            for i in np.flatnonzero(level_db >= _WEAKEST_LINE_DB):
-                frequency = float(m[i] * clock_hz)
-                seen = abs(aliased_hz(frequency, rate))
-                found.append((tag, end, Line(int(m[i]), frequency, seen, float(level_db[i]))))
-    tags, ends = np.array([each[:2] for each in found]).T
-    frequencies, seen_hz = np.array([(x.frequency_hz, x.seen_hz) for _, _, x in found]).T
-    wander = 1e-6 * tolerance_ppm * np.add.outer(frequencies, frequencies)
-    shared = np.abs(np.subtract.outer(seen_hz, seen_hz)) < resolution_hz + wander
-    shared &= np.not_equal.outer(2 * tags + ends, 2 * tags + ends)
-    result: dict[tuple[int, int], tuple[Line, ...]] = {}
-    for (tag, end, line), row in zip(found, shared, strict=True):
-        others = tuple(
-            (found[i][0], found[i][1], found[i][2].harmonic) for i in np.flatnonzero(row)
-        )
-        result[tag, end] = (*result.get((tag, end), ()), replace(line, shared_with=others))
-    return result
+        strong = m[(levels >= _WEAKEST_LINE * levels.max(axis=0)).any(axis=1)]
+        own.append((strong, strong * clock_hz, np.abs(aliased_hz(strong * clock_hz, rate))))
+    for tag, other in combinations(range(len(clocks_hz)), 2):
+        (lines, hz, seen_hz), (others, other_hz, other_seen_hz) = own[tag], own[other]
+        reach = rate / group_length + 1e-6 * tolerance_ppm * np.add.outer(hz, other_hz)
+        rows, columns = np.nonzero(np.abs(np.subtract.outer(seen_hz, other_seen_hz)) < reach)
+        for row, column in zip(rows, columns, strict=True):
+            yield tag, int(lines[row]), other, int(others[column])
 
 
 def _ideal_information(averaging_cycles: float) -> np.ndarray:

@@ -44,21 +44,6 @@ def test_assess_clocks_paper_tag_has_published_information():
     assert (first.information, second.information) == pytest.approx((0.158, 0.152), abs=6e-4)
 
 
-def test_assess_clocks_paper_tag_has_end_1_alone_at_odd_lines():
-    first, second = assess_clocks([1000], WAVEFORM, 625).ends
-    assert [line.harmonic for line in first.alone][:3] == [1, 3, 5]
-    assert 4 in [line.harmonic for line in second.alone]
-    assert (0, 2, 2) in next(x for x in first.lines if x.harmonic == 2).shared_with
-
-
-def test_assess_clocks_aliased_line_lies_where_snapshots_fold_it():
-    tenth = next(x for x in assess_clocks([1000], WAVEFORM, 625).ends[0].lines if x.harmonic == 10)
-    times = np.arange(6250) * WAVEFORM.snapshot_period_s
-    spectrum = np.abs(np.fft.rfft(np.cos(2 * np.pi * 10_000 * times)))
-    resolution_hz = 1 / (len(times) * WAVEFORM.snapshot_period_s)
-    assert tenth.seen_hz == pytest.approx(np.argmax(spectrum) * resolution_hz, abs=resolution_hz)
-
-
 def test_assess_clocks_two_paper_tags_report_their_collision():
     report = assess_clocks([1000, 1400], WAVEFORM, 625)
     assert (0, 7, 1, 5) in report.collisions
