@@ -133,7 +133,6 @@ GROWTH = (
     type=click.Choice([str(count) for count in _SENSORS]),
     help="Only this number of sensors.",
 )
-@click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For recordings.")
 @click.option(
     "--scaling",
     is_flag=True,
@@ -149,7 +148,7 @@ GROWTH = (
 @click.option(
     "--plot", "plot_path", type=click.Path(), help="With --scaling: write a picture (PNG)."
 )
-def read(as_json, seconds, sensors, folder, scaling, axes, plot_path):
+def read(as_json, seconds, sensors, scaling, axes, plot_path):
     """Measure the complete path from a capture's file to readings, and its stages.
 
     Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
@@ -163,21 +162,21 @@ def read(as_json, seconds, sensors, folder, scaling, axes, plot_path):
     if scaling:
         if seconds is not None or sensors:
             raise click.UsageError("--seconds and --sensors do not apply with --scaling")
-        _print_scaling(as_json, folder, axes or list(AXES), plot_path)
+        _print_scaling(as_json, axes or list(AXES), plot_path)
         return
     if axes or plot_path is not None:
         raise click.UsageError("--axis and --plot apply with --scaling only")
     seconds = 60.0 if seconds is None else seconds
     counts = [int(count) for count in sensors] or _SENSORS
     settings = [Setting("", count, snapshots) for count in counts for snapshots in _GROUP_LENGTHS]
-    rows = _rows(settings, folder, lambda *of: _read_row(*of, seconds))
+    rows = _rows(settings, lambda *of: _read_row(*of, seconds))
     echo(rows, as_json, lambda _: table(rows, COLUMNS))
 
 
-def _rows(settings, folder, measured):
+def _rows(settings, measured):
     """The row of each setting, except of those that the plan refuses."""
     with (
-        tempfile.TemporaryDirectory(prefix="wiforce-read-", dir=folder) as place,
+        tempfile.TemporaryDirectory(prefix="wiforce-read-") as place,
         progress("measuring", len(settings)) as step,
     ):
         rows = []
@@ -340,29 +339,21 @@ def _time_groups(receiver, batches):
     return time.process_time() - start
 
 
-def _print_scaling(as_json, folder, axes, plot_path):
-    """Rows along each axis, and how they grow."""
+def _print_scaling(as_json, axes, plot_path):
+    """Rows along some of the AXES, how they grow, and the machine that they depend on."""
     check_picture(plot_path)
-    result = scaling_of(axes, folder)
+    rows = _rows([setting for axis in axes for setting in AXES[axis]], _scaling_row)
+    result = {"machine": _machine(), "rows": rows, "growth": growth(rows)}
     if plot_path is not None:
         from .picture import plot_scaling
 
         plot_scaling(result, plot_path, LABELS)
     parts = (
         lambda _: "{processor}, {cores} cores, NumPy {numpy}".format(**result["machine"]),
-        lambda _: table([{**row, **row["setting"]} for row in result["rows"]], SCALING),
+        lambda _: table([{**row, **row["setting"]} for row in rows], SCALING),
         lambda _: table(result["growth"], GROWTH),
     )
     echo(result, as_json, *parts)
-
-
-def scaling_of(axes, folder=None):
-    """Rows along some of the AXES, and how they grow, with the machine that they depend on.
-
-    Recordings of up to 200 MB are made in the folder, the system's temporary one by default.
-    """
-    rows = _rows([setting for axis in axes for setting in AXES[axis]], folder, _scaling_row)
-    return {"machine": _machine(), "rows": rows, "growth": growth(rows)}
 
 
 def _machine():

@@ -160,11 +160,6 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
     "--megabytes", default=1000, type=IntegerRange(20), help="Size of the fc32 recording."
 )
 @click.option(
-    "--folder",
-    type=click.Path(exists=True, file_okay=False),
-    help="Where the recording is written.",
-)
-@click.option(
     "--only",
     multiple=True,
     help="Run only this row (repeatable); stock blocks and ceilings always run.",
@@ -172,7 +167,7 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
 @click.option(
     "--cpu-time", is_flag=True, help="Measure pinned rows in processor time, for a busy machine."
 )
-def speed(as_json, runs, megabytes, folder, only, cpu_time):
+def speed(as_json, runs, megabytes, only, cpu_time):
     """Measure samples per second of each chain and of stock blocks.
 
     The tones of every run are compared with double precision. Rows run in turns, first pinned to
@@ -182,7 +177,7 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time):
     from gnuradio import gr  # noqa: F401  of the chains, before the recording is made
 
     lines = _lines(only)
-    with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
+    with tempfile.TemporaryDirectory(prefix="wiforce-speed-") as place:
         samples = megabytes * 10**6 // _FC32_BYTES
         size = samples * (_FC32_BYTES + _SC16_BYTES)
         _check_room(place, round(size * (1 + _BURSTS_SHARE)), megabytes)

@@ -102,8 +102,8 @@ def _thinned(waveform, step):
     )
 
 
-def measure_scene(name, folder, runs):
-    """Simulate a scene in a folder and read it with all its settings; times are the least of runs.
+def measure_scene(name, runs):
+    """Simulate a scene and read it with all its settings; times are the least of runs.
 
     Gives plain values: ``scene``, ``signal_s`` and ``points`` (a dict per setting).
     """
@@ -111,7 +111,7 @@ def measure_scene(name, folder, runs):
 
     gr.logging().set_default_level(gr.log_levels.off)
     scene = load_scene(name)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
+    with tempfile.TemporaryDirectory(prefix="wiforce-tradeoff-") as place:
         place = Path(place)
         written = simulate(scene, place / "capture")
         captures = [open_capture(path) for path in written if path.suffix == ".sigmf-meta"]
@@ -342,15 +342,7 @@ _RUNS, _QUICK_RUNS = 2, 1
 @click.argument("scenes", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 @click.option("--quick", is_flag=True, help="Time each setting once instead of twice.")
-@click.option(
-    "--folder",
-    type=click.Path(file_okay=False),
-    default="tradeoff",
-    show_default=True,
-    help="Where results are kept; existing results are not measured again.",
-)
-@click.option("--fresh", is_flag=True, help="Measure everything again.")
-def tradeoff(scenes, as_json, quick, folder, fresh):
+def tradeoff(scenes, as_json, quick):
     """Compare processor time with phase and force error for SCENES (default: all shipped).
 
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
@@ -359,34 +351,23 @@ def tradeoff(scenes, as_json, quick, folder, fresh):
     from gnuradio import gr  # noqa: F401  of the flowgraphs that are timed, before any file is made
     from gnuradio.wiforce.scene import load_scene, sampled_scenes
 
-    from ..evaluate.runs import keep_result, result_of
-    from ..shell.provenance import fingerprint
-
     names = list(dict.fromkeys(scenes or sampled_scenes()))
     # Invalid scenes are refused before any work is done.
     for name in names:
         if load_scene(name).packets is not None:
             raise InputError(name, "is a scene of packets; only scenes of samples are compared")
-    fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    results = {
-        name: None if fresh else result_of(folder, name, fingerprints[name]) for name in names
-    }
-    missing = [name for name in names if results[name] is None]
-    with progress("measuring", len(missing)) as step:
-        for name in missing:
-            results[name] = _measured(name, folder, _QUICK_RUNS if quick else _RUNS)
-            keep_result(folder, name, fingerprints[name], results[name])
+    results = []
+    with progress("measuring", len(names)) as step:
+        for name in names:
+            results.append(_measured(name, _QUICK_RUNS if quick else _RUNS))
             step(1)
-    results = [results[name] for name in names]
     echo({"scenes": results}, as_json, lambda _: points_table(results), lambda _: verdicts(results))
 
 
-def _measured(name, folder, runs):
+def _measured(name, runs):
     """A scene's result, from a process of its own: memory and caches are as for any other."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(measure_scene, name, folder, runs).result()
+        return pool.submit(measure_scene, name, runs).result()
 
 
 def _ms(seconds):

@@ -93,35 +93,10 @@ def _print_frequency(frequency, scores):
                 away = [s for s in own if s.press.location_mm != published.UNOBSERVABLE_MM]
                 click.echo(f"  {label:38}" + _row(away))
     click.echo()
-    _print_presses(scores)
 
 
 def _title(refined):
     return "VNA and one wireless press per location" if refined else "VNA alone"
-
-
-def _print_presses(scores):
-    """Print median/90th percentile of the errors, by location and trial."""
-    heads = "".join(f"{method:^26}" for method in published.METHODS)
-    click.echo(f"{'median/90th':24}{heads}")
-    click.echo(f"{'':24}" + f"{'N':^13}{'mm':^13}" * len(published.METHODS))
-    for refined in (False, True):
-        click.echo(_title(refined))
-        for first in _select(scores, refined, published.METHODS[0]):
-            press = first.press
-            cells = ""
-            for method in published.METHODS:
-                score = next(s for s in _select(scores, refined, method) if s.press is press)
-                cells += f"{_pair(score.force_error):^13}"
-                location = "known" if method == "location known" else _pair(score.location_error)
-                cells += f"{location:^13}"
-            label = f"  {press.location_mm:g} mm, trial {press.trial}, n = {press.force_n.size}"
-            click.echo(f"{label:24}" + cells)
-    click.echo()
-
-
-def _pair(errors):
-    return f"{np.median(errors):.2f}/{np.quantile(errors, 0.9):.2f}"
 
 
 def _select(scores, refined, method):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run time against error: the same signal under many settings, resumed and put in order."""
+"""Run time against error: the same signal under many settings, put in order."""
 
 import json
 import re
@@ -96,7 +96,7 @@ def few_settings(monkeypatch, long_run):
 
 
 @pytest.mark.timeout(400)
-def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_path, long_run):
+def test_all_settings_read_the_same_signal(few_settings, tmp_path, long_run):
     (tmp_path / "short.yaml").write_text(LONG if long_run else SHORT)
     words = "bench tradeoff short.yaml --quick --json".split()
     done = run_command(*words, cwd=tmp_path)
@@ -111,7 +111,4 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_pat
     for same in ("file-fc32", "stream-sc16", "stream-fc32", "block by block"):
         assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
-    again = run_command(*words, cwd=tmp_path)
-    assert json.loads(again.stdout)["scenes"] == [result]
-    text = re.sub(" +", " ", run_command("bench", "tradeoff", "short.yaml", cwd=tmp_path).stdout)
-    assert "| short | plan |" in text
+    assert "| short | plan |" in re.sub(" +", " ", tradeoff.points_table([result]))
