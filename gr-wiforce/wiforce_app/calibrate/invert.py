@@ -70,8 +70,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     except InputError as error:
         raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
     with writer:
-        for reading in readings:
-            writer.write(reading)
+        writer.write_all(readings)
 
 
 def _read(path):

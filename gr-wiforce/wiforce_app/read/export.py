@@ -57,7 +57,7 @@ def export(readings, form, output, scene_path):
         ):
             for row in source.rows():
                 number += 1
-                writer.write_row(row)
+                writer.write_rows([row])
                 lost = {name: known or row[name] not in (None, "") for name, known in lost.items()}
                 step(1)
     except InputError:

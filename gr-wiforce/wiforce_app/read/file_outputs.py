@@ -58,10 +58,10 @@ class FileOutputs:
         """Readings written so far."""
         return self._writers[0].rows
 
-    def write(self, reading):
-        """Write one reading to all files, also to those behind one that fails.
+    def write_all(self, readings):
+        """Write readings that came together to all files, also to those behind one that fails.
 
-        An interruption waits until it is in all of them.
+        An interruption waits until they are in all of them.
 
         Raises the OutputError of the first file that failed.
         """
@@ -69,7 +69,7 @@ class FileOutputs:
         with uninterrupted():
             for writer in self._writers:
                 try:
-                    writer.write(reading)
+                    writer.write_all(readings)
                 except OutputError as error:
                     failure = failure or error
             if failure is not None:

@@ -40,8 +40,7 @@ def read_one(
     try:
         with writer, progress("reading", rows, not rows_on_terminal(output)) as step:
             for batch in reader:
-                for reading in batch:
-                    writer.write(reading)
+                writer.write_all(batch)
                 if plot_path is not None:
                     kept += batch
                 step(len(batch))

@@ -101,8 +101,7 @@ def _read(job):
         inputs = [*recording.files, *scene.files]
         with open_writer(partial, inputs, scene.more_columns, metadata=metadata) as writer:
             for batch in reader:
-                for reading in batch:
-                    writer.write(reading)
+                writer.write_all(batch)
         complete = True
     except OutputError as error:
         # The file that it names, and what it says of its rows, is about to go.

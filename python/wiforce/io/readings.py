@@ -152,11 +152,10 @@ class Reading:
 
         Numbers are rounded for print, unknown ones None, flags one text.
         """
-        row = {
-            key: rounded(key, value) if isinstance(value, float) else value
-            for key, value in vars(self).items()
-        }
-        row["flags"] = " ".join(self.flags)
+        row = {**vars(self), "flags": " ".join(self.flags)}
+        for key in _DECIMALS:
+            if (value := row.get(key)) is not None:
+                row[key] = rounded(key, value)
         return row
 
 
@@ -200,7 +199,7 @@ class SurfaceReading(Reading):
 COLUMNS = tuple(Reading.__dataclass_fields__)
 
 
-def reading_of(fields: tuple[Any, ...]) -> Reading:
+def reading_of(fields: Iterable[Any]) -> Reading:
     """A reading of all its fields in order: a frozen class would set them one by one, in a call
     each.
     """
@@ -216,7 +215,7 @@ NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "fla
 ESTIMATES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 # A group's centre lies on half samples, 40 ns apart at 12.5 Msps: coarser times could not be joined
 # with those of another file.
-_DECIMALS = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_db": 2}
+_DECIMALS = dict.fromkeys((*NUMBERS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_db": 2}
 
 
 def rounded(key: str, value: float) -> float | None:

@@ -4,10 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import repeat
 
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
-from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words, reading_of
+from ..io.readings import (
+    ESTIMATES,
+    Flag,
+    GroupCounts,
+    Reading,
+    SurfaceReading,
+    flag_words,
+    reading_of,
+)
 from ..wiforce_kernels import receiver_steps
 from .explanations import later
 from .sensor_readout import SensorReadout, as_arrays
@@ -92,18 +101,17 @@ class Readout:
     def _rows(self, groups: Groups, read: list[Array]) -> list[Reading]:
         """Readings of groups, and of the groups before them that were not received."""
         readings: list[Reading] = []
-        every = [each.tolist() for each in read]
+        indices = groups.index.tolist()
+        times = [(index + 0.5) * self._period_s for index in indices]
+        every = [
+            _readings(name, times, each) for name, each in zip(self.sensors, read, strict=True)
+        ]
         of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
-        for row, index in enumerate(groups.index.tolist()):
+        for row, (index, *own) in enumerate(zip(indices, *every, strict=True)):
             if index < self._next:
                 continue
             if index > self._next:
                 readings += self._fill(index)
-            time_s = (index + 0.5) * self._period_s
-            own = [
-                _reading(time_s, name, *each[row])
-                for name, each in zip(self.sensors, every, strict=True)
-            ]
             if of_surface is not None:
                 own += of_surface[row]
             self.counts.note(own)
@@ -125,24 +133,12 @@ class Readout:
         ]
 
 
-def _reading(
-    time_s: float,
-    sensor: str,
-    touch: int,
-    force_n: float,
-    force_std_n: float,
-    location_mm: float,
-    location_std_mm: float,
-    phases_deg: Array,
-    snr_db: float,
-    flags: int,
-    group: int,
-    interference: float,
-    *_: object,
-) -> Reading:
-    """A reading by a row of the kernel."""
-    values = force_n, force_std_n, location_mm, location_std_mm, *map(float, phases_deg), snr_db
+def _readings(sensor: str, times: list[float], read: Array) -> list[Reading]:
+    """Readings of a sensor, by the rows (G,) of the kernel and their times in s."""
+    columns = [*(read[name] for name in ESTIMATES), *read["phases_deg"].T, read["snr_db"]]
     # NaN is the number that differs from itself.
-    numbers = [value if value == value else None for value in values]
-    touched = None if touch < 0 else touch
-    return reading_of((time_s, sensor, touched, *numbers, flag_words(flags), group, interference))
+    numbers = [[v if v == v else None for v in column.tolist()] for column in columns]
+    touched = [None if touch < 0 else touch for touch in read["touch"].tolist()]
+    words = map(flag_words, read["flags"].tolist())
+    seen = read["group"].tolist(), read["interference"].tolist()
+    return list(map(reading_of, zip(times, repeat(sensor), touched, *numbers, words, *seen)))

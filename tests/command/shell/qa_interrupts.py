@@ -37,7 +37,7 @@ class Rows:
     def __exit__(self, *_):
         self.closed = True
 
-    def write(self, reading):
+    def write_all(self, readings):
         for number in self._signals:
             os.kill(os.getpid(), number)
         if self._failure is not None:
@@ -57,7 +57,7 @@ def test_interruption_of_a_row_waits_until_it_is_in_all_files(number, expected):
     """MCAP lost all rows of its last chunk, while the CSV beside it had them."""
     first, second = Rows(number), Rows()
     with pytest.raises(expected) as found, outputs_of(first, second) as outputs:
-        outputs.write(None)
+        outputs.write_all([])
     assert found.type is expected
     assert (first.rows, second.rows) == (1, 1) and first.closed and second.closed
 
@@ -66,7 +66,7 @@ def test_interruption_does_not_hide_that_a_file_is_full():
     full = Rows(signal.SIGINT, failure=OutputError("out.csv", "disk full"))
     second = Rows()
     with pytest.raises(OutputError, match="disk full"), outputs_of(full, second) as outputs:
-        outputs.write(None)
+        outputs.write_all([])
     assert second.rows == 1
     with uninterrupted():
         pass  # nothing waits any more

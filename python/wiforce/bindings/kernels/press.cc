@@ -47,7 +47,7 @@ py::array_t<outcome> take(press_filter& filter, const array<press_observation>& 
     return array_of(rows);
 }
 
-// What a group says: the first fields are those of a reading behind its sensor's name.
+// What a group says of a sensor.
 struct group_reading {
     std::int64_t touch;
     double force_n, force_std_n, location_mm, location_std_mm;

@@ -146,15 +146,16 @@ class McapWriter(EndedOutput):
     def _write_end(self) -> None:
         self._writer.finish()
 
-    def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row; no two sensors may have the same topics."""
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Write readings given as rows; no two sensors may have the same topics."""
         self.begin()
-        if row["sensor"] not in self._sensors:
-            topics_of([*self._sensors, row["sensor"]])
-            self._sensors[row["sensor"]] = None
-        for message in reading_messages(row):
-            self._put(message, round(row["time_s"] * 1e9))
-        self.rows += 1
+        for row in rows:
+            if row["sensor"] not in self._sensors:
+                topics_of([*self._sensors, row["sensor"]])
+                self._sensors[row["sensor"]] = None
+            for message in reading_messages(row):
+                self._put(message, round(row["time_s"] * 1e9))
+            self.rows += 1
 
     def write_health(self, report: Mapping[str, Any]) -> None:
         """Write a heartbeat or the end of a run; nothing before the file is begun.

@@ -168,10 +168,14 @@ class ReadingsOutput:
 
         OutputError when it, or a reading before it, cannot be written.
         """
-        self.write_row({**reading.row(), **(more or {})})
+        self.write_rows([{**reading.row(), **(more or {})}])
 
-    def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row; see the derived classes."""
+    def write_all(self, readings: Iterable[Reading]) -> None:
+        """Write readings that came together, as :meth:`write` does."""
+        self.write_rows([reading.row() for reading in readings])
+
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Write readings given as rows; see the derived classes."""
         raise NotImplementedError
 
     def close(self) -> None:

@@ -49,14 +49,15 @@ class ParquetWriter(EndedOutput):
             write_page_checksum=True,
         )
 
-    def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row of a file."""
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Write readings given as rows of a file."""
         self.begin()
-        with self._writing():
-            self._waiting.append(row)
-            self.rows += 1
-            if len(self._waiting) >= _GROUP_ROWS:
-                self._flush()
+        for row in rows:
+            with self._writing():
+                self._waiting.append(row)
+                self.rows += 1
+                if len(self._waiting) >= _GROUP_ROWS:
+                    self._flush()
 
     def _write_end(self) -> None:
         if self._failure is None:

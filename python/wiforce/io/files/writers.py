@@ -26,7 +26,7 @@ _LONGEST_ROW = 65_536
 
 
 class ReadingsWriter(ReadingsOutput):
-    """Writes readings, a row each; every row is in the file at once, and whole.
+    """Writes readings, a row each; what is written is in the file at once, in whole rows.
 
     The previous content of a file is kept until the first row is written, the writer is closed
     without one, or :meth:`begin` is called: a run that is refused or fails before that loses
@@ -52,11 +52,12 @@ class ReadingsWriter(ReadingsOutput):
                 # Opening a pipe loses nothing, and may have to wait for its reader.
                 self.begin()
 
-    def write_row(self, row: Mapping[str, Any]) -> None:
-        """Write one reading given as a row: all columns, in their order."""
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Write readings given as rows, all of them at once: all columns, in their order."""
         self.begin()
-        self._put(self._form(row))
-        self.rows += 1
+        lines = [self._form(row) for row in rows]
+        self._put("".join(lines))
+        self.rows += len(lines)
 
     def close(self) -> None:
         """Close the file; one without readings holds its header only."""
@@ -161,7 +162,7 @@ def open_writer(
     columns = (*COLUMNS, *also)
     return ReadingsWriter(
         path,
-        lambda row: _csv_line([row.get(name) for name in columns]),
+        lambda row: _csv_line(map(row.get, columns)),
         _csv_line(columns),
         inputs,
         append,
