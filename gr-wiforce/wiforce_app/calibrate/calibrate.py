@@ -16,7 +16,6 @@ from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
 from ..shell.plots import check_picture
 from .guide import complete_settings, guide, guided_options, table_of
 
-_REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 # What --frequency-hz says of a table that does not say it itself.
 _CARRIER_OF = {
     "taps": "taps ({}) were read at one carrier; name it, as --frequency-hz 915e6",
@@ -189,7 +188,7 @@ def calibrate(
             if bench is None
             else sensor.refine(bench, data, name)
         )
-        lines = report(model)  # refuses a model that cannot be inverted
+        verdicts = sensor.verdict(model)  # refuses a model that cannot be inverted
     except InputError as error:
         raise _with_suspicions(table, error, sensor.suspicions(data, *line)) from None
     suspected = model.provenance.get("suspicions", [])
@@ -200,7 +199,7 @@ def calibrate(
         rule = "correct it, or write the sensor nevertheless with --accept"
         raise InputError(table, f"{'; '.join(suspected)} ({rule})")
     sensor.write_sensor(model, output)
-    for text in [*_verdict(sensor, model, suspected), *lines]:
+    for text in [*_verdict(sensor, model, verdicts, suspected), *_report(model)]:
         click.echo(text)
     for text in _line_assumed(sensor, data, *line):
         click.echo(text)
@@ -229,7 +228,7 @@ def _without_incomplete(data):
     return data.take(data.untouched | np.isin(data.location_mm, complete))
 
 
-def _verdict(sensor, model, suspected):
+def _verdict(sensor, model, verdicts, suspected):
     """What the sensor is good for and what speaks against it, first of all."""
     from gnuradio.wiforce.calibration.validation import shift_per_degree
 
@@ -242,7 +241,7 @@ def _verdict(sensor, model, suspected):
         else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, "
         f"unnoticed at {span} mm"
     )
-    for each in sensor.verdict(model):
+    for each in verdicts:
         at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
         yield f"verdict{at}, as standard deviations:"
         force_n, location_mm = shift_per_degree(model, each.frequency_hz)
@@ -282,7 +281,7 @@ def _read(sensor, table, stated_kind, frequency_hz):
     return reader(table, frequency_hz)
 
 
-def report(model):
+def _report(model):
     """Lines that say what a calibrated model holds and how far it can be trusted."""
     lines = [
         f"sensor {model.name}: {model.form} curves of force, first shorted at "
@@ -302,7 +301,6 @@ def report(model):
             + " / ".join(f"{value:.2f}" for value in carrier.misfit_deg)
             + " deg (port 1 / 2)",
             *_hysteresis(carrier),
-            *_expected(model, carrier),
         ]
     lines += _cross_validation(model.cross_validation)
     lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
@@ -319,27 +317,6 @@ def _hysteresis(carrier):
         f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; the "
         f"curves lie between, and force_std_n covers {half_n:.2f} N"
     ]
-
-
-def _expected(model, carrier):
-    """Standard deviations of readings whose phases carry no noise of their own."""
-    low, high = model.force_span_n
-    forces = [force for force in _REPORTED_FORCES_N if low <= force <= high] or [low, high]
-    lines = ["  expected std of force (N) and location (mm) from the calibration alone:"]
-    lines.append("    at mm   " + "".join(f"{force:>8g} N      " for force in forces))
-    start, stop = model.location_span_mm
-    for location in np.linspace(start, stop, 5):
-        phases = model.phases_deg(forces, location, carrier.frequency_hz)
-        result = model.invert(phases, 1e-3, frequency_hz=carrier.frequency_hz)
-        cells = [
-            f"{f:6.2f} {p:5.2f}{'!' if flags else ' '}  "
-            for f, p, flags in zip(
-                result.force_std_n, result.location_std_mm, result.flags, strict=True
-            )
-        ]
-        lines.append(f"    {location:5.1f}   " + " ".join(cells))
-    lines.append("    (! flagged: force hardly observable, ambiguous or beyond the calibration)")
-    return lines
 
 
 def _cross_validation(validation):
