@@ -206,14 +206,10 @@ _ON_SURFACE = (
 def _print_surface(points, name):
     click.echo(
         f"{name}: median errors of a press of {points[0]['force_n']:g} N at x = "
-        f"{points[0]['x_mm']:g} mm (by noise alone)"
+        f"{points[0]['x_mm']:g} mm"
     )
     for point in points:
-        cells = []
-        for label, key, unit in _ON_SURFACE:
-            bound = point[f"{key}_by_noise"]
-            alone = "unknown" if bound is None else f"{bound:.2g}"
-            cells.append(f"{label} {point[key]:.3g} {unit} ({alone})")
+        cells = [f"{label} {point[key]:.3g} {unit}" for label, key, unit in _ON_SURFACE]
         where = f"on {point['strip']}" if point["strip"] else "between"
         click.echo(f"  y = {point['y_mm']:g} mm, {where}: {', '.join(cells)}")
 

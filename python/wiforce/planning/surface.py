@@ -6,12 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..surface.estimator import SurfaceEstimator
-from ..surface.skin import Skin
 from .expected import MEDIAN, phase_std_deg
 from .plan import Plan
 
-# Step of a numerical derivative by y, in mm.
-_STEP_MM = 0.05
 # With this share a press between two strips that are shorted by 0.9 N is seen from 3.6 N on.
 _LEAST_SHARE = 0.25
 
@@ -21,9 +18,7 @@ class SurfaceExpected:
     """Expected median errors of a press at one point.
 
     ``strip`` is the sensor beneath, empty between strips. Errors come from noise, the calibrations
-    of the strips and the spreading law; those ``by_noise`` are the Cramer-Rao bound of the noise of
-    the phases alone, as a median, and None where a single strip is touched, which does not
-    determine y.
+    of the strips and the spreading law.
     """
 
     x_mm: float
@@ -33,9 +28,6 @@ class SurfaceExpected:
     force_error_n: float
     x_error_mm: float
     y_error_mm: float
-    force_error_n_by_noise: float | None
-    x_error_mm_by_noise: float | None
-    y_error_mm_by_noise: float | None
 
 
 def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
@@ -73,31 +65,9 @@ def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
             force,
             names.get(float(at), ""),
             *errors[i].tolist(),
-            *_bound(skin, force, x, float(at), noise),
         )
         for i, at in enumerate(y)
     )
-
-
-def _bound(skin: Skin, force: float, x: float, y: float, noise: np.ndarray) -> list:
-    """Cramer-Rao bound of force, x and y from the phases of the touched strips, as medians."""
-    share = skin.shares(np.array([y]))[0]
-    rise = np.diff(skin.shares(np.array([y - _STEP_MM, y + _STEP_MM])), axis=0)[0] / (2 * _STEP_MM)
-    information = np.zeros((3, 3))
-    for i, strip in enumerate(skin.strips):
-        if share[i] * force < skin.onset_force_n[i]:
-            continue
-        forward = strip.model.inverter(skin.frequency_hz).forward
-        at = forward.clip(np.array([share[i] * force]), np.array([strip.location_of(x)]))
-        slopes = forward.slopes(*at)[0]
-        sign = -1.0 if strip.reversed else 1.0
-        to_press = np.array([[share[i], 0.0, force * rise[i]], [0.0, sign, 0.0]])
-        by_press = slopes @ to_press / noise[i][:, None]
-        information += by_press.T @ by_press
-    if np.linalg.matrix_rank(information) < 3:
-        return [None] * 3
-    bound: list = (MEDIAN * np.sqrt(np.diag(np.linalg.inv(information)))).tolist()
-    return bound
 
 
 def surface_warnings(plan: Plan) -> list[str]:
