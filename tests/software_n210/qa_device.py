@@ -9,19 +9,13 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-import zmq
 from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.io.network.zmq_sockets import request
 from machine import free_port, wait_until
-from software_n210.air.cable import Cable
-from software_n210.command import ZmqControl
-from software_n210.device import Device
 
 CONTROL, TX = 49152, 49157
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
@@ -211,23 +205,6 @@ def test_device_fault_in_the_past_happens_at_once(software_usrp):
     wait_until(lambda: device.command("status")["device_time_s"] > before)
 
 
-def test_device_twenty_starts_and_stops_leave_nothing_open():
-    def once():
-        with closing(Device(Cable(0), "127.0.211.7")) as device:
-            loop = threading.Thread(target=device.run)
-            loop.start()
-            assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
-            device.stop()
-            loop.join(10)
-            assert not loop.is_alive()
-
-    once()
-    before = sorted(os.listdir("/proc/self/fd")), threading.active_count()
-    for _ in range(20):
-        once()
-    assert (sorted(os.listdir("/proc/self/fd")), threading.active_count()) == before
-
-
 def test_device_host_killed_stops_its_stream(software_usrp):
     device = software_usrp("--air", "counter")
     script = (
@@ -249,41 +226,3 @@ def test_device_host_killed_stops_its_stream(software_usrp):
             nobody.recv(1)
     # It streams to nobody no more: device time goes on by the wall clock alone.
     assert device.command("status")["rx_streaming"] is False
-
-
-class CountedAir(Cable):
-    """A cable that notes how many requests had been answered whenever the device's time moved."""
-
-    def __init__(self):
-        super().__init__(0)
-        self.answered, self.moves = 0, []
-
-    def forget(self, tick):
-        super().forget(tick)
-        self.moves.append(self.answered)
-
-
-def test_device_flood_of_requests_answered_without_stopping_time():
-    flood, air = 500, CountedAir()
-    with (
-        closing(Device(air, "127.0.211.8")) as device,
-        zmq.Context() as context,
-        context.socket(zmq.DEALER) as client,
-    ):
-        client.setsockopt(zmq.LINGER, 0)
-
-        class Console:
-            def answer(self, _):
-                air.answered += 1
-                if air.answered == flood:
-                    device.stop()
-                return "{}"
-
-        endpoint = f"tcp://127.0.0.1:{free_port()}"
-        with closing(ZmqControl(Console(), device, endpoint)):
-            client.connect(endpoint)
-            for _ in range(flood):
-                client.send_multipart([b"", b"status"])
-            device.run()
-    assert air.answered == flood
-    assert max(np.diff(air.moves)) <= 10

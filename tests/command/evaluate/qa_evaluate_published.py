@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.evaluate import published
-from wiforce_app.evaluate.evaluate import evaluate
 from wiforce_app.evaluate.published import (
     budgeted_snr_db,
     located_share,
@@ -179,21 +177,3 @@ def test_the_other_published_series_are_what_the_paper_plots():
         "1.13 to 3.14",
     ):
         assert wanted in text
-
-
-def test_the_bootstrap_interval_holds_the_median():
-    rng = np.random.default_rng(1)
-    errors = [np.abs(rng.normal(0, 1, 20)) for _ in range(6)]
-    low, high = published.bootstrap_median(errors)
-    assert low < np.median(np.concatenate(errors)) < high
-    assert (low, high) == published.bootstrap_median(errors)
-
-
-def test_a_place_that_cannot_be_written_is_refused_before_the_work(monkeypatch, tmp_path):
-    def scored(*arguments):
-        raise AssertionError("worked for nothing")
-
-    monkeypatch.setattr(published, "score_presses", scored)
-    for path in (tmp_path / "absent" / "scores.csv", tmp_path):
-        with pytest.raises(InputError, match=f"^{path}: "):
-            evaluate.main(["paper", "-o", str(path)], standalone_mode=False)

@@ -13,7 +13,7 @@ from wiforce_app.web.file_source import FileSource
 from wiforce_app.web.zmq_source import ZmqSource
 
 pytest.importorskip("selenium")
-from browser import SIZES, browser
+from browser import browser
 
 EIGHT = ["arm", "leg", "gripper_left_finger_of_the_second_robot", *"abcde"]
 # Read at once, since a reading is shown for a second only.
@@ -109,30 +109,6 @@ def test_page_shows_what_was_published(window, reader):
         reader.publish(untouched(0.5), run="another")
         window.wait("return page.newest === 0.5")
         reader.until(lambda: window.text("#run") == "run another", run="another")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("size", SIZES)
-def test_page_of_eight_sensors_fits_its_window(window, reader, size):
-    window.resize(size)
-    with opened(window, ZmqSource(reader.readings), reader):
-        for sensor in EIGHT:
-            reader.publish(*(touched(t / 10, 123.4, 79.9, sensor, ("weak",) * 5) for t in range(9)))
-        window.wait("return page.tracks.size === 8 && page.newest === 0.8")
-        drawn(window)
-        assert window.overflow_px() <= 0
-        outside = (
-            "return [...document.querySelectorAll('body *')].filter((node) => {"
-            "const box = node.getBoundingClientRect(); return box.width && "
-            "(box.right > innerWidth + 1 || box.left < -1)}).map((node) => node.outerHTML)"
-        )
-        assert window.run(outside) == []
-        # A sensor can be taken out of the plots.
-        window.run("document.querySelector('[data-sensor=a] .name').click()")
-        window.wait("return page.plots.models('strip-marks').data.x.length === 63")
-        assert window.run("return document.getElementById('tare').disabled")
-        if size == "desktop":
-            assert window.run("return document.documentElement.scrollHeight") <= SIZES[size][1]
 
 
 def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):

@@ -18,7 +18,6 @@ from gnuradio.wiforce.planning.advice import (
 from gnuradio.wiforce.planning.clocks import clocks_for, propose_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.schema import scene_json_schema
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from wiforce_app.plan.check import Findings, advice_on
@@ -160,12 +159,6 @@ def test_propose_clocks_lie_a_bin_from_lamp_lines():
     assert min(nearest_lamp_hz(hz, BOTH) for hz in proposed) > 1 / 0.036
 
 
-@pytest.mark.parametrize("value, read", [("auto", "auto"), (50, 50.0), ("60", 60.0), (None, None)])
-def test_scene_mains_hz_accepts_its_values(value, read):
-    """The receiver relies on these values."""
-    assert scene_of(environment={"mains_hz": value}).environment.mains_hz == read
-
-
 @pytest.mark.parametrize(
     "key, value, rule",
     [
@@ -178,14 +171,6 @@ def test_scene_wrong_room_key_is_refused(key, value, rule):
     """A misspelt band would silence the warning that keeps users inside it."""
     with pytest.raises(InputError, match=rule):
         scene_of(environment={key: value})
-
-
-def test_json_schema_allows_null_band_and_mains():
-    """Editors must not mark valid scenes as wrong."""
-    room = scene_json_schema()["properties"]["environment"]["properties"]
-    assert None in room["band"]["enum"] and {"auto", 50, "60", None} <= set(
-        room["mains_hz"]["enum"]
-    )
 
 
 BAND_CASES = [

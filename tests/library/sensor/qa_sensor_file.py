@@ -108,11 +108,6 @@ def load(tmp_path, values):
     return load_sensor(path)
 
 
-def test_number_typed_as_text_is_read_as_number(tmp_path):
-    model = load(tmp_path, changed(["carriers", 0, "frequency_hz"], "900e6"))
-    assert model.frequencies_hz == (900e6,)
-
-
 @pytest.mark.parametrize(
     "path, value, expected",
     [
