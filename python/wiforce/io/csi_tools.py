@@ -26,7 +26,6 @@ from .optional import check_installed
 _PCAP = {b"\xd4\xc3\xb2\xa1": "<", b"\xa1\xb2\xc3\xd4": ">", b"\x4d\x3c\xb2\xa1": "<"}
 _PCAPNG = b"\n\r\r\n"
 _PICOSCENES = 0x20150315  # of each record
-_NEXMON_PORT = 5500
 # Of a pcap record, and of Ethernet, IP and UDP in it; then of nexmon_csi before the values.
 _RECORD, _PACKET, _NEXMON = 16, 42, 18
 # Chips by the number that nexmon_csi reports; those with four bytes per subcarrier as two integers.

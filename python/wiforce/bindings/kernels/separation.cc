@@ -532,9 +532,6 @@ void bind_separation(py::module& m)
              "seen_s"_a)
         .def(py::init<const clock_tracker&>(), "other"_a)
         .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
-        .def_readonly("seen_s",
-                      &clock_tracker::seen_s,
-                      "Centre of the last group that held the tag.")
         .def_readwrite("phase", &clock_tracker::phase, "In rad.")
         .def_readwrite("rate", &clock_tracker::rate, "Above nominal, in rad/s.")
         .def_readwrite("variances",
@@ -580,9 +577,6 @@ void bind_separation(py::module& m)
           "Phases and rates (G, S) expected at times (G,).");
     py::class_<coherent_residual>(m, "coherent_residual", "ends: of all tags.")
         .def(py::init<std::size_t>(), "ends"_a)
-        .def("reset",
-             &coherent_residual::reset,
-             "Forget the groups so far, when the clocks were acquired again.")
         .def("update",
              &coherent_factors,
              "fit"_a,
