@@ -149,17 +149,23 @@ def _best_exchange(
 
     ``without_n``: largest force that did not short the line.
     """
-    basis = fitter.basis(contact.force_n)
-    # What a fit leaves of its data, exactly where the coefficients are free.
-    rest = np.eye(len(basis)) - basis @ fit.unit_covariance @ basis.T
-    first, second = np.triu_indices(len(basis), 1)
-    same = contact.press[first] == contact.press[second]
-    same &= np.minimum(contact.force_n[first], contact.force_n[second]) > without_n
-    first, second = first[same], second[same]
-    step = contact.added_deg[second] - contact.added_deg[first]
-    size = rest[first, first] + rest[second, second] - 2 * rest[first, second]
-    gain = step * (2 * (fit.residual[second] - fit.residual[first]) - step * size)
-    if not gain.size or gain.max() <= 0:
-        return None, gain.size
-    best = int(np.argmax(gain))
-    return (int(first[best]), int(second[best])), gain.size
+    pressed = contact.force_n > without_n
+    pair, most, count = None, 0.0, 0
+    for press in np.unique(contact.press[pressed]):
+        rows = np.flatnonzero(pressed & (contact.press == press))
+        added, residual = contact.added_deg[rows], fit.residual[rows]
+        basis = fitter.basis(contact.force_n[rows])
+        weighed = basis @ fit.unit_covariance
+        # What a fit leaves of a row, exactly where the coefficients are free.
+        rest = 1.0 - np.sum(weighed * basis, axis=1)
+        # A row at a time: all pairs of a press with 30 000 rows would not fit in memory.
+        for first in range(len(rows) - 1):
+            later = slice(first + 1, None)
+            step = added[later] - added[first]
+            size = rest[first] + rest[later] + 2 * (basis[later] @ weighed[first])
+            gain = step * (2 * (residual[later] - residual[first]) - step * size)
+            best = int(np.argmax(gain))
+            if gain[best] > most:
+                pair, most = (int(rows[first]), int(rows[first + 1 + best])), float(gain[best])
+        count += len(rows) * (len(rows) - 1) // 2
+    return pair, count

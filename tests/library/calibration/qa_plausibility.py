@@ -3,6 +3,7 @@
 
 import csv
 import re
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -283,6 +284,17 @@ def test_exchanged_rows_are_a_suspicion(table, form, port, place):
     assert found.startswith(
         f"the phases of 2 and 3.5 N at location {place:g} mm, port {port}, would"
     )
+
+
+def test_calibration_of_a_logged_press_needs_memory_by_its_rows():
+    """A table of 60 000 rows took a minute and a half, and one of 300 000 all memory."""
+    forces = np.linspace(1.0, 6.0, 600)
+    logged = measure_vna(load_sensor("line-900mhz"), (20.0, 40.0, 60.0), forces, 0.2, seed=3)
+    tracemalloc.start()
+    calibrate(logged, "arm", form="cubic")
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 1500 * len(logged.row)
 
 
 @pytest.mark.parametrize("noise_n", cases(0.05, long=(0.0,)))
