@@ -259,9 +259,11 @@ class RecordedGroups:
             ended = len(found["index"]) < self._batch
             self._slips.add(self._kernel.misplaced())
             groups = Groups.concatenate([self._held, self._groups(found, solved)])
-            sure = groups.index <= groups.index.max(initial=0) - self._slips.unsure * (not ended)
-            self._held = groups[np.flatnonzero(~sure)]
-            groups = groups[np.flatnonzero(sure & ~self._slips.elsewhere(groups.index))]
+            newest = groups.index.max(initial=0) - self._slips.unsure * (not ended)
+            sure = int(groups.index.searchsorted(newest, "right"))
+            groups, self._held = groups[:sure], groups[sure:]
+            if (elsewhere := self._slips.elsewhere(groups.index)).any():
+                groups = groups[~elsewhere]
         groups.slipped |= self._slips.behind(groups.index)
         return groups
 
