@@ -209,9 +209,8 @@ class SensorModel:
             NaN where the force is.
         """
         carrier = self.carrier_index(frequency_hz)
-        force, location = np.broadcast_arrays(
-            np.asarray(force_n, float), np.asarray(location_mm, float)
-        )
+        # Not broadcast before: what depends on one of them is computed once for each of it.
+        force, location = np.asarray(force_n, float), np.asarray(location_mm, float)
         pressed = self.short_deg(np.maximum(force, self.onset_force_n), location, carrier)
         untouched = (force < self.onset_force_n)[..., None]
         return wrap_deg(np.where(untouched, self._untouched_deg(carrier), pressed))
