@@ -242,7 +242,17 @@ static void bind_recording_source(py::module& m)
              "Samples that the segments promise and the file does not hold.");
 }
 
-static void bind_packet_reader(py::module& m)
+static py::tuple read_part(packet_reader& reader, std::int16_t* out, std::size_t most)
+{
+    packet_reader::part part;
+    {
+        py::gil_scoped_release others;
+        part = reader.read(out, most);
+    }
+    return py::make_tuple(part.samples, py::bytes(part.tags), part.peak, part.ended);
+}
+
+static void bind_packets(py::module& m)
 {
     py::class_<packet_reader>(m, "packet_reader", "Reads packets from a stream socket.")
         .def(py::init<int, std::size_t, std::size_t>(),
@@ -252,20 +262,49 @@ static void bind_packet_reader(py::module& m)
         .def(
             "read",
             [](packet_reader& reader, py::array_t<std::int16_t, py::array::c_style> out) {
-                auto* const data = out.mutable_data();
-                packet_reader::part part;
-                {
-                    py::gil_scoped_release others;
-                    part = reader.read(data, out.shape(0));
-                }
-                return py::make_tuple(
-                    part.samples, py::bytes(part.tags), part.peak, part.ended);
+                return read_part(reader, out.mutable_data(), out.shape(0));
             },
             py::arg("out").noconvert(),
             "Reads a part of a packet into int16 (n, 2 antennas): the number of samples, "
             "0 where\nnothing comes within the socket's timeout; the packed tags of a "
             "packet "
-            "that begins;\nthe largest magnitude; whether the stream has ended.");
+            "that begins;\nthe largest magnitude; whether the stream has ended.")
+        .def(
+            "read_to",
+            [](packet_reader& reader, const gr::block& block, std::size_t most) {
+                const auto output = block.detail()->output(0);
+                return read_part(
+                    reader, static_cast<std::int16_t*>(output->write_pointer()), most);
+            },
+            "block"_a,
+            "most"_a,
+            "The same, into the output of a block that is being called.");
+    py::class_<packet_writer>(m, "packet_writer", "Writes packets to a stream socket.")
+        .def(py::init<int, double>(), "socket"_a, "interval_s"_a)
+        .def_property(
+            "ended",
+            [](const packet_writer& writer) { return writer.ended.load(); },
+            [](packet_writer& writer, bool ended) { writer.ended = ended; })
+        .def_property_readonly(
+            "waiting", [](const packet_writer& writer) { return writer.waiting.load(); })
+        .def(
+            "write_from",
+            [](packet_writer& writer,
+               const gr::block& block,
+               std::size_t count,
+               const std::string& head) {
+                std::vector<const void*> inputs(block.detail()->ninputs());
+                for (std::size_t i = 0; i < inputs.size(); ++i)
+                    inputs[i] = block.detail()->input(i)->read_pointer();
+                return writer.write(head, inputs, count);
+            },
+            "block"_a,
+            "count"_a,
+            "head"_a,
+            py::call_guard<py::gil_scoped_release>(),
+            "Writes samples at the inputs of a block that is being called, behind a "
+            "head, and\n"
+            "sleeps until the interval is over; whether all were sent.");
 }
 
 static py::object rx_time_or_none(const pmt::pmt_t& value)
@@ -413,7 +452,7 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
-    bind_packet_reader(m);
+    bind_packets(m);
     m.def("rx_time_value",
           &rx_time_or_none,
           "value"_a,

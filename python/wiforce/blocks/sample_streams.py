@@ -16,7 +16,7 @@ import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array
-from ..wiforce_python import packet_reader, rx_time_value
+from ..wiforce_python import packet_reader, packet_writer, rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .frame_alignment import FrameSearch, Tag
@@ -224,17 +224,31 @@ class sample_receiver(Kept, gr.sync_block):
         items = output_items[0]
         if self._antennas > 1:
             items = np.empty((len(items), 2 * self._antennas), np.int16)
+        count = self._count_of(self._put_out, items)
+        if self._antennas > 1:
+            for antenna, out in enumerate(output_items):
+                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
+        return count
+
+    # Arrays for each call, of a thousand per second, would take longer than what is done with them.
+
+    def handle_general_work(self, most: int, *arguments: Any) -> int:
+        search = self._search
+        found = search is None or (search.offset is not None and not search.holds)
+        if self._antennas > 1 or self._stream is None or not found:
+            return super().handle_general_work(most, *arguments)
+        self.called_s = time.monotonic()
+        return self._count_of(self._pass_on, most)
+
+    def _count_of(self, put_out: Callable[[Any], int], out: Any) -> int:
+        """What a call puts out: 0 when nothing comes for a while, or a stream has ended."""
         try:
-            count = self._put_out(items)
+            return put_out(out)
         except TimeoutError:
             return 0
         except EOFError:
             self._drop_stream()
             return 0
-        if self._antennas > 1:
-            for antenna, out in enumerate(output_items):
-                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
-        return count
 
     @property
     def _holds(self) -> bool:
@@ -242,7 +256,7 @@ class sample_receiver(Kept, gr.sync_block):
 
     def _put_out(self, out: Array) -> int:
         """Put out a part of a packet, or of what the search held; the number of samples."""
-        search, first = self._search, 0
+        search = self._search
         if search is not None:
             # The scheduler pauses a source that puts out nothing, which would lose samples.
             while search.offset is None and not self._finished:
@@ -252,8 +266,16 @@ class sample_receiver(Kept, gr.sync_block):
                 return 0
             if search.holds:
                 return search.put_out(self, out)
-            first = search.offset
-        count, tags = self._read(out)
+        assert self._packets is not None
+        return self._tagged(*self._take(self._packets.read(out)))
+
+    def _pass_on(self, most: int) -> int:
+        """The same into the output's buffer, once the frames are found."""
+        assert self._packets is not None
+        return self._tagged(*self._take(self._packets.read_to(self.gateway, most)))
+
+    def _tagged(self, count: int, tags: list[Tag]) -> int:
+        first = 0 if self._search is None else self._search.offset or 0
         for item, key, value in tags:
             for port in range(self._antennas):
                 self.add_item_tag(port, item - first, key, value)
@@ -261,7 +283,8 @@ class sample_receiver(Kept, gr.sync_block):
 
     def _search_on(self, search: FrameSearch, most: int) -> None:
         items = np.empty((min(search.wanted, most), 2 * self._antennas), np.int16)
-        count, tags = self._read(items)
+        assert self._packets is not None
+        count, tags = self._take(self._packets.read(items))
         search.take(items[:count], tags)
 
     def stop(self) -> bool:
@@ -291,13 +314,12 @@ class sample_receiver(Kept, gr.sync_block):
         self._stream = self._packets = None
         self._tags.clear()
 
-    def _read(self, out: Array) -> tuple[int, list[Tag]]:
-        """Read a part of a packet; the number of samples, and their tags.
+    def _take(self, part: tuple[int, bytes, int, bool]) -> tuple[int, list[Tag]]:
+        """Take a part of a packet as it was read; the number of samples, and their tags.
 
         A TimeoutError when nothing comes for a while, EOFError at the end of the stream.
         """
-        assert self._packets is not None
-        count, tags, peak, ended = self._packets.read(out)
+        count, tags, peak, ended = part
         self.called_s = time.monotonic()
         if tags:
             self._packet_start = self.received
@@ -372,31 +394,34 @@ class sample_sender(Kept, gr.sync_block):
         stream.settimeout(None)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        self._stream, self._interval_s = stream, interval_s
+        self._stream, self._packets = stream, packet_writer(stream.fileno(), interval_s)
         self._accepts_time = accepts_time
-        self._next_s = 0.0
         self.sent = 0
-        self.waiting = self.ended = False
+
+    @property
+    def waiting(self) -> bool:
+        return self._packets.waiting
+
+    @property
+    def ended(self) -> bool:
+        return self._packets.ended
+
+    @ended.setter
+    def ended(self, ended: bool) -> None:
+        self._packets.ended = ended
 
     def end(self) -> None:
         """Send nothing any more, not even the rest of a packet."""
         self.ended = True
 
-    def work(self, input_items: list[Array], _: list[Array]) -> int:
-        items = input_items[0]
-        if len(input_items) > 1:
-            items = np.concatenate(input_items, axis=1)
-        head = pack_head(len(items), self._tags(len(items)))
-        data = np.ascontiguousarray(items).view(np.uint8).data.cast("B")
-        if not self._send([memoryview(head), memoryview(data)]):
-            self.ended = True
+    # Arrays for each call, of a thousand per second, would take longer than what is done with them.
+
+    def handle_general_work(self, most: int, *_: list[Any]) -> int:
+        if not self._packets.write_from(self.gateway, most, pack_head(most, self._tags(most))):
             return _DONE
-        self.sent += len(items)
-        early_s = self._next_s - time.monotonic()
-        if early_s > 0:
-            time.sleep(early_s)
-        self._next_s = time.monotonic() + self._interval_s
-        return len(items)
+        self.sent += most
+        self.gateway.consume_each(most)
+        return most
 
     def stop(self) -> bool:
         self.ended = True
@@ -410,23 +435,6 @@ class sample_sender(Kept, gr.sync_block):
                 continue
             if key != names.RX_TIME or self._accepts_time(sum(value)):
                 yield SampleTag(key, tag.offset - first, *value)
-
-    def _send(self, parts: list[memoryview]) -> bool:
-        """Whether all of it was sent."""
-        while parts and not self.ended:
-            try:
-                count = self._stream.sendmsg(parts)
-                self.waiting = False
-            except BlockingIOError:
-                self.waiting = True
-                continue
-            except OSError:  # the other process has gone
-                return False
-            while parts and count >= len(parts[0]):
-                count -= len(parts.pop(0))
-            if parts:
-                parts[0] = parts[0][count:]
-        return not parts
 
 
 def _plain(value: Any) -> tuple[int, float] | None:
