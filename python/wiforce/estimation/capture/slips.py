@@ -64,7 +64,7 @@ class Slips:
         """
         self._retuned |= retuned
         index = np.array([group])
-        if self.elsewhere(index)[0]:
+        if self._misplaced and self.elsewhere(index)[0]:
             return None
         retuned, self._retuned = self._retuned, False
-        return bool(self.behind(index)[0]), retuned
+        return bool(self._ends) and bool(self.behind(index)[0]), retuned

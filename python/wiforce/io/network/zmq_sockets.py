@@ -145,11 +145,11 @@ class ReadingsPublisher(_Endpoint, Output):
         return opened
 
     def _count_subscriptions(self) -> int:
-        import zmq
+        from zmq import EVENTS, POLLIN
 
-        # Without what `poll` makes of a list of sockets.
+        # Without what `poll` makes of a list of sockets, and Python of flags that are combined.
         while self._subscriptions <= _MOST_SUBSCRIPTIONS and (
-            self._socket.getsockopt(zmq.EVENTS) & zmq.POLLIN
+            self._socket.getsockopt(EVENTS) & int(POLLIN)
         ):
             change = self._socket.recv()[:1]
             self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
