@@ -47,6 +47,11 @@ public:
                  const press_parameters& settings,
                  const off_states& off = {});
 
+    //! A filter of the same presses by other parameters, without what off states tell.
+    press_filter without_off_states(const press_parameters& settings) const
+    {
+        return press_filter(d_image, settings);
+    }
     //! Whether amplitudes distinguish a turn of the tag from a press.
     bool off_states_differ() const { return d_off_differ; }
     //! Takes the next group that was received.

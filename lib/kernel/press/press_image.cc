@@ -61,16 +61,24 @@ void press_image::add(const double* change, const pair_of_ends& along, double sp
     };
     const double row = change[0] / cell, column = change[1] / cell;
     const auto first = std::lround(row), second = std::lround(column);
-    for (long i = first - reach; i <= first + reach; i++)
+    const auto weight_of = [width](long i, double centre) {
+        const double away = (static_cast<double>(i) - centre) / width;
+        return std::exp(-0.5 * away * away);
+    };
+    std::vector<double> right;
+    for (long j = second - reach; j <= second + reach; j++)
+        right.push_back(weight_of(j, column));
+    for (long i = first - reach; i <= first + reach; i++) {
+        const double down = weight_of(i, row);
         for (long j = second - reach; j <= second + reach; j++) {
-            const double down = (static_cast<double>(i) - row) / width,
-                         right = (static_cast<double>(j) - column) / width;
-            const double weight = std::exp(-0.5 * (down * down + right * right));
+            const double weight =
+                down * right[static_cast<std::size_t>(j - second + reach)];
             const auto to = index(i) * cells + index(j);
             d_density[to] += weight;
             for (int e = 0; e < 2; e++)
                 d_along[to][e] += weight * along[e];
         }
+    }
 }
 
 std::array<press_image::corner, 4> press_image::around(const pair_of_ends& change)
