@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
 # Of ``press_state`` in lib/kernel/press/explanation.h.
-UNTOUCHED, MIXED = 0, 3
+UNTOUCHED, PRESSED, UNEXPLAINED, MIXED = range(4)
 # The image of presses: forces from the onset to 1.3 times the calibrated one, since harder presses
 # are presses as well, and the error of models that has been seen in calibrations (docs/press.md).
 _FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5
