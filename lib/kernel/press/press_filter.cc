@@ -516,12 +516,10 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
     const auto near = [](double x, double y, double variance) {
         return squared(wrapped(x - y)) < 0.1 * variance;
     };
-    if (a.is == pressed || a.is == unexplained) {
-        if (a.press.steady != b.press.steady)
-            return false;
-        if (!a.press.motion.near(b.press.motion))
-            return false;
-    }
+    // A press may go on changing through a group of change.
+    if ((a.is == mixed ? a.mixture.before : a.is) != untouched &&
+        (a.press.steady != b.press.steady || !a.press.motion.near(b.press.motion)))
+        return false;
     const auto common = a.line.common.estimate(), other = b.line.common.estimate();
     const auto apart = a.line.difference.estimate(),
                other_apart = b.line.difference.estimate();
