@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block USRP with the software N210: gains, antennas, and the common start."""
 
+import gc
 import importlib
 import os
 import subprocess
@@ -153,6 +154,7 @@ def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, sc
     assert offsets[1] is not None
     assert running.command("status")["streaming_s"] > 0
     del usrp, flowgraph
+    gc.collect()  # blocks refer to each other
     wait_until(lambda: running.command("status")["streaming_s"] == 0)  # the device is closed
 
 

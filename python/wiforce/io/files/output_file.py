@@ -23,9 +23,10 @@ class OutputFile:
     """An output without a buffer, locked against other runs while it is a regular file.
 
     ``append`` keeps the content; ``kept`` says in messages what remains when the file cannot be
-    written further. ``reserve_bytes`` are held on the disk and used when it is full, so that a file
-    that needs an end can be ended: ``reserve_used`` says that it should be. Refuses a file that
-    another process is writing to.
+    written further; of text in ``lines`` that includes those of the write that fails.
+    ``reserve_bytes`` are held on the disk and used when it is full, so that a file that needs an
+    end can be ended: ``reserve_used`` says that it should be. Refuses a file that another process
+    is writing to.
     """
 
     def __init__(
@@ -34,8 +35,9 @@ class OutputFile:
         append: bool = False,
         kept: str = "all rows until then are kept",
         reserve_bytes: int = 0,
+        lines: bool = False,
     ) -> None:
-        self._path, self._kept = path, kept
+        self._path, self._kept, self._lines = path, kept, lines
         self._failure: OutputError | None = None
         self._reserve: IO[bytes] | None = None
         self.size_bytes, self.reserve_used = 0, False
@@ -78,7 +80,7 @@ class OutputFile:
         """Write all of the data; returns its length.
 
         OutputError when it cannot be written, as on a full disk; the file then ends with the
-        previous write, and later ones are refused.
+        previous write, or the last whole line, and later ones are refused.
         """
         if self._failure is not None:
             raise self._failure
@@ -92,6 +94,8 @@ class OutputFile:
                     self._free_reserve()
                     self.reserve_used = True
                     continue
+                if self._lines:
+                    self.size_bytes += bytes(data).rfind(b"\n", 0, length - len(rest)) + 1
                 self._remove_partial_write()
                 rule = f"cannot be written further ({error.strerror}); {self._kept}"
                 self._failure = OutputError(self._path, rule)

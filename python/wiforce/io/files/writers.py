@@ -74,7 +74,7 @@ class ReadingsWriter(ReadingsOutput):
             return self
         if self._path is not None:
             continued = self._append and Path(self._path).is_file()
-            self._file = OutputFile(self._path, append=continued)
+            self._file = OutputFile(self._path, append=continued, lines=True)
             if continued:
                 self._file.size_bytes = prepare_append(self._path, self._header)
         self._begun = True
