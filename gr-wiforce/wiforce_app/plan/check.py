@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.advice import licence_note, outside_band
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.planning.room.findings import findings as findings_of
-from gnuradio.wiforce.planning.room.findings import wrong_clock
+from gnuradio.wiforce.planning.room.findings import wrong_clocks
 from gnuradio.wiforce.planning.room.report import finding_line, finding_rows, measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
@@ -152,9 +152,7 @@ def _survey(findings, scene, samples):
     mains_hz = scene.environment.possible_mains_hz
     found = survey_samples(samples, settings.waveform, settings.clocks, mains_hz)
     findings.room = findings_of(found, settings, adapted(settings, found))
-    findings.wrong_clocks = {
-        name: wrong for name in scene.sensor_names if (wrong := wrong_clock(found, settings, name))
-    }
+    findings.wrong_clocks = wrong_clocks(found, settings)
 
 
 def advice_on(findings: Findings, scene: Scene) -> list[str]:

@@ -14,7 +14,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clock
+from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
@@ -56,7 +56,7 @@ def advice_on_sensors(tags, scene, others_hz, wrong):
     """What to change because of the tags that were measured (``room_report.measure_tag``).
 
     ``others_hz`` are clocks of tags that the scene does not list, ``wrong`` has by sensor what
-    `wrong_clock` says.
+    `wrong_clocks` says.
     """
     others = other_clocks(others_hz)
     for tag, sensor in zip(tags, scene.sensors, strict=False):
@@ -138,8 +138,7 @@ def _tags(capture, scene):
         return [], ([], {}), [f"tags were not looked for: {error}"]
     seen = groups[0] if groups else Groups(np.zeros(0, np.int64))
     tags = [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)]
-    names = scene.sensor_names
-    wrong = {name: wrong_clock(reader.survey, reader.plan, name) for name in names}
+    wrong = wrong_clocks(reader.survey, reader.plan)
     return tags, ([clock.clock_hz for clock in reader.plan.others], wrong), []
 
 

@@ -136,6 +136,8 @@ struct explanation {
     average_of_groups mean;
     press_outcome now, last;
 
+    //! The state, or that before the groups in which something changes.
+    press_state state_before_change() const { return is == mixed ? mixture.before : is; }
     pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
     //! Counted from where everything has turned and grown by this.
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);

@@ -207,8 +207,7 @@ void press_filter::with_courses(const explanation& from,
     course(turns, [&](explanation& other) {
         const double variance = squared(d_set.turn_deg * deg);
         other.turn.sudden = true;
-        other.turn.seen +=
-            sees_turns(from, from.is == mixed ? from.mixture.before : from.is);
+        other.turn.seen += sees_turns(from, from.state_before_change());
         other.line.common.widen(variance);
         other.press.motion.widen({ variance, variance, variance });
         other.line.amplitude.mean_variance += squared(d_set.turn_np);
@@ -445,9 +444,8 @@ void press_filter::settle()
         for (const auto& kept : d_kept)
             if (one_line(kept, next)) {
                 of_line++;
-                of_kind +=
-                    kept.is == next.is &&
-                    (next.is != mixed || kept.mixture.before == next.mixture.before);
+                of_kind += kept.is == next.is &&
+                           kept.state_before_change() == next.state_before_change();
             }
         if (of_line < most_of_line || of_kind == 0)
             d_kept.push_back(next);
@@ -502,22 +500,21 @@ bool press_filter::one_line(const explanation& a, const explanation& b) const
 // a press, its strength is what the amplitudes of the group leave.
 bool press_filter::alike(const explanation& a, const explanation& b) const
 {
-    if (a.is != b.is || a.line.known != b.line.known ||
-        a.turn.goes_on != b.turn.goes_on ||
+    if (a.is != b.is || a.state_before_change() != b.state_before_change() ||
+        a.line.known != b.line.known || a.turn.goes_on != b.turn.goes_on ||
         (a.turn.goes_on &&
          (a.turn.by_hand != b.turn.by_hand || a.turn.speed != b.turn.speed)) ||
         (a.press.steady &&
          (a.press.speed != b.press.speed || a.press.slides != b.press.slides)) ||
         a.last.is != b.last.is || a.last.known != b.last.known)
         return false;
-    if (a.is == mixed &&
-        (a.mixture.before != b.mixture.before || a.mixture.groups != b.mixture.groups))
+    if (a.is == mixed && a.mixture.groups != b.mixture.groups)
         return false;
     const auto near = [](double x, double y, double variance) {
         return squared(wrapped(x - y)) < 0.1 * variance;
     };
     // A press may go on changing through a group of change.
-    if ((a.is == mixed ? a.mixture.before : a.is) != untouched &&
+    if (a.state_before_change() != untouched &&
         (a.press.steady != b.press.steady || !a.press.motion.near(b.press.motion)))
         return false;
     const auto common = a.line.common.estimate(), other = b.line.common.estimate();

@@ -12,7 +12,7 @@
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
 
-#include "packet_reader.h"
+#include "packets.h"
 #include "refusal.h"
 #include "tag_values.h"
 

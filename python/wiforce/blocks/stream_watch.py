@@ -24,7 +24,7 @@ from ..estimation.room.survey import Survey
 from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.plan import Plan
-from ..planning.room.findings import wrong_clock
+from ..planning.room.findings import wrong_clock, wrong_clocks
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
@@ -233,7 +233,8 @@ class StreamWatch:
         flags = _CAUSES.intersection(*(reading.flags for reading in readings))
         if "saturated" in flags:
             return describe_doubt(sensor, CLIPPED)
-        if flags and sensor not in self._clear and (clock := self._wrong_clock(sensor)):
+        unknown = flags and sensor not in self._clear
+        if unknown and (clock := wrong_clock(self.survey(), self._plan, sensor)):
             return clock
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
@@ -262,9 +263,6 @@ class StreamWatch:
             f"{sensor}: all readings are weak (SNR {max(levels):.0f} dB); raise the transmit gain, "
             "move the antennas closer, or use longer phase groups"
         )
-
-    def _wrong_clock(self, sensor: str) -> str:
-        return wrong_clock(self.survey(), self._plan, sensor)
 
     def start(self) -> None:
         """Watch that groups come of the frames that arrive."""
@@ -337,7 +335,7 @@ class StreamWatch:
             if doubt := (problem if self._clear else final)(each.name):
                 self.say(describe_doubt(each.name, doubt))
         if not self._clear:
-            for each in plan.sensors:
-                self.say(self._wrong_clock(each.name))
+            for wrong in wrong_clocks(self.survey(), self._plan).values():
+                self.say(wrong)
             if self._readings:
                 self.say(ALL_FLAGGED)

@@ -165,6 +165,12 @@ def wrong_clock(survey: Survey | None, plan: Plan, sensor: str) -> str:
     return ""
 
 
+def wrong_clocks(survey: Survey | None, plan: Plan) -> dict[str, str]:
+    """What :func:`wrong_clock` says, of the sensors of which it says something."""
+    found = {name: wrong_clock(survey, plan, name) for name in _names(plan)}
+    return {name: wrong for name, wrong in found.items() if wrong}
+
+
 # Regions of raised noise: at least so many bins of the survey, apart by so many line widths.
 _LEAST_BINS = 4
 _APART = 3.0
