@@ -3,6 +3,8 @@
 
 #include <fftw3.h>
 
+#include <cstdlib>
+
 namespace gr::wiforce::kernel {
 
 namespace {
@@ -21,16 +23,25 @@ bool share_planner()
     return true;
 }
 
+// The wisdom of the process is put aside: a plan that another block measured there would
+// be taken in place of the rule's, and rounds otherwise.
 fftwf_plan make_plan(int length, fc32* input, fc32* output)
 {
     static const bool is_shared = share_planner();
     static_cast<void>(is_shared);
+    char* const wisdom = fftwf_export_wisdom_to_string();
+    fftwf_forget_wisdom();
     fftwf_plan_with_nthreads(1);
-    return fftwf_plan_dft_1d(length,
-                             reinterpret_cast<fftwf_complex*>(input),
-                             reinterpret_cast<fftwf_complex*>(output),
-                             FFTW_FORWARD,
-                             FFTW_ESTIMATE);
+    const auto plan = fftwf_plan_dft_1d(length,
+                                        reinterpret_cast<fftwf_complex*>(input),
+                                        reinterpret_cast<fftwf_complex*>(output),
+                                        FFTW_FORWARD,
+                                        FFTW_ESTIMATE);
+    if (wisdom) {
+        fftwf_import_wisdom_from_string(wisdom);
+        std::free(wisdom);
+    }
+    return plan;
 }
 
 } // namespace
