@@ -114,14 +114,6 @@ class Case:
     def reference_groups(self):
         return round(REFERENCE_GROUPS * max(1.0, 625 / self.group_length))
 
-    def run(self, run, seed=1):
-        """Run once; estimator to ``RunResult``."""
-        return run_case(self, run, seed)
-
-    def summarise(self, estimator, runs):
-        """Combine the results of all runs to a row."""
-        return summarise(self, estimator, runs)
-
 
 def cases(full=False):
     """All cases, in the order of the report."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One scene as an experiment: simulated, read by both methods, scored."""
+"""One scene as an experiment: simulated, read by several methods, scored."""
 
 import tempfile
 from contextlib import contextmanager
@@ -9,6 +9,7 @@ import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -19,19 +20,21 @@ from gnuradio.wiforce.simulation.truth import read_truth, score
 from ..read.recordings import read_capture
 from .causes import OWN, other_causes, with_cause
 from .error_summary import calibration_bias_deg, summary
-from .paper_method import paper_changes, paper_errors, snapshot_channels
+from .paper_method import paper_changes, paper_errors, plan_without_survey, snapshot_channels
 
-# The paper's method with the constant offset of the tag's clock removed, as a row of the report.
+# Rows of the report: this receiver by the plan alone, whatever is in the room, and the paper's
+# method with the constant offset of the tag's clock removed.
+UNSURVEYED = "ours, not surveyed"
 CORRECTED = "paper, clock offset removed"
 
 
 def run(scene_name, work_folder):
     """Simulate, read and score a scene; the capture is deleted.
 
-    Returns dict: plain values for JSON. Per sensor: the errors of this receiver, of the paper's
-    method as published and with the constant clock offset removed, the errors that the plan
-    expects, and for pictures the readings and the truth. ``causes``: errors of both with
-    each disturbance that explains a published figure (see `causes`). Phase errors compare the
+    Returns dict: plain values for JSON. Per sensor: the errors of this receiver with and without a
+    survey, of the paper's method as published and with the constant clock offset removed, those
+    that the plan expects, and for pictures the readings and the truth. ``causes``: errors of both
+    with each disturbance that explains a published figure (see `causes`). Phase errors compare the
     change since the untouched state with the mean reflection of the group. Calibration errors of
     the untouched phases and changes of the force within a group are therefore part of the force and
     location errors only. ``work_folder``: where the capture is stored temporarily.
@@ -65,10 +68,13 @@ def _read(scene, recording, truth, channels):
     """Results of every sensor, and all readings."""
     readings = []
     read_capture(recording, scene, readings.append)
+    unsurveyed = RecordingReader(recording, plan_without_survey(scene), 0, survey=False)
+    unsurveyed = [reading for batch in unsurveyed for reading in batch]
     changes = paper_changes(channels, scene)
     expected = expect(plan(scene))
     sensors = [
-        _sensor(scene, i, readings, changes, truth, expected[i]) for i in range(len(scene.sensors))
+        _sensor(scene, i, readings, unsurveyed, changes, truth, expected[i])
+        for i in range(len(scene.sensors))
     ]
     return sensors, readings
 
@@ -104,13 +110,19 @@ def with_mean_phases(scene, truth):
     return truth
 
 
-def _sensor(scene, index, readings, changes, truth, expected):
+def _sensor(scene, index, readings, unsurveyed, changes, truth, expected):
     name = scene.sensors[index].name
-    ours = score(readings, truth, name)
+    found = {"ours": score(readings, truth, name), UNSURVEYED: score(unsurveyed, truth, name)}
+    ours = found["ours"]
     own = [reading for reading in readings if reading.sensor == name]
     rows = [row for row in truth if row["sensor"] == name]
-    phase_error = wrap_deg(ours.phase_error_deg - calibration_bias_deg(scene, index))
-    methods = {"ours": summary(phase_error, ours.force_error_n, ours.location_error_mm)}
+    bias_deg = calibration_bias_deg(scene, index)
+    methods = {
+        method: summary(
+            wrap_deg(own.phase_error_deg - bias_deg), own.force_error_n, own.location_error_mm
+        )
+        for method, own in found.items()
+    }
     for method, detrend in (("paper", False), (CORRECTED, True)):
         methods[method] = paper_errors(scene, index, changes, rows, detrend)
     return {

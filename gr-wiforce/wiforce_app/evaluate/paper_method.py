@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
+from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
@@ -39,8 +40,15 @@ def snapshot_channels(recording, scene, path):
 
 _ESTIMATOR = "paper"
 _BATCH = 64  # groups
-# The method has no use for the tolerance; a receiver refuses a wider one without a survey.
-_TOLERANCE_PPM = 100.0
+
+
+def plan_without_survey(scene):
+    """The plan by which a scene is read without a survey, of clocks that need none."""
+    sensors = [
+        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
+        for sensor in scene.sensors
+    ]
+    return plan(replace(scene, sensors=tuple(sensors)))
 
 
 def paper_changes(channels, scene):
@@ -54,10 +62,9 @@ def paper_changes(channels, scene):
     ``channels`` (N, K) of complex: of one receive antenna (see `snapshot_channels`), because the
     paper has one.
     """
-    settings = plan(
+    settings = plan_without_survey(
         replace(
             scene,
-            sensors=tuple(replace(s, clock_tolerance_ppm=_TOLERANCE_PPM) for s in scene.sensors),
             phase_group=replace(scene.phase_group, estimator=_ESTIMATOR),
             environment=replace(scene.environment, receive_antennas=1),
         )

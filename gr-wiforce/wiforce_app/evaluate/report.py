@@ -19,7 +19,7 @@ def fitted_figure(figure):
     return key, figure[key], unit
 
 
-_METHODS = ("ours", "paper", "paper, clock offset removed")
+_METHODS = ("ours", "ours, not surveyed", "paper", "paper, clock offset removed")
 _HEAD = (
     "scene",
     "sensor",
