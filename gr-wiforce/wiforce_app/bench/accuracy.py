@@ -4,7 +4,6 @@
 import click
 
 from ..shell.options import IntegerRange, worker_options
-from ..shell.plots import check_picture
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from ..shell.workers import run_tasks
@@ -30,15 +29,9 @@ COLUMNS = (
     "--full", is_flag=True, help="4 000 errors per row instead of 1 000, and a run of 20 minutes."
 )
 @click.option("--case", "part", default="", help="Run only cases whose name contains this.")
-@click.option(
-    "--plot",
-    "plot_path",
-    type=click.Path(),
-    help="Write a picture of loss over SNR (PNG, PDF or SVG).",
-)
 @click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
 @worker_options
-def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
+def accuracy(as_json, full, part, seed, jobs, scheduler):
     """Compare phase errors of each estimator with the Cramer-Rao bound.
 
     Monte Carlo simulation of channel snapshots: noise, fading, static and moving clutter, clock
@@ -47,13 +40,8 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
     wanted = [case for case in cases(full) if part in case.name]
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
-    check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
-    if plot_path is not None:
-        from .picture import plot_losses
-
-        plot_losses(rows, wanted, plot_path)
 
 
 def measure(wanted, runs, seed=1, jobs=None, scheduler=None):

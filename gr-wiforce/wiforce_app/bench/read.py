@@ -29,7 +29,6 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..shell.options import FiniteRange
-from ..shell.plots import check_picture
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 
@@ -145,10 +144,7 @@ GROWTH = (
     type=click.Choice(list(AXES)),
     help="With --scaling: only along this axis (repeatable).",
 )
-@click.option(
-    "--plot", "plot_path", type=click.Path(), help="With --scaling: write a picture (PNG)."
-)
-def read(as_json, seconds, sensors, scaling, axes, plot_path):
+def read(as_json, seconds, sensors, scaling, axes):
     """Measure the complete path from a capture's file to readings, and its stages.
 
     Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
@@ -162,10 +158,10 @@ def read(as_json, seconds, sensors, scaling, axes, plot_path):
     if scaling:
         if seconds is not None or sensors:
             raise click.UsageError("--seconds and --sensors do not apply with --scaling")
-        _print_scaling(as_json, axes or list(AXES), plot_path)
+        _print_scaling(as_json, axes or list(AXES))
         return
-    if axes or plot_path is not None:
-        raise click.UsageError("--axis and --plot apply with --scaling only")
+    if axes:
+        raise click.UsageError("--axis applies with --scaling only")
     seconds = 60.0 if seconds is None else seconds
     counts = [int(count) for count in sensors] or _SENSORS
     settings = [Setting("", count, snapshots) for count in counts for snapshots in _GROUP_LENGTHS]
@@ -339,15 +335,10 @@ def _time_groups(receiver, batches):
     return time.process_time() - start
 
 
-def _print_scaling(as_json, axes, plot_path):
+def _print_scaling(as_json, axes):
     """Rows along some of the AXES, how they grow, and the machine that they depend on."""
-    check_picture(plot_path)
     rows = _rows([setting for axis in axes for setting in AXES[axis]], _scaling_row)
     result = {"machine": _machine(), "rows": rows, "growth": growth(rows)}
-    if plot_path is not None:
-        from .picture import plot_scaling
-
-        plot_scaling(result, plot_path, LABELS)
     parts = (
         lambda _: "{processor}, {cores} cores, NumPy {numpy}".format(**result["machine"]),
         lambda _: table([{**row, **row["setting"]} for row in rows], SCALING),
