@@ -152,13 +152,6 @@ def test_improve_proposes_clock_away_from_lamps():
     assert not any("clock_hz" in p.change for p in improve(plan(scene_of(1035))))
 
 
-def test_propose_clocks_lie_a_bin_from_lamp_lines():
-    """Further tags must not be put on the lines of lamps either."""
-    proposed = propose_clocks(2, WAVEFORM, 625, taken=[1035.0])
-    assert len(proposed) == 2
-    assert min(nearest_lamp_hz(hz, BOTH) for hz in proposed) > 1 / 0.036
-
-
 @pytest.mark.parametrize(
     "key, value, rule",
     [

@@ -45,7 +45,7 @@ def scene_of(clocks_hz, group_length, **sections):
 
 
 @pytest.mark.parametrize("group_length, tolerance_ppm", cases((1250, 500.0), long=((625, 100.0),)))
-def test_propose_clocks_sixteen_tags_keep_strong_lines_two_bins_apart(group_length, tolerance_ppm):
+def test_propose_clocks_sixteen_tags_keep_apart_and_from_lamps(group_length, tolerance_ppm):
     """Lines that meet because crystals are off by their tolerance would swap two sensors."""
     start = time.process_time()
     clocks = propose_clocks(16, WAVEFORM, group_length, tolerance_ppm=tolerance_ppm)
@@ -55,16 +55,11 @@ def test_propose_clocks_sixteen_tags_keep_strong_lines_two_bins_apart(group_leng
     assert max(clocks) * 4 <= 0.9 * 0.5 / WAVEFORM.snapshot_period_s
     assert assess_clocks(clocks, WAVEFORM, group_length, tolerance_ppm).worst_loss_db < 1.5
     assert took_s < 30  # 2 s on an idle core
-
-
-def test_propose_clocks_sixteen_tags_are_accepted_by_the_plan_and_far_from_lamps():
-    """Clocks that the reader refuses, or that lamps disturb, are no proposal."""
-    clocks = propose_clocks(16, WAVEFORM, 1250)
-    planned = plan(scene_of(clocks, 1250))
-    assert max(planned.loss_db) < 1.0
-    lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
-    gaps = [np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG]
-    assert min(gaps) >= bin_hz(1250)
+    if group_length == 1250:  # in shorter groups, sixteen have no room beside the lines of lamps
+        lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
+        gaps = [np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG]
+        assert min(gaps) >= bin_hz(group_length)
+        assert max(plan(scene_of(clocks, group_length)).loss_db) < 1.0
 
 
 def test_propose_clocks_twice_gives_the_same():
