@@ -15,8 +15,9 @@ namespace gr::wiforce::kernel {
  * \brief Touch, force, location and flags of a sensor's group: the mean over all that may
  * have happened to it.
  *
- * Every explanation that holds a press is inverted, at three values of the phase that
- * both ends have in common, which stand for its normal distribution.
+ * The likeliest explanation and all others that hold a press are inverted, at three
+ * values of the phase that both ends have in common, which stand for its normal
+ * distribution.
  */
 class press_reading
 {

@@ -44,7 +44,6 @@ drift_bank drift_bank::stated(double rate)
 {
     drift_bank bank;
     bank.d_rate[0] = bank.d_usual_rate = rate;
-    bank.d_weight[0] = 1;
     return bank;
 }
 

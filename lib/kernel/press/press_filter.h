@@ -32,7 +32,7 @@ struct press_observation {
 /*!
  * \brief What a sensor has shown so far, as a few explanations with weights.
  *
- * docs/press.md derives it. Every explanation holds the phases that both ends would show
+ * docs/press.md explains it. Every explanation holds the phases that both ends would show
  * if nobody touched, and what the press is doing. With every group it branches into what
  * may have happened next, each branch is weighted by how well it predicts the group,
  * branches that have come to the same are merged, and unlikely ones are dropped.

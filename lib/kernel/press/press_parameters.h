@@ -6,13 +6,13 @@ namespace gr::wiforce::kernel {
 /*!
  * \brief What may happen to a sensor, how often and how strongly.
  *
- * docs/press.md has these as a table, and what half and twice of each do. Nothing
- * is counted in groups. "Per age": the longer something has lasted, the longer it lasts,
- * so a change has the rate 1 / (age + settling_s).
+ * docs/press.md has these as a table, and what half and twice of each do. All are in
+ * seconds. The longer something has lasted the longer it lasts: a change has the rate
+ * 1 / (age + settling_s).
  */
 struct press_parameters {
     double period_s = 0.036; // length of a group
-    double settling_s = 0.3; // see above
+    double settling_s = 0.3; // s: see above
     double release = 0.4;    // shares of the changes of a press: it ends,
     double exchange = 0.1;   // becomes another one at once,
     double jump = 0.1;       // has another force at once (the rest changes steadily),
@@ -23,17 +23,18 @@ struct press_parameters {
     double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
     double turns_s = 10.0;  // s: time that this expectation is worth
     double turn_deg = 15.0; // standard deviation of a sudden turn
-    double turn_np = 0.1;   // and of the change of amplitude that comes with it
-    double hands = 0.3;     // 1/s: hands that come near, or move there
-    double near_s = 0.5;  // time that a hand takes to come near; a quarter of the memory
-                          // for the amplitude without it
-    double steps = 0.003; // 1/s: steps of the receiver's oscillator or gain
+    double turn_np =
+        0.1;             // and of the change of amplitude that comes with one by turn_deg
+    double hands = 0.3;  // 1/s: hands that come near, or move there
+    double near_s = 0.5; // time that a hand takes to come near; a quarter of the memory
+                         // for the amplitude without it
+    double steps = 0.003;     // 1/s: steps of the receiver's oscillator or gain
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press
-    double phase_deg = 0.03;     // error of a phase that no noise explains
-    double amplitude_np = 0.003; // likewise of an amplitude
-    double fading_np = 0.01;     // Np per sqrt(s): random walk of the tag's amplitude
-    double drift_memory_s = 20.0;
+    double phase_deg = 0.03;      // error of a phase that no noise explains
+    double amplitude_np = 0.003;  // likewise of an amplitude
+    double fading_np = 0.01;      // Np per sqrt(s): random walk of the tag's amplitude
+    double drift_memory_s = 20.0; // s: memory of the rates of drift
     double smoothing_s = 0;  // time over which groups are averaged while nothing changes
     double drift_deg = -1.0; // deg per sqrt(s): stated random walk; negative to learn it
 };

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Touch, force, location and flags of one sensor: the mean over all explanations."""
+"""Touch, force, location and flags of one sensor, of all explanations that are left."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _FLAGS = (
 
 
 class SensorReadout:
-    """Inverts every explanation of a group, and gives the mean of all.
+    """Inverts the likeliest explanation of a group and all other presses, and gives their mean.
 
     ``tracked`` follows every press over time (location constant, force a random walk) instead.
     ``surveyed_snr_db`` is the SNR of line 1 of the tag against the noise between the lines,

@@ -77,7 +77,7 @@ def strip_profile(
     return StripProfile(force, log_weight, location, 1 / curvature + ruler)
 
 
-# A strip that is pressed from 0.9 N on is detected from 1.2 N on (docs/press.md): this is
+# A strip that is pressed from 0.9 N on is detected from 1.2 N on: this is
 # three standard deviations.
 _ONSET_STD_N = 0.1
 # Points across at which the posterior is first drawn, per spacing; then over the part in which it

@@ -11,8 +11,7 @@ class SubcarrierAverage:
     """R_i = sum_k w_k X_i,k with w_k = 1 / sigma_k^2, and the standard deviation of its phase.
 
     Half of the noise of the R_i lies along the phase, so that std(arg R) = sqrt(var(R) / 2) / |R|.
-    The noise of the reference is an error of the untouched phases, which the press filter knows
-    (docs/press.md).
+    The noise of the reference is an error of the untouched phases, which the press filter knows.
     """
 
     def process(self, groups: Groups) -> Groups:
