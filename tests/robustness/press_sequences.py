@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from gnuradio import wiforce
+from scipy.signal import lfilter
 
 REFERENCE_S, DURATION_S = 0.5, 14.0
 SNAPSHOT_S = 57.6e-6
@@ -35,6 +36,7 @@ FAMILIES = {
     "off states in error": ("turned touches", "off states", "in error"),
     "tremor": ("tremor",),
     "brownouts": ("brownouts",),
+    "warm": ("warm",),
 }
 
 
@@ -219,6 +221,8 @@ class Sequence:
                     continue
                 turn = rng.choice([-1, 1], 2) * rng.uniform(4, 10, 2) * _SOME_ENDS[rng.choice(3)]
                 log_ratio += (t > at)[:, None] * 1j * np.radians(turn)
+        if "warm" in effects:
+            log_ratio += 1j * np.radians(self._warmth_deg(force > 0))
         ratios = np.exp(log_ratio)
         if "hand" in effects:
             ratios *= (1 + self._hand(spans))[:, None]
@@ -239,6 +243,13 @@ class Sequence:
             turns = log_uniform(rng, 1, 30) * t[here] + rng.random()
             swing[here] = log_uniform(rng, 0.05, 0.45) * np.sin(2 * np.pi * turns)
         return swing
+
+    def _warmth_deg(self, touched):
+        """Phases that a warm or cold finger adds, (points, 2), to both ends alike or nearly so."""
+        rng, most = self._rng, self._rng.choice([-1, 1]) * self._rng.uniform(1, 6)
+        kept = np.exp(-(self._t[1] - self._t[0]) / log_uniform(rng, 2, 10))
+        warm = lfilter([1 - kept], [1, -kept], touched)
+        return warm[:, None] * most * (1, rng.choice([1, rng.uniform(0.8, 1)]))
 
     def _spoil(self, psi, force, spans):
         """Let half of the presses be contacts that are too wide, or two fingers.

@@ -21,6 +21,7 @@ LONG_TURNING = {
     "cables": 2e-2,
     "brownouts": 5e-3,
     "off states in error": 5e-3,
+    "warm": 3e-2,
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
 IN_STREAMS = "gaps", "silence", "tares", "mixture", "turning mixture"

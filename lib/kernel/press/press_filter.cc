@@ -357,11 +357,14 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
 
 void press_filter::begin_changing(const explanation& from, double probability)
 {
+    const double each = probability / speeds.size();
     for (std::size_t i = 0; i < speeds.size(); i++) {
-        const double each = probability / speeds.size();
         change_steadily(from, (1 - sliding) * each, false, i);
         change_steadily(from, sliding * each, true, i);
     }
+    // A finger that warms the line turns both ends as slowly as a force creeps.
+    if (!from.turn.goes_on)
+        turn_slowly(from, each, course::begins, 0, false);
 }
 
 // A force that rises ever more slowly is one change, and it may begin to slide.

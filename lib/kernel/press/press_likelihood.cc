@@ -436,11 +436,13 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
+    // Of a slow turn, the deviation says what is not known.
+    const bool turns = of.turn.goes_on && (of.turn.by_hand || of.turn.speed > 0);
     return { 0,
              0,
              of.is,
              of.line.known,
-             (of.turn.sudden || of.turn.goes_on) && !shows_turns(of),
+             (of.turn.sudden || turns) && !shows_turns(of),
              of.line.phase(),
              common.variance + (of.is == pressed ? of.hand.square / 2 : 0),
              apart.variance,
