@@ -237,8 +237,12 @@ void end_separation::separate(one& group, bool update)
     for (auto* values :
          { &found.clock_phase, &found.clock_offset_ppm, &found.clock2_delay })
         values->resize(tag0 + count);
-    for (std::size_t k = 0; k < subcarriers; k++)
+    double kept = 0;
+    for (std::size_t k = 0; k < subcarriers; k++) {
         found.noise.push_back(noise.variance[k] * noise.raised[k]);
+        kept += 1 / noise.raised[k];
+    }
+    found.raised.push_back(1 - kept / subcarriers);
     found.noise_rise.insert(
         found.noise_rise.end(), noise.raised.begin(), noise.raised.end());
     const double ratio = noise.ratio[0] > significant_residual ? noise.ratio[0] : 1.0;

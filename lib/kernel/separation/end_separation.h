@@ -80,9 +80,11 @@ public:
     struct separated {
         std::size_t groups = 0;
         noise_estimate::verdict outcome = noise_estimate::verdict::learned;
-        std::vector<complex> ends;                                       // 2S x K
-        std::vector<double> gain, snr_db;                                // 2S
-        std::vector<double> noise, noise_rise;                           // K
+        std::vector<complex> ends;             // 2S x K
+        std::vector<double> gain, snr_db;      // 2S
+        std::vector<double> noise, noise_rise; // K
+        std::vector<double>
+            raised; // by group: share of its tones that raised noise costs
         std::vector<char> locked, overlapping, disturbed;                // S
         std::vector<double> clock_phase, clock_offset_ppm, clock2_delay; // S
     };

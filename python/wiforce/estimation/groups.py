@@ -17,8 +17,10 @@ Array = NDArray[Any]
 _CLIPPED_SHARE = 0.01
 
 
-def is_clipped(saturated: Array, group_length: int) -> Array:
-    """Whether groups of N snapshots count as saturated, by how many reach full scale (G,)."""
+def is_clipped(saturated: Any, group_length: int) -> Any:
+    """Whether groups of N snapshots count as saturated, by how many reach full scale: of one group,
+    or (G,).
+    """
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 
@@ -198,8 +200,8 @@ class Groups:
     @property
     def has_incomplete(self) -> bool:
         """Whether there may be a group that is ``incomplete``."""
-        lacking = np.count_nonzero(self.missing) or np.count_nonzero(self.interference)
-        return self.snapshot_weights is not None or bool(lacking)
+        lacking = any(self.missing.tolist()) or any(self.interference.tolist())
+        return self.snapshot_weights is not None or lacking
 
     @property
     def incomplete(self) -> Array:

@@ -150,29 +150,29 @@ class PressEvidence:
         """Whether the ends are swapped or have another off state: no reading is consistent."""
         return self._record.swapped or self._record.other_off
 
-    def take(self, read: Array) -> Array:
+    def take(self, read: Array) -> list[bool]:
         """Take what the groups of a batch say, (G,): R against the untouched sensor, ``level``;
         phases and their standard deviations in degrees; touch; whether no stage before the
         inversion flags the group, ``clear``; and whether nothing does but that it is no press of
         the model, ``unexplained``.
 
-        Gives which of them are touched while the sensor is ``contradicted``, bool, shape (G,).
+        Gives which of them are touched while the sensor is ``contradicted``.
         """
-        contradicting = np.zeros(len(read), bool)
-        if not (self._open or self._odd or 1 in read["touch"].tolist()):
-            return contradicting
-        for i, row in enumerate(read):
-            touched = row["touch"]
-            if touched == 0 and (self._open or self._odd):
-                self._close()
-            elif touched == 1 and (row["unexplained"] or row["clear"]):
+        contradicting = [False] * len(read)
+        for i, touched in enumerate(read["touch"].tolist()):
+            if touched != 1:
+                if touched == 0 and (self._open or self._odd):
+                    self._close()
+                continue
+            row = read[i]
+            if row["unexplained"] or row["clear"]:
                 self._record.readings += 1
                 self._record.unexplained += bool(row["unexplained"] or row["flags"] & _NO_PRESS)
                 if row["unexplained"]:
                     self._odd.add(row["level"])
                 else:
                     self._open.add(row["level"], row["phases_deg"], row["psi_std_deg"])
-            contradicting[i] = touched == 1 and self.contradicted
+            contradicting[i] = self.contradicted
         return contradicting
 
     def reset(self) -> None:

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import repeat
 
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import (
-    ESTIMATES,
     Flag,
     GroupCounts,
     Reading,
@@ -17,9 +15,8 @@ from ..io.readings import (
     flag_words,
     reading_of,
 )
-from ..wiforce_kernels import receiver_steps
-from .explanations import later
-from .sensor_readout import SensorReadout, as_arrays
+from ..wiforce_kernels import reading_fields, receiver_steps, side_by_side
+from .sensor_readout import ARRAYS, SensorReadout
 from .surface_readout import SurfaceReadout
 
 # Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
@@ -65,21 +62,23 @@ class Readout:
             groups.static, groups.ratios, groups.reference_power, groups.locked
         )
         taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
-        readings: list[Reading] = []
-        if self._waiting is not None:
-            first = [found[: found["row"].searchsorted(1)] for found, _ in taken]
-            readings += self._read(*self._waiting, first)
+        waiting, self._waiting = self._waiting, (groups[-1:], [known[-1:] for _, known in taken])
+        # Outcomes are those of the group before each.
+        readings = [] if waiting is None else self._read(*waiting, [found for found, _ in taken])
         if len(groups) > 1:
-            others = [later(found[found["row"].searchsorted(1) :], -1) for found, _ in taken]
-            readings += self._read(groups[:-1], [stages[:-1] for _, stages in taken], others)
-        self._waiting = groups[-1:], [stages[-1:] for _, stages in taken]
+            readings += self._read(
+                groups[:-1], [known[:-1] for _, known in taken], [found for found, _ in taken], 1
+            )
         return readings
 
-    def _read(self, groups: Groups, stages: list[Array], found: list[Array]) -> list[Reading]:
+    def _read(
+        self, groups: Groups, stages: list[Array], found: list[Array], begin: int = 0
+    ) -> list[Reading]:
         sensors = self.sensors.values()
-        read = [sensor.read(*each) for sensor, *each in zip(sensors, found, stages, strict=True)]
+        each = zip(sensors, found, stages, strict=True)
+        read = side_by_side([sensor.read(of, known, begin) for sensor, of, known in each])
         if self.on_groups is not None or self._surface is not None:
-            groups = groups.having(**as_arrays(read))
+            groups = groups.having(**{name: read[name] for name in ARRAYS})
         if self.on_groups is not None:
             self.on_groups(groups)
         return self._rows(groups, read)
@@ -98,20 +97,18 @@ class Readout:
         self._next = max(self._next, groups)
         return readings
 
-    def _rows(self, groups: Groups, read: list[Array]) -> list[Reading]:
+    def _rows(self, groups: Groups, read: Array) -> list[Reading]:
         """Readings of groups, and of the groups before them that were not received."""
         readings: list[Reading] = []
-        indices = groups.index.tolist()
-        times = [(index + 0.5) * self._period_s for index in indices]
-        every = [
-            _readings(name, times, each) for name, each in zip(self.sensors, read, strict=True)
-        ]
+        names = list(self.sensors)
+        fields = reading_fields(read, names, self._period_s, flag_words)
         of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
-        for row, (index, *own) in enumerate(zip(indices, *every, strict=True)):
+        for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
                 continue
             if index > self._next:
                 readings += self._fill(index)
+            own = list(map(reading_of, fields[len(names) * row : len(names) * (row + 1)]))
             if of_surface is not None:
                 own += of_surface[row]
             self.counts.note(own)
@@ -131,14 +128,3 @@ class Readout:
             for absent in range(first, index)
             for name, kind in kinds.items()
         ]
-
-
-def _readings(sensor: str, times: list[float], read: Array) -> list[Reading]:
-    """Readings of a sensor, by the rows (G,) of the kernel and their times in s."""
-    columns = [*(read[name] for name in ESTIMATES), *read["phases_deg"].T, read["snr_db"]]
-    # NaN is the number that differs from itself.
-    numbers = [[v if v == v else None for v in column.tolist()] for column in columns]
-    touched = [None if touch < 0 else touch for touch in read["touch"].tolist()]
-    words = map(flag_words, read["flags"].tolist())
-    seen = read["group"].tolist(), read["interference"].tolist()
-    return list(map(reading_of, zip(times, repeat(sensor), touched, *numbers, words, *seen)))

@@ -20,10 +20,13 @@ if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
 _NAN = math.nan
+# What a group says of a sensor as arrays of :class:`Groups`.
+ARRAYS = "touch", "phases_deg", "psi_std_deg", *ESTIMATES, "flags"
 # The survey measures noise between the lines, the SNR of a reading includes what is left on them.
 # It is up to 4 dB less in rooms that are read correctly, and 16 to 32 dB less beside a second tag
 # on nearly the same clock where no other flag shows it (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
+_SATURATED = Flag.SATURATED.value
 # Flags of a reading, in the order of the kernel.
 _FLAGS = (
     Flag.TRANSITION,
@@ -92,28 +95,29 @@ class SensorReadout:
         shape (G,).
         """
         rows, stages = self._stages.of(vars(groups), sensor, receiver)
-        found, retuned = self.state.take(groups, sensor, self._period_s, rows)
-        if True in retuned.tolist():
+        readable = stages["readable"].tolist()
+        found, retuned = self.state.take(groups, sensor, self._period_s, rows, readable)
+        if True in retuned:
             stages["flags"][retuned] |= Flag.MOVED.value
         return found, stages
 
-    def read(self, found: Array, stages: Array) -> Array:
-        """Read groups by their outcomes and what the stages before say of them, (G,).
+    def read(self, found: Array, stages: Array, begin: int = 0) -> Array:
+        """Read groups by their outcomes and what the stages before say of them, (G,); the rows of
+        these outcomes begin with ``begin``.
 
         Gives a structured array (G,): the fields of a reading, and what the evidence needs.
         """
-        read = self._reading.read(found, stages, self._tracker is None)
-        clipped = (read["flags"] & Flag.SATURATED.value) != 0
-        self.state.note_doubt(read["doubtful"].tolist(), clipped.tolist(), self._period_s)
-        touched = read["touch"] == 1
+        read = self._reading.read(found, stages, self._tracker is None, begin)
+        clipped = [bool(flags & _SATURATED) for flags in read["flags"].tolist()]
+        self.state.note_doubt(read["doubtful"].tolist(), clipped, self._period_s)
         if self._tracker is not None:
             self._track(read)
-            read["flags"][touched & ~(read["force_std_n"] <= WEAK_FORCE_N)] |= Flag.WEAK.value
-        if self.state.evidence is not None:
-            contradicting = self.state.evidence.take(read)
-            read["flags"][contradicting] |= Flag.INCONSISTENT.value
-        if True in touched.tolist():
-            newest = read[touched][-1]
+            weak = (read["touch"] == 1) & ~(read["force_std_n"] <= WEAK_FORCE_N)
+            read["flags"][weak] |= Flag.WEAK.value
+        if self.state.evidence is not None and True in (odd := self.state.evidence.take(read)):
+            read["flags"][odd] |= Flag.INCONSISTENT.value
+        if 1 in (touch := read["touch"].tolist()):
+            newest = read[len(touch) - 1 - touch[::-1].index(1)]
             self.force_n, self.location_mm = float(newest["force_n"]), float(newest["location_mm"])
         return read
 
@@ -128,9 +132,3 @@ class SensorReadout:
                 for name, value in zip(ESTIMATES, found, strict=True):
                     row[name] = value if math.isfinite(value) else math.nan
                 row["flags"] |= flag_bits(words)
-
-
-def as_arrays(readouts: list[Array]) -> dict[str, Array]:
-    """Arrays of :class:`Groups` from what the groups say of each sensor."""
-    names = "touch", "phases_deg", "psi_std_deg", *ESTIMATES, "flags"
-    return {name: np.array([each[name] for each in readouts]).swapaxes(0, 1) for name in names}

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -49,30 +50,36 @@ class SensorState:
         self._one_ended = False
         self._last = -1  # newest group that was taken
         # Indices of the newest groups, and what was observed in them.
-        self._taken: deque[tuple[Array, Array]] = deque()
+        self._taken: deque[tuple[list[int], Array]] = deque()
         # Ratios by the former and by the present reference, of groups that are read again.
         self._again: list[tuple[Array, Array]] | None = None
         self._claim: float | None = None
 
     def take(
-        self, groups: Groups, sensor: int, period_s: float, rows: Array
-    ) -> tuple[Array, Array]:
-        """Take the next groups, and ``rows`` (G,) of what they show, NaN where they are not read.
+        self,
+        groups: Groups,
+        sensor: int,
+        period_s: float,
+        rows: Array,
+        readable: Sequence[bool],
+    ) -> tuple[Array, list[bool]]:
+        """Take the next groups, and ``rows`` (G,) of what they show where they are ``readable``.
 
         Gives outcomes of the group before each of them, and whether the oscillators have had new
-        phases since the reference, bool, shape (G,). Groups that were taken before, with other
-        weights, only show how R is counted now.
+        phases since the reference. Groups that were taken before, with other weights, only show how
+        R is counted now.
         """
-        again = 0
-        if groups.index[0] <= self._last:
-            again = int(np.searchsorted(groups.index, self._last, side="right"))
-            self._read_again(groups[:again], sensor, rows[:again])
-        retuned = np.array([self.retuned]).repeat(len(groups))
+        indices = groups.index.tolist()
+        count, again = len(indices), bisect_right(indices, self._last)
+        if again:
+            self._read_again(groups[:again], sensor, readable[:again])
+        retuned = [self.retuned] * count
         parts: list[Array] = []
-        if again == len(groups):
+        if again == count:
             return NOTHING, retuned
+        new_phases = groups.retuned.tolist()
         steps = self._steps(groups, sensor, again)
-        for begin, end in pairwise([*sorted({again, *steps}), len(groups)]):
+        for begin, end in pairwise([*sorted({again, *steps}), count]):
             for step in steps.get(begin, ()):
                 if np.isfinite(step).all():
                     self._renew(step)
@@ -81,17 +88,16 @@ class SensorState:
                     self._forget()
             found = self._filter.take(rows[begin:end])
             parts.append(later(found, begin) if begin else found)
-            retuned[begin:end] = self.retuned
-            if True in (new := groups.retuned[begin:end].tolist()):
-                retuned[begin + new.index(True) : end] = self.retuned = True
-            self._taken.append((groups.index[begin:end], rows[begin:end]))
-        self._last = int(groups.index[-1])
+            for row in range(begin, end):
+                self.retuned |= new_phases[row]
+                retuned[row] = self.retuned
+            self._taken.append((indices[begin:end], rows[begin:end]))
+        self._last = indices[-1]
         oldest = self._last - _REMEMBERED_S / period_s
         while self._taken[0][0][-1] <= oldest:
             self._taken.popleft()
-        readable = _readable(rows[again:]).tolist()
         self.received = readable[-1]
-        self.seen |= True in readable
+        self.seen |= True in readable[again:]
         if self.received:
             self._one_ended = False
         elif not self._one_ended:
@@ -168,9 +174,9 @@ class SensorState:
         """The user says that the sensor is untouched in the reference that begins now."""
         self._claim = FORCED if forced else CLAIMED
 
-    def _read_again(self, groups: Groups, sensor: int, rows: Array) -> None:
+    def _read_again(self, groups: Groups, sensor: int, readable: Sequence[bool]) -> None:
         """Take groups that were taken before, and that only show how R is counted now."""
-        readable, first = _readable(rows), 0
+        first = 0
         if groups.new_reference.any() or self._again is None:
             first = len(groups) - 1 - int(np.argmax(groups.new_reference[::-1]))
             first *= int(groups.new_reference.any())
@@ -178,7 +184,7 @@ class SensorState:
         former = {
             index: _ratios(row)
             for indices, observed in self._taken
-            for index, row in zip(indices.tolist(), observed, strict=True)
+            for index, row in zip(indices, observed, strict=True)
         }
         pairs = groups.ratios[:, 2 * sensor : 2 * sensor + 2]
         for row in range(first, len(groups)):
@@ -195,8 +201,8 @@ class SensorState:
                 former, now = (np.array(each) for each in zip(*self._again, strict=True))
                 steps[first] = [(former * now.conj()).sum(axis=0) / (np.abs(now) ** 2).sum(axis=0)]
             self._again = None
-        for row in groups.new_reference.nonzero()[0].tolist():
-            if row > first or (row == first and self._last >= 0):
+        for row, new in enumerate(groups.new_reference.tolist()):
+            if new and (row > first or (row == first and self._last >= 0)):
                 step = groups.reference_step[row, 2 * sensor : 2 * sensor + 2]
                 steps.setdefault(row, []).append(step)
         return steps
@@ -249,10 +255,6 @@ def _one_ended(groups: Groups, sensor: int) -> Array:
     std_deg = groups.phase_std_deg[:, ends]
     without = groups.reshaped[:, ends] & ~np.isfinite(std_deg)
     return np.asarray((std_deg < WEAK_PHASE_DEG).any(axis=1) & without.any(axis=1))
-
-
-def _readable(rows: Array) -> Array:
-    return np.isfinite(rows["phase"][:, 0])
 
 
 def _ratios(rows: Array) -> Array:

@@ -78,10 +78,10 @@ def compared(check, ends, reference, noise):
     """Changes of ends (G, 2, K) by noise of this variance, and factors of their variance."""
     groups, gain = len(ends), np.ones((len(ends), 2))
     variance = np.full((groups, ends.shape[2]), noise)
-    changes, factor, *_ = conjugate_difference(
+    found = conjugate_difference(
         ends, gain, variance, None, reference, np.zeros(2), check.by(reference)
     )
-    return changes, factor
+    return found["changes"], found["gain"]
 
 
 @pytest.mark.parametrize("image_db, limit_deg", [(-40, 0.001), (-30, 0.003), (-20, 0.03)])

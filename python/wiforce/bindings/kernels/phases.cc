@@ -29,13 +29,13 @@ void set_reference(profile_check& check,
     check.set_reference(flat(reference), flat(image), flat(other));
 }
 
-py::tuple difference_of(const complex_array& ends,
-                        const array<double>& gain,
-                        const array<double>& noise,
-                        const std::optional<array<double>>& noise_rise,
-                        const complex_array& reference,
-                        const array<double>& reference_gain,
-                        profile_check* check)
+py::dict difference_of(const complex_array& ends,
+                       const array<double>& gain,
+                       const array<double>& noise,
+                       const std::optional<array<double>>& noise_rise,
+                       const complex_array& reference,
+                       const array<double>& reference_gain,
+                       profile_check* check)
 {
     if (ends.ndim() != 3)
         throw std::invalid_argument("ends must have shape (G, E, K)");
@@ -53,7 +53,7 @@ py::tuple difference_of(const complex_array& ends,
         throw std::invalid_argument("check must be of E ends and K subcarriers");
     complex_array changes(shape{ groups, count, subcarriers });
     std::copy_n(ends.data(), ends.size(), changes.mutable_data());
-    array<double> gains(by_end), power(by_end);
+    array<double> gains(by_end), power(by_end), by_reference(by_end);
     array<bool> reshaped(by_end);
     for (py::ssize_t group = 0; group < groups; group++) {
         const auto found =
@@ -70,8 +70,13 @@ py::tuple difference_of(const complex_array& ends,
         std::copy(found.reshaped.begin(),
                   found.reshaped.end(),
                   reshaped.mutable_data(group, 0));
+        std::copy_n(reference_gain.data(), count, by_reference.mutable_data(group, 0));
     }
-    return py::make_tuple(changes, gains, power, reshaped);
+    return py::dict("changes"_a = changes,
+                    "gain"_a = gains,
+                    "reference_power"_a = power,
+                    "reference_gain"_a = by_reference,
+                    "reshaped"_a = reshaped);
 }
 
 py::tuple average_of(const complex_array& changes,
@@ -167,7 +172,9 @@ void bind_phases(py::module& m)
         "check"_a,
         "ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.\n"
         "reference: (E, K). reference_gain: (E,). check: with this reference, or None.\n"
-        "Gives changes (G, E, K), gain, the reference's power, and reshaped (G, E).");
+        "Gives changes (G, E, K), and gain, reference_power, reference_gain and "
+        "reshaped\n"
+        "(G, E).");
     m.def(
         "subcarrier_average",
         &average_of,

@@ -63,7 +63,8 @@ struct group_reading {
 py::array_t<group_reading> read_groups(const press_reading& sensor,
                                        const array<outcome>& found,
                                        const array<sensor_group>& groups,
-                                       bool wanted)
+                                       bool wanted,
+                                       py::ssize_t begin)
 {
     py::array_t<group_reading> readings(groups.size());
     const outcome *next = found.data(), *const end = next + found.size();
@@ -73,10 +74,10 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
     for (py::ssize_t row = 0; row < groups.size(); row++) {
         const sensor_group& of = groups.data()[row];
         next = std::find_if(
-            next, end, [row](const outcome& each) { return each.row >= row; });
+            next, end, [=](const outcome& each) { return each.row >= begin + row; });
         const outcome* const first = next;
         next = std::find_if(
-            first, end, [row](const outcome& each) { return each.row > row; });
+            first, end, [=](const outcome& each) { return each.row > begin + row; });
         const auto read = sensor.read({ first,
                                         std::size_t(next - first),
                                         of.readable,
@@ -104,6 +105,51 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
                       read.doubtful };
     }
     return readings;
+}
+
+py::array_t<group_reading> side_by_side(const std::vector<array<group_reading>>& sensors)
+{
+    const py::ssize_t count = sensors.size(), groups = count ? sensors[0].size() : 0;
+    py::array_t<group_reading> joined(shape{ groups, count });
+    for (py::ssize_t sensor = 0; sensor < count; sensor++) {
+        require_shape(sensors[sensor], { groups }, "readings must have shape (G,)");
+        for (py::ssize_t group = 0; group < groups; group++)
+            *joined.mutable_data(group, sensor) = sensors[sensor].data()[group];
+    }
+    return joined;
+}
+
+// Fields of a `Reading` in order, None where they are not known.
+py::list fields_of(const array<group_reading>& readings,
+                   const std::vector<py::str>& sensors,
+                   double period_s,
+                   const py::function& flag_words)
+{
+    const py::ssize_t count = sensors.size();
+    if (readings.ndim() != 2 || readings.shape(1) != count)
+        throw std::invalid_argument("readings must have shape (G, S)");
+    const auto known = [](double value) {
+        return std::isnan(value) ? py::object(py::none()) : py::float_(value);
+    };
+    py::list rows(readings.size());
+    for (py::ssize_t i = 0; i < readings.size(); i++) {
+        const auto& of = readings.data()[i];
+        rows[i] =
+            py::make_tuple((of.group + 0.5) * period_s,
+                           sensors[i % count],
+                           of.touch < 0 ? py::object(py::none()) : py::int_(of.touch),
+                           known(of.force_n),
+                           known(of.force_std_n),
+                           known(of.location_mm),
+                           known(of.location_std_mm),
+                           known(of.phases_deg[0]),
+                           known(of.phases_deg[1]),
+                           known(of.snr_db),
+                           flag_words(of.flags),
+                           of.group,
+                           of.interference);
+    }
+    return rows;
 }
 
 } // namespace
@@ -248,13 +294,16 @@ void bind_press(py::module& m)
              "ruler_mm2"_a,
              "bits"_a,
              "limits"_a)
-        .def("read",
-             &read_groups,
-             "found"_a,
-             "groups"_a,
-             "wanted"_a,
-             "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
-             "(G,), of\nsensor_groups. wanted: whether force and location are.");
+        .def(
+            "read",
+            &read_groups,
+            "found"_a,
+            "groups"_a,
+            "wanted"_a,
+            "begin"_a = 0,
+            "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
+            "(G,), of\nsensor_groups. wanted: whether force and location are. begin: row "
+            "of the first\ngroup.");
     PYBIND11_NUMPY_DTYPE(group_reading,
                          touch,
                          force_n,
@@ -272,4 +321,17 @@ void bind_press(py::module& m)
                          unexplained,
                          doubtful);
     m.attr("group_reading") = py::dtype::of<group_reading>();
+    m.def("side_by_side",
+          &side_by_side,
+          "sensors"_a,
+          "What groups say of each sensor, (G,), as one array (G, S).");
+    m.def(
+        "reading_fields",
+        &fields_of,
+        "readings"_a,
+        "sensors"_a,
+        "period_s"_a,
+        "flag_words"_a,
+        "readings: (G, S). sensors: their names. flag_words: gives the words of a sum of "
+        "flags.\nGives G x S tuples of the fields of a Reading.");
 }

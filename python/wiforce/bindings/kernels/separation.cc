@@ -147,7 +147,7 @@ py::dict separate(end_separation& of,
                   const std::vector<end_separation::tag>& tags,
                   const std::vector<const group_weights*>& weights,
                   const array<double>& center_s,
-                  const array<bool>& complete,
+                  const std::vector<bool>& complete,
                   const py::array& tones,
                   noise_estimate& noise,
                   bool update,
@@ -159,7 +159,8 @@ py::dict separate(end_separation& of,
     const py::ssize_t rows = count ? weights[0]->tones() : 0;
     require_shape(
         center_s, { count }, "end_separation: weights and center_s must have shape (G,)");
-    require_shape(complete, { count }, "end_separation: complete must have shape (G,)");
+    if (complete.size() != weights.size())
+        throw std::invalid_argument("end_separation: complete must have shape (G,)");
     // Single precision is read as it is, since batches of many tones exceed the caches.
     using single_array = array<std::complex<float>>;
     const bool single = py::isinstance<single_array>(tones);
@@ -175,7 +176,7 @@ py::dict separate(end_separation& of,
             throw std::invalid_argument("end_separation: weights must have M tones");
         groups.push_back({ weights[group],
                            center_s.at(group),
-                           complete.at(group),
+                           complete[group],
                            single ? of_single.data(group, 0, 0) : nullptr,
                            single ? nullptr : of_double.data(group, 0, 0) });
     }
@@ -232,6 +233,7 @@ py::dict separate(end_separation& of,
                     "snr_db"_a = copy(found.snr_db, by_end),
                     "noise"_a = copy(found.noise, by_subcarrier),
                     "noise_rise"_a = copy(found.noise_rise, by_subcarrier),
+                    "raised"_a = copy(found.raised, { taken }),
                     "locked"_a = flags(found.locked),
                     "overlapping"_a = flags(found.overlapping),
                     "disturbed"_a = flags(found.disturbed),

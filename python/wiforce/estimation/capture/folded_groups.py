@@ -88,7 +88,7 @@ class FoldedGroups:
         Takes the folded frames of the snapshots that are present. All weights are zero when these
         do not determine the tones.
         """
-        if present.all():
+        if len(folded) == len(present):
             rows = self._kernel.transform(folded)
             return rows[:-1], rows[-1], present
         partial = self._table.for_present(present)
@@ -106,34 +106,28 @@ class FoldedGroups:
 
     def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
         """Tones of groups, in order."""
-        count, length = len(received), self._table.group_length
-        tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
-        static = np.zeros((count, len(self._bins)), complex)
-        weights = None
-        missing, rejected = np.zeros(count, np.int64), np.zeros(count)
+        length = self._table.group_length
+        solved = []
+        missing, rejected = [0] * len(received), [0.0] * len(received)
         for row, group in enumerate(received):
             kept = group.kept
-            used = np.count_nonzero(kept)
-            folded = group.folded if used == length else group.folded[kept]
-            tones[row], static[row], solved = self.solve(kept, folded)
-            if used == length:
-                continue
-            if weights is None:
-                weights = np.ones((count, length), bool)
-            weights[row] = solved
-            present = np.count_nonzero(group.present)
-            missing[row] = length - present * solved.any()
-            rejected[row] = present - used
+            whole = kept.all()
+            solved.append(self.solve(kept, group.folded if whole else group.folded[kept]))
+            if not whole:
+                present = np.count_nonzero(group.present)
+                missing[row] = length - present if solved[-1][2].any() else length
+                rejected[row] = (present - np.count_nonzero(kept)) / length
+        tones, static, weights = zip(*solved, strict=True)
         return Groups(
-            np.array([group.index for group in received], np.int64),
-            tones,
-            missing,
-            is_clipped(np.array([group.saturated for group in received]), length),
-            np.array([group.retuned for group in received], bool),
-            weights,
-            rejected / length,
-            static,
-            slipped=np.array([group.slipped for group in received], bool),
+            np.array([group.index for group in received]),
+            np.array(tones),
+            np.array(missing),
+            np.array([is_clipped(group.saturated, length) for group in received]),
+            np.array([group.retuned for group in received]),
+            np.array(weights) if any(missing) or any(rejected) else None,
+            np.array(rejected),
+            np.array(static),
+            slipped=np.array([group.slipped for group in received]),
         )
 
 

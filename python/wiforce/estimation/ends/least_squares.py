@@ -104,10 +104,10 @@ class ToneModel:
         """Clocks of the locked tags expected in some groups."""
         return expected_clocks(self.trackers, groups.center_s)
 
-    def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
-        """The tones of a batch; also which groups (G,) have tones, all of them finite."""
+    def prepare(self, groups: Groups) -> tuple[GroupTones, list[bool]]:
+        """The tones of a batch; also which groups have tones, all of them finite."""
         weights = [self._complete] * len(groups)
-        peaks = tone_peaks(groups.tones)
+        usable = [peak > 0 for peak in tone_peaks(groups.tones).tolist()]
         rows: list[int] = []
         if groups.timed is not None:
             rows = list(range(len(groups)))
@@ -116,16 +116,13 @@ class ToneModel:
         for row in rows:
             partial = self._partial(groups, row)
             if partial is None:
-                peaks[row] = 0
+                usable[row] = False
             else:
                 weights[row] = partial
-        center_s = (groups.index + 0.5) * self.group_period_s
+        center_s = np.array([(i + 0.5) * self.group_period_s for i in groups.index.tolist()])
         for first, late_s in self.slips:
             center_s[groups.index >= first] += late_s
-        return (
-            GroupTones(groups.index, center_s, groups.tones, groups.missing, weights),
-            peaks > 0,
-        )
+        return GroupTones(groups.index, center_s, groups.tones, groups.missing, weights), usable
 
     def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
         """Weights of a group that has its own, None where they do not exist."""
@@ -174,7 +171,7 @@ class ToneModel:
         self,
         kernel: end_separation,
         groups: GroupTones,
-        complete: Array,
+        complete: Sequence[bool],
         noise: noise_estimate,
         update: bool,
     ) -> dict[str, Array]:

@@ -124,7 +124,7 @@ class EndSeparator:
         tones, usable = self._model.prepare(groups)
         parts: list[dict[str, Array]] = []
         count, first = len(tones), 0
-        slips, usable = (groups.slipped & update).tolist(), usable.tolist()
+        slips = groups.slipped.tolist() if update else [False] * count
         while first < count:
             self._slipped |= slips[first]
             if self._slipped and usable[first] and update:
@@ -145,12 +145,11 @@ class EndSeparator:
             arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         if self._tags < len(self._model.tags):
             # Tags found by a survey are solved for, but not given.
-            for name in arrays.keys() - {"noise", "noise_rise"}:
+            for name in arrays.keys() - {"noise", "noise_rise", "raised"}:
                 each = 2 if name in ("ends", "gain", "snr_db") else 1
                 arrays[name] = arrays[name][:, : each * self._tags]
-        rise = arrays["noise_rise"]
-        lost = 1 - (1 / rise).sum(axis=1) / rise.shape[1]
-        arrays["interference"] = groups.interference + (1 - groups.interference) * lost
+        shares = zip(groups.interference.tolist(), arrays.pop("raised").tolist(), strict=True)
+        arrays["interference"] = np.array([share + (1 - share) * more for share, more in shares])
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
@@ -165,11 +164,11 @@ class EndSeparator:
             if self._search.timed:
                 groups = groups[:1]
                 self._search.follow(groups)
-        complete = groups.missing == 0
+        complete = [missing == 0 for missing in groups.missing.tolist()]
         arrays = self._model.separate(self._kernel, groups, complete, self._noise, update)
         if update:
-            learned = complete[: len(arrays["gain"])].nonzero()[0][-STEP_GROUPS:]
-            self._latest += [(groups, row) for row in learned.tolist()]
+            learned = [row for row in range(len(arrays["gain"])) if complete[row]]
+            self._latest += [(groups, row) for row in learned[-STEP_GROUPS:]]
         if arrays.pop("lost"):
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * arrays["noise_rise"][-1]
@@ -190,6 +189,7 @@ class EndSeparator:
             "gain": np.full((count, ends), np.inf),
             "noise": np.tile(noise, (count, 1)),
             "noise_rise": np.ones((count, subcarriers)),
+            "raised": np.zeros(count),
             "snr_db": np.full((count, ends), np.nan),
             "disturbed": nothing > 0,
         }

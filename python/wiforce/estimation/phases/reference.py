@@ -226,7 +226,7 @@ class ConjugateDifference:
             and not self._begins
             and self._sums.complete
             and self._stop is not None
-            and groups.index[0] >= max(self._stop.tolist())
+            and groups.index.tolist()[0] >= max(self._stop.tolist())
         )
 
     def _measure(self, new: NewReference, group: Groups) -> Groups:
@@ -319,7 +319,7 @@ class ConjugateDifference:
     ) -> Groups:
         count = len(groups)
         check = None if self._profile is None else self._profile.by(reference)
-        changes, gain, power, reshaped = conjugate_difference(
+        arrays = conjugate_difference(
             groups.ends,
             groups.gain,
             groups.noise,
@@ -334,13 +334,9 @@ class ConjugateDifference:
             steps = np.ones((count, self._ends), complex)
         return groups.having(
             ends=None,
-            gain=gain,
-            changes=changes,
             new_reference=restarts,
             reference_step=steps,
             in_reference=in_reference,
             late_reference=self._late[None].repeat(count, axis=0),
-            reshaped=reshaped,
-            reference_power=power,
-            reference_gain=reference_gain[None].repeat(count, axis=0),
+            **arrays,
         )
