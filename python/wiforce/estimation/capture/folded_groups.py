@@ -111,7 +111,7 @@ class FoldedGroups:
         missing, rejected = [0] * len(received), [0.0] * len(received)
         for row, group in enumerate(received):
             kept = group.kept
-            whole = kept.all()
+            whole = 0 not in kept.tobytes()
             solved.append(self.solve(kept, group.folded if whole else group.folded[kept]))
             if not whole:
                 present = np.count_nonzero(group.present)

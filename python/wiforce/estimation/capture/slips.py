@@ -63,8 +63,7 @@ class Slips:
         retuned since the last one that was marked; None where the group is left out.
         """
         self._retuned |= retuned
-        index = np.array([group])
-        if self._misplaced and self.elsewhere(index)[0]:
+        if self._misplaced and self.elsewhere(np.array([group]))[0]:
             return None
         retuned, self._retuned = self._retuned, False
-        return bool(self._ends) and bool(self.behind(index)[0]), retuned
+        return bool(self._ends) and bool(self.behind(np.array([group]))[0]), retuned

@@ -140,6 +140,7 @@ class ConjugateDifference:
         self._against_previous = against == "previous"
         self._ends = ends
         self._profile = ProfileCheck(waveform, ends) if waveform is not None else None
+        self._no_step = np.ones(ends, complex)
         self._holding = not self._against_previous
         self._held: list[Groups] = []
         self._stop: Array | None = None
@@ -260,7 +261,7 @@ class ConjugateDifference:
 
     def _learn(self, group: Groups) -> Groups:
         """Process a single group that may be part of the reference."""
-        step = self._step_of_reference if self._begins else np.ones(self._ends, complex)
+        step = self._step_of_reference if self._begins else self._no_step
         group = group.having(new_reference=np.array([self._begins]), reference_step=step[None])
         self._begins = False
         index, gain = int(group.index[0]), group.gain[0]
@@ -331,7 +332,7 @@ class ConjugateDifference:
         restarts, steps = groups.new_reference, groups.reference_step
         if restarts is None:
             restarts = np.zeros(count, bool)
-            steps = np.ones((count, self._ends), complex)
+            steps = self._no_step[None].repeat(count, axis=0)
         return groups.having(
             ends=None,
             new_reference=restarts,
