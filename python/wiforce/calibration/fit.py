@@ -17,6 +17,8 @@ from .data import CarrierData, ContactCurve, compared_forces
 _SMOOTHING = np.geomspace(1e-8, 1.0, 17)
 # Relative weight of the coefficients' size, small enough to have no effect where data exist.
 _RIDGE = 1e-6
+# So that rounding errors are not divided by 0.
+_LEAST_FREEDOM = 1e-12
 
 Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
@@ -26,8 +28,10 @@ class ForceCurve:
     """One fitted curve.
 
     ``coefficients`` (K,): in degrees; ``unit_covariance`` (K, K): of the coefficients, for noise of
-    unit variance; ``residual`` (n,): in degrees, in order of force; ``freedom``: remaining degrees
-    of freedom.
+    unit variance; ``residual`` (n,): in degrees, in order of force; ``freedom``: the sum of their
+    squares for noise of unit variance, tr((I - A)^2) of the smoother A, which is nearly 0 for a
+    curve through all samples (T. Hastie and R. Tibshirani, *Generalized Additive Models*, 1990,
+    section 3.5).
     """
 
     coefficients: np.ndarray
@@ -78,7 +82,9 @@ class CurveFitter:
         else:
             inverse = _penalised_inverse(basis, self._penalty)
             coefficients = _monotone(basis, self._penalty, value_deg)
-        freedom = max(len(force_n) - np.trace(inverse @ normal), 1.0)
+        triangle = np.linalg.qr(basis, mode="r")
+        left = np.eye(len(triangle)) - triangle @ inverse @ triangle.T
+        freedom = max(len(force_n) - len(triangle) + np.sum(left**2), _LEAST_FREEDOM)
         residual = (value_deg - basis @ coefficients)[np.argsort(force_n, kind="stable")]
         return ForceCurve(coefficients, inverse, residual, float(freedom))
 

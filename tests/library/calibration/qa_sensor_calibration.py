@@ -84,6 +84,23 @@ def test_what_five_locations_leave_open_of_a_law_is_in_the_deviation(tmp_path, f
     assert result.coverage("force") >= 0.9 and result.coverage("location") >= 0.9
 
 
+def test_curves_through_six_forces_still_know_the_noise_of_their_table():
+    """Where smoothing is nearly off, residuals are far below the noise that they come from."""
+    noise_deg, forces = 0.015, np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0])
+    true = load_sensor("line-900mhz")
+    at = [axis.ravel() for axis in np.meshgrid(np.arange(1.5, 8), np.arange(22.0, 60, 6))]
+    inside = []
+    for seed in range(4):
+        table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], forces, noise_deg, seed)
+        model = calibrate(table, "arm")
+        assert "suspicions" not in model.provenance
+        # 10 curves of six rows: their mean square is known to a third
+        assert all(0.5 * noise_deg < noise < 2 * noise_deg for noise in model.noise_deg())
+        read = model.invert(true.phases_deg(*at), 0.02)
+        inside.append(np.abs(read.force_n - at[0]) < 2 * read.force_std_n)
+    assert np.mean(inside) > 0.95
+
+
 def test_another_sensors_table_reads_presses_at_uncalibrated_places(tmp_path):
     line = load_sensor("line-900mhz")
     table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.25), 0.2, seed=5)
