@@ -82,6 +82,8 @@ void press_filter::take(const press_observation& group)
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
+            if (auto stepped = from; step_level(stepped))
+                branch(stepped);
             branch(from);
         }
         from.log_weight = log_weight;

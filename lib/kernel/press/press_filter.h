@@ -143,6 +143,7 @@ private:
     void average(explanation& to) const;
     double step_probability() const;
     void step_receiver(explanation& to) const;
+    bool step_level(explanation& to) const;
 
     // Phases of the untouched line, and of a press.
     void reset_baseline(explanation& to) const;

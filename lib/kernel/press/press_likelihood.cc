@@ -132,6 +132,25 @@ void press_filter::step_receiver(explanation& to) const
         to.mean.weight = {};
 }
 
+// Whether the level of the tag may have stepped, as the receiver's may, to what is seen.
+bool press_filter::step_level(explanation& to) const
+{
+    const auto was =
+        to.state_before_change() == untouched ? to.line.amplitude : seen_strength(to);
+    const double by = d_amplitude - was.mean,
+                 variance = was.mean_variance + d_amplitude_noise,
+                 log_step =
+                     std::log(d_set.steps * d_elapsed_s + 1e-300) -
+                     std::log(2 * std::sqrt(squared(by) + variance) * std::log(1e4));
+    if (to.is != mixed || log_step < log_normal(by, variance))
+        return false;
+    const auto mixture = to.mixture; // was seen before the step
+    to.recount({}, { by, by });
+    to.mixture = mixture;
+    to.log_weight += log_step - log_normal(0, variance);
+    return may_count(to, 1, d_peak);
+}
+
 void press_filter::reset_baseline(explanation& to) const
 {
     to.line.reset(d_group.phase, d_noise);
