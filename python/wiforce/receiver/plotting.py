@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -90,6 +91,8 @@ def plot(
             real = [row for row in _rows("truth", truth, _NEEDED) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
     _plot_flagged(axes, flagged)
+    if rows and not np.isfinite(_force(rows)).any():
+        _state_flags(axes, rows)
     axes[1].set_ylim(bottom=0, top=length_mm)
     for axis, label in zip(axes, _LABELS, strict=True):
         axis.set_ylabel(label)
@@ -163,6 +166,17 @@ def _plot_sensor(axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], lab
         name = f"{label}, psi {end}"
         axes[2].plot(time, phases, ls="", ms=2.5, mfc=face, mew=0.6, label=name, **style)
     axes[3].plot(time, _column(rows, "snr_db"), ls="", ms=2.5, **style)
+
+
+def _state_flags(axes: Sequence[Any], rows: _Rows) -> None:
+    """Say in an empty picture which flags keep all readings from having a force."""
+    counts = Counter(word for row in rows for word in (row.get("flags") or "").split())
+    words = ", ".join(f"{count} {word}" for word, count in counts.most_common())
+    axes[0].text(
+        0.5, 0.5, f"no force: {words}", ha="center", va="center", transform=axes[0].transAxes
+    )
+    time = _column(rows, "time_s")
+    axes[-1].set_xlim(time.min(), time.max() + 1e-9)
 
 
 def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:

@@ -79,6 +79,20 @@ def test_plot_of_flagged_readings_alone_shows_them(figures):
         assert axis.get_ylim()[0] < value < axis.get_ylim()[1]
 
 
+def test_plot_without_any_force_says_which_flags_there_are(figures):
+    """An empty picture looks like a broken one."""
+    plot_readings(
+        [
+            Reading(0.1, "arm", None, flags=("weak", "moved")),
+            Reading(0.4, "arm", None, flags=("weak",)),
+        ],
+        "out.png",
+    )
+    force, *_, snr = figures[0].axes
+    assert [text.get_text() for text in force.texts] == ["no force: 2 weak, 1 moved"]
+    assert np.allclose(snr.get_xlim(), (0.1, 0.4))
+
+
 def test_plot_of_several_sensors_has_a_marker_for_each(figures):
     """A print in grey must tell the sensors from one another."""
     both = [replace(each, sensor=name) for name in ("arm", "leg") for each in readings()]
