@@ -7,7 +7,7 @@ from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import findings, wrong_clocks
+from gnuradio.wiforce.planning.room.findings import findings, other_clocks, wrong_clocks
 from gnuradio.wiforce.press.sensor_state import describe_doubt
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import accepted_suspicions
@@ -97,10 +97,11 @@ def warn_of_end(capture, reader):
         if wrong := capture_problem(reader.recording, waveform, reader.frame_offset):
             log.warning(wrong)
             return
-        clocks = wrong_clocks(reader.survey, reader.plan)
-        for text in clocks.values():
+        clocks = list(wrong_clocks(reader.survey, reader.plan).values())
+        clocks = clocks or [other_clocks([clock.clock_hz for clock in reader.plan.others])]
+        for text in filter(None, clocks):
             warn(capture, text)
-        if clocks:
+        if any(clocks):
             return
     problems = {
         name: state.final_problem if unread else state.lasting_problem

@@ -251,6 +251,9 @@ def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
     found = "arm: no tag detected at 301 Hz: a tag is found at 300.01"
     assert advice(301).startswith(found) and " ppm from the clock_hz of arm" in advice(301)
     assert "a tag is found at 300 Hz, 2 times the clock_hz of arm; check clock_hz" in advice(150)
+    advice(340)
+    done = run_command("read", tmp_path / "press", "--scene", tmp_path / "other.yaml")
+    assert "does not list: is it the scene of what is received?" in done.stderr
 
 
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
