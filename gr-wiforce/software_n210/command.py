@@ -54,13 +54,14 @@ class Console:
         sensor, *numbers = self._take("press", arguments, 3, 3)
         air = self._device.air
         air.press(sensor, *_numbers("press", arguments, numbers))
-        # A session starts the scene again, and takes its begin for the untouched sensor.
-        if self._device.status()["streaming_s"] > air.reference_s:
-            return {}
-        return {
-            "note": "no reader reads yet, and its reference must be untouched: release it before "
-            "one starts, and press again once it says that sensors may be pressed"
-        }
+        again = "press again once it says that sensors may be pressed"
+        status = self._device.status()
+        if not status["rx_streaming"]:
+            note = f"no reader reads, and the next one finds the scene's own presses only: {again}"
+            return {"note": note}
+        if status["streaming_s"] <= air.reference_s:
+            return {"note": f"the reader's reference must be untouched: release it, and {again}"}
+        return {}
 
     def _release(self, arguments):
         self._device.air.release(*self._take("release", arguments, 1, 1))
