@@ -29,9 +29,9 @@ class ForceCurve:
 
     ``coefficients`` (K,): in degrees; ``unit_covariance`` (K, K): of the coefficients, for noise of
     unit variance; ``residual`` (n,): in degrees, in order of force; ``freedom``: the sum of their
-    squares for noise of unit variance, tr((I - A)^2) of the smoother A, which is nearly 0 for a
-    curve through all samples (T. Hastie and R. Tibshirani, *Generalized Additive Models*, 1990,
-    section 3.5).
+    squares for noise of unit variance, tr((I - A)^2) of the smoother A of the coefficients that are
+    free, which is nearly 0 for a curve through all samples (T. Hastie and R. Tibshirani,
+    *Generalized Additive Models*, 1990, section 3.5).
     """
 
     coefficients: np.ndarray
@@ -63,7 +63,7 @@ class CurveFitter:
         """Generalised cross-validation of curves, by their basis (n, K) and values (n,)."""
         squares, count, freedom = 0.0, 0, 0.0
         for basis, value in samples:
-            inverse = _penalised_inverse(basis, penalty)
+            inverse = np.linalg.inv(_penalised_normal(basis, penalty))
             squares += np.sum((value - basis @ (inverse @ (basis.T @ value))) ** 2)
             freedom += len(value) - np.trace(inverse @ basis.T @ basis)
             count += len(value)
@@ -75,27 +75,28 @@ class CurveFitter:
         ``force_n``, ``value_deg`` (n,).
         """
         basis = self.basis(force_n)
-        normal = basis.T @ basis
         if self._penalty is None:
-            inverse = np.linalg.inv(normal)
+            precision, free = basis.T @ basis, np.eye(self.size)
             coefficients = np.linalg.lstsq(basis, value_deg, rcond=None)[0]
         else:
-            inverse = _penalised_inverse(basis, self._penalty)
-            coefficients = _monotone(basis, self._penalty, value_deg)
-        triangle = np.linalg.qr(basis, mode="r")
-        left = np.eye(len(triangle)) - triangle @ inverse @ triangle.T
-        freedom = max(len(force_n) - len(triangle) + np.sum(left**2), _LEAST_FREEDOM)
+            precision = _penalised_normal(basis, self._penalty)
+            coefficients, free = _monotone(basis, self._penalty, value_deg)
+        # As small a matrix as A has columns or rows, with the same squares.
+        triangle = np.asarray(np.linalg.qr(basis @ free, mode="r"))
+        smoother = triangle @ np.linalg.solve(free.T @ precision @ free, triangle.T)
+        left = np.sum((np.eye(len(triangle)) - smoother) ** 2)
+        freedom = max(len(force_n) - len(triangle) + left, _LEAST_FREEDOM)
         residual = (value_deg - basis @ coefficients)[np.argsort(force_n, kind="stable")]
-        return ForceCurve(coefficients, inverse, residual, float(freedom))
+        return ForceCurve(coefficients, np.linalg.inv(precision), residual, float(freedom))
 
     def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
         """Evaluate a fitted curve, in degrees, at forces in N."""
         return self.basis(force_n) @ fit.coefficients
 
 
-def _penalised_inverse(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+def _penalised_normal(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     rows = _penalty_rows(basis, penalty)
-    return np.linalg.inv(basis.T @ basis + rows.T @ rows)
+    return basis.T @ basis + rows.T @ rows
 
 
 def _penalty_rows(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
@@ -104,8 +105,12 @@ def _penalty_rows(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     return np.sqrt(len(basis)) * rows
 
 
-def _monotone(basis: np.ndarray, penalty: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _monotone(
+    basis: np.ndarray, penalty: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Penalised least squares with coefficients that only rise or only fall.
+
+    Returns the coefficients (K,), and a basis (K, f) of those that the constraint leaves free.
 
     B-splines with monotone coefficients are monotone. A short widens with force, so a phase rises
     in theory; falling curves are allowed because the far end of measured sensors has them.
@@ -121,7 +126,8 @@ def _monotone(basis: np.ndarray, penalty: np.ndarray, value: np.ndarray) -> np.n
         lower, upper = np.full(size, low), np.full(size, high)
         lower[0], upper[0] = -np.inf, np.inf
         fits.append(lsq_linear(system @ cumulate, right, (lower, upper), method="bvls"))
-    return cumulate @ min(fits, key=lambda fit: fit.cost).x
+    best = min(fits, key=lambda fit: fit.cost)
+    return cumulate @ best.x, cumulate[:, best.active_mask == 0]
 
 
 def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:

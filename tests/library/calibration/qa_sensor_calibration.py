@@ -2,6 +2,7 @@
 """Calibration: any honest table becomes a model, what a table cannot support is refused or said."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,20 @@ def test_curves_through_six_forces_still_know_the_noise_of_their_table():
         read = model.invert(true.phases_deg(*at), 0.02)
         inside.append(np.abs(read.force_n - at[0]) < 2 * read.force_std_n)
     assert np.mean(inside) > 0.95
+
+
+def test_a_wrong_row_beside_few_others_makes_no_noise_of_its_own():
+    """Coefficients that the constraint holds leave residuals that are no noise of the others."""
+    forces = np.array([1.0, 1.1, 1.2, 4.0, 6.0, 8.0])
+    true = load_sensor("line-900mhz")
+    table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], forces, 0.015)
+    phases = table.phase_deg.copy()
+    wrong = (table.location_mm == 40) & (table.force_n == 4) & (table.port == 1)
+    phases[wrong] += 10.0
+    model = calibrate(replace(table, phase_deg=phases), "arm")
+    assert max(model.noise_deg()) < 10.0
+    (text,) = model.provenance["suspicions"]
+    assert text.startswith("the phase of 4 N at location 40 mm, port 1, is +10.0 deg beside")
 
 
 def test_another_sensors_table_reads_presses_at_uncalibrated_places(tmp_path):
