@@ -35,7 +35,8 @@ struct press_outcome {
     press_state is = untouched;
     // Whether the untouched line is; a first press may have begun before the first group.
     bool known = true;
-    bool turns = false;      // the tag or an antenna turns in this group
+    bool turns =
+        false; // the tag turns faster than a finger warms the line, or a cable moves
     pair_of_ends baseline{}; // phases of the untouched line, rad
     double common_variance = 0, difference_variance = 0; // of their mean and difference
     double amplitude = 0;                                // of both ends, Np

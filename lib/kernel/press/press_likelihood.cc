@@ -99,17 +99,19 @@ void press_filter::average(explanation& to) const
     }
 }
 
+// Steps have any size of four decades, in equal parts per octave.
+const double step_span = std::log(1e4);
+
 double press_filter::step_probability() const
 {
     if (d_group.retuned)
         return 1;
     const double variance = d_group.receiver_variance;
     const double prior = -std::expm1(-d_set.steps * d_elapsed_s);
-    // Of any size, in equal parts per octave of four decades.
     const double size2 =
         squared(d_group.receiver_phase) + squared(d_group.receiver_amplitude) + variance;
     const double log_step =
-                     std::log(prior + 1e-300) - std::log(two_pi * size2 * std::log(1e4)),
+                     std::log(prior + 1e-300) - std::log(two_pi * size2 * step_span),
                  log_none = log_normal(d_group.receiver_phase, variance) +
                             log_normal(d_group.receiver_amplitude, variance);
     const double steps = 1 / (1 + std::exp(std::min(log_none - log_step, 700.0)));
@@ -132,17 +134,21 @@ void press_filter::step_receiver(explanation& to) const
         to.mean.weight = {};
 }
 
-// Whether the level of the tag may have stepped, as the receiver's may, to what is seen.
+// Lets the tag's level step, as the receiver's may, to what is seen after a group in
+// which something changed: a step makes the group mixed in which it lies. False where
+// that cannot count.
 bool press_filter::step_level(explanation& to) const
 {
+    auto before = to;
+    before.is = to.state_before_change();
     const auto was =
-        to.state_before_change() == untouched ? to.line.amplitude : seen_strength(to);
+        before.is == untouched ? before.line.amplitude : seen_strength(before);
     const double by = d_amplitude - was.mean,
                  variance = was.mean_variance + d_amplitude_noise,
-                 log_step =
-                     std::log(d_set.steps * d_elapsed_s + 1e-300) -
-                     std::log(2 * std::sqrt(squared(by) + variance) * std::log(1e4));
-    if (to.is != mixed || log_step < log_normal(by, variance))
+                 prior = -std::expm1(-d_set.steps * d_elapsed_s),
+                 log_step = std::log(prior + 1e-300) -
+                            std::log(2 * std::sqrt(squared(by) + variance) * step_span);
+    if (log_step < log_normal(by, variance))
         return false;
     const auto mixture = to.mixture; // was seen before the step
     to.recount({}, { by, by });
@@ -455,7 +461,8 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
-    // Of a slow turn, the deviation says what is not known.
+    // The slowest may be a finger that warms the line: the deviation of the force holds
+    // it.
     const bool turns = of.turn.goes_on && (of.turn.by_hand || of.turn.speed > 0);
     return { 0,
              0,

@@ -6,8 +6,8 @@ namespace gr::wiforce::kernel {
 /*!
  * \brief What may happen to a sensor, how often and how strongly.
  *
- * docs/press.md has these as a table, and what half and twice of each do. All are in
- * seconds. The longer something has lasted the longer it lasts: a change has the rate
+ * docs/press.md has these as a table, and what half and twice of each do. No value counts
+ * groups. The longer something has lasted the longer it lasts: a change has the rate
  * 1 / (age + settling_s).
  */
 struct press_parameters {
@@ -28,7 +28,8 @@ struct press_parameters {
     double hands = 0.3;  // 1/s: hands that come near, or move there
     double near_s = 0.5; // time that a hand takes to come near; a quarter of the memory
                          // for the amplitude without it
-    double steps = 0.003; // 1/s: steps of the receiver's phase or gain, or tag's level
+    double steps =
+        0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press
     double phase_deg = 0.03;      // error of a phase that no noise explains
