@@ -97,11 +97,13 @@ def warn_of_end(capture, reader):
         if wrong := capture_problem(reader.recording, waveform, reader.frame_offset):
             log.warning(wrong)
             return
-        clocks = list(wrong_clocks(reader.survey, reader.plan).values())
-        clocks = clocks or [other_clocks([clock.clock_hz for clock in reader.plan.others])]
-        for text in filter(None, clocks):
+        causes = list(wrong_clocks(reader.survey, reader.plan).values())
+        others_hz = [clock.clock_hz for clock in reader.plan.others]
+        if not causes and others_hz and not any(s.seen for s in receiver.states.values()):
+            causes = [other_clocks(others_hz)]
+        for text in causes:
             warn(capture, text)
-        if any(clocks):
+        if causes:
             return
     problems = {
         name: state.final_problem if unread else state.lasting_problem
