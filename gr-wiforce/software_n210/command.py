@@ -57,7 +57,7 @@ class Console:
         again = "press again once it says that sensors may be pressed"
         status = self._device.status()
         if not status["rx_streaming"]:
-            note = f"no reader reads, and the next one finds the scene's own presses only: {again}"
+            note = f"no reader is connected, and this press ends when one starts: {again}"
             return {"note": note}
         if status["streaming_s"] <= air.reference_s:
             return {"note": f"the reader's reference must be untouched: release it, and {again}"}

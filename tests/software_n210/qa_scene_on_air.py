@@ -176,7 +176,7 @@ def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_fil
     endpoint = f"tcp://127.0.0.1:{free_port()}"
     device = software_usrp(scene_file, "--control", endpoint)
     answer = device.command("press arm 4.0 45.0")
-    assert answer["ok"] and "finds the scene's own presses only" in answer["note"]
+    assert answer["ok"] and "this press ends when one starts" in answer["note"]
     assert device.command("status")["sensors"]["arm"]["force_n"] == 4.0
     with zmq.Context() as context, context.socket(zmq.REQ) as client:
         client.setsockopt(zmq.LINGER, 0)

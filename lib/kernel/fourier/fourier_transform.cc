@@ -4,6 +4,7 @@
 #include <fftw3.h>
 
 #include <cstdlib>
+#include <mutex>
 
 namespace gr::wiforce::kernel {
 
@@ -23,10 +24,13 @@ bool share_planner()
     return true;
 }
 
-// The wisdom of the process is put aside: a plan that another block measured there would
-// be taken in place of the rule's, and rounds otherwise.
+// FFTW prefers a plan in the wisdom of the process to an estimate. One that another block
+// has measured there rounds differently: the wisdom is put aside while this one is made.
+// A plan that GNU Radio makes meanwhile may come between.
 fftwf_plan make_plan(int length, fc32* input, fc32* output)
 {
+    static std::mutex aside;
+    const std::lock_guard lock(aside);
     static const bool is_shared = share_planner();
     static_cast<void>(is_shared);
     char* const wisdom = fftwf_export_wisdom_to_string();

@@ -84,7 +84,7 @@ public:
         std::vector<double> gain, snr_db;      // 2S
         std::vector<double> noise, noise_rise; // K
         std::vector<double>
-            raised; // by group: share of its tones that raised noise costs
+            raised; // by group: share of the information that raised noise costs
         std::vector<char> locked, overlapping, disturbed;                // S
         std::vector<double> clock_phase, clock_offset_ppm, clock2_delay; // S
     };

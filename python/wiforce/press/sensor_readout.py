@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Touch, force, location and flags of one sensor, of all explanations that are left."""
+"""Touch, force, location and flags of one sensor: the mean over explanations that count."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ class SensorReadout:
         return found, stages
 
     def read(self, found: Array, stages: Array, begin: int = 0) -> Array:
-        """Read groups by their outcomes and what the stages before say of them, (G,); the rows of
-        these outcomes begin with ``begin``.
+        """Read groups by their outcomes and what the stages before say of them, (G,); ``begin`` is
+        the row, in ``found``, of the first group.
 
         Gives a structured array (G,): the fields of a reading, and what the evidence needs.
         """

@@ -279,7 +279,7 @@ class RoomSurvey:
         return {
             "seconds": len(self.survey.spectrum) * 2 * self.survey.snapshot_period_s,
             "resolution_hz": self.survey.resolution_hz,
-            "noise_floor_db": float(10 * np.log10(1 / reference)),
+            "noise_floor_db": float(0.0 - 10 * np.log10(reference)),  # not -0.0
             "static_db": float(10 * np.log10(static / reference)),
             "level_reference": name,
             "findings": finding_rows(self.findings),

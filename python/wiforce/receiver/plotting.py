@@ -91,8 +91,8 @@ def plot(
             real = [row for row in _rows("truth", truth, _NEEDED) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
     _plot_flagged(axes, flagged)
-    if rows and not np.isfinite(_force(rows)).any():
-        _state_flags(axes, rows)
+    if rows and truth is None and not np.isfinite(_force(rows)).any():
+        _explain_missing_forces(axes, rows)
     axes[1].set_ylim(bottom=0, top=length_mm)
     for axis, label in zip(axes, _LABELS, strict=True):
         axis.set_ylabel(label)
@@ -129,7 +129,11 @@ def _rows(name: str, table: Any, needed: Sequence[str]) -> _Rows:
 
 
 def _flagged(row: Mapping[str, Any]) -> bool:
-    return bool(set((row.get("flags") or "").split()) - {Flag.REFERENCE.word})
+    return bool(set(_words(row)) - {Flag.REFERENCE.word})
+
+
+def _words(row: Mapping[str, Any]) -> list[str]:
+    return (row.get("flags") or "").split()
 
 
 def _column(rows: _Rows, name: str) -> np.ndarray:
@@ -168,15 +172,21 @@ def _plot_sensor(axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], lab
     axes[3].plot(time, _column(rows, "snr_db"), ls="", ms=2.5, **style)
 
 
-def _state_flags(axes: Sequence[Any], rows: _Rows) -> None:
-    """Say in an empty picture which flags keep all readings from having a force."""
-    counts = Counter(word for row in rows for word in (row.get("flags") or "").split())
-    words = ", ".join(f"{count} {word}" for word, count in counts.most_common())
+def _explain_missing_forces(axes: Sequence[Any], rows: _Rows) -> None:
+    """Name the flags of readings of which none has a force: bare axes look like a failure."""
+    counts = Counter(word for row in rows for word in _words(row))
+    words = ", ".join(f"{word} ({count})" for word, count in counts.most_common()) or "none"
     axes[0].text(
-        0.5, 0.5, f"no force: {words}", ha="center", va="center", transform=axes[0].transAxes
+        0.5,
+        0.5,
+        f"no reading has a force; flags: {words}",
+        ha="center",
+        va="center",
+        transform=axes[0].transAxes,
     )
     time = _column(rows, "time_s")
-    axes[-1].set_xlim(time.min(), time.max() + 1e-9)
+    for axis in axes:
+        axis.set_xlim(time.min(), max(time.max(), time.min() + 1.0))
 
 
 def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:

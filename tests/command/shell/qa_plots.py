@@ -89,8 +89,10 @@ def test_plot_without_any_force_says_which_flags_there_are(figures):
         "out.png",
     )
     force, *_, snr = figures[0].axes
-    assert [text.get_text() for text in force.texts] == ["no force: 2 weak, 1 moved"]
-    assert np.allclose(snr.get_xlim(), (0.1, 0.4))
+    assert [text.get_text() for text in force.texts] == [
+        "no reading has a force; flags: weak (2), moved (1)"
+    ]
+    assert np.allclose(snr.get_xlim(), (0.1, 1.1))
 
 
 def test_plot_of_several_sensors_has_a_marker_for_each(figures):

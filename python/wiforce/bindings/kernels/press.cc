@@ -294,16 +294,16 @@ void bind_press(py::module& m)
              "ruler_mm2"_a,
              "bits"_a,
              "limits"_a)
-        .def(
-            "read",
-            &read_groups,
-            "found"_a,
-            "groups"_a,
-            "wanted"_a,
-            "begin"_a = 0,
-            "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
-            "(G,), of\nsensor_groups. wanted: whether force and location are. begin: row "
-            "of the first\ngroup.");
+        .def("read",
+             &read_groups,
+             "found"_a,
+             "groups"_a,
+             "wanted"_a,
+             "begin"_a = 0,
+             "What groups say, (G,).\n\nfound: (m,) press_outcome, rows rising. groups: "
+             "(G,), of\nsensor_groups. wanted: whether force and location are. begin: "
+             "row, in\nfound, "
+             "of the first group.");
     PYBIND11_NUMPY_DTYPE(group_reading,
                          touch,
                          force_n,
