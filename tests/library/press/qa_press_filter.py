@@ -362,6 +362,28 @@ def test_amplitude_that_steps_during_a_press_is_no_release(step_np):
     assert state_of(found, 75)[0] == PRESSED
 
 
+@pytest.mark.parametrize("inside", [False, True], ids=["between groups", "in a group"])
+@pytest.mark.parametrize("step_db", [6, 10])
+def test_level_that_falls_in_a_press_and_rises_in_the_next_moves_no_line(step_db, inside):
+    """A turn by as much as the press, with the release, explained the level: 'untouched'."""
+    rng = np.random.default_rng(1)
+    pressed = np.zeros(420, bool)
+    pressed[60:160] = pressed[220:320] = True
+    phases = np.where(pressed[:, None], MIDDLE, 0.0)
+    rows = rows_of(phases + NOISE_DEG * rng.standard_normal(phases.shape))
+    level = np.ones(len(rows))
+    level[110:270] = 10 ** (-step_db / 20)
+    if inside:
+        level[[110, 270]] = (1 + level[120]) / 2
+    rows["amplitude"] = np.log(level)[:, None] + 0.003 * rng.standard_normal(phases.shape)
+    found = explained(rows)
+    right = probability(
+        found, found["is"] == np.where(pressed, PRESSED, UNTOUCHED)[found["row"]], 420
+    )
+    for first, last in ((70, 108), (115, 155), (165, 215), (225, 265), (275, 315), (330, 400)):
+        assert right[first:last].mean() > 0.75, (first, last)
+
+
 @pytest.mark.parametrize("noise_deg", [0.03, 0.3])
 @pytest.mark.parametrize("apart_np", [0.0, 0.03])
 def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
