@@ -162,8 +162,8 @@ void press_filter::touch(const explanation& from, double probability, state is)
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
-// another one from now on.
-void press_filter::move_line(const explanation& from, double probability)
+// another one from now on. Where that happens inside the group, it shows a part of it.
+void press_filter::move_line(const explanation& from, double probability, bool inside)
 {
     if (!from.line.known)
         return;
@@ -183,7 +183,13 @@ void press_filter::move_line(const explanation& from, double probability)
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off_differ)
         next->line.amplitude.difference_variance += 4 * squared(d_set.turn_np);
-    give(*next, update_baseline(*next));
+    const double likelihood = update_baseline(*next);
+    if (inside) {
+        const auto by = from.change(next->line.phase());
+        next->line.common.widen(squared((by[0] + by[1]) / 2));
+        next->line.difference.widen(squared(by[0] - by[1]));
+    }
+    give(*next, likelihood);
 }
 
 void press_filter::stop_changing(const explanation& from, double probability)

@@ -240,6 +240,7 @@ void press_filter::branch_untouched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained / 2, unexplained);
     move_line(from, between * may.unexplained / 2);
+    move_line(from, (1 - between) * may.unexplained / 2, true);
     with_courses(from,
                  between * may.press,
                  d_contact_peak,
