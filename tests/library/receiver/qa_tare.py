@@ -199,8 +199,9 @@ def test_press_that_begins_right_after_a_forced_tare_ends_is_read_from_the_forme
     bench.run(20, (5.0, 20.0)).run(2).run(1, turned_deg=-3.0).run(10, (2.0, 48.0)).run(5)
     pairs = bench.finished()
     assert not wrong(pairs)
-    read = [r for press, r in pairs[-15:] if press and not r.flags]
-    assert len(read) > 2 and all(abs(r.force_n - 2.0) < 3 * r.force_std_n for r in read)
+    # How far the tag has turned is not known until the release.
+    read = [r.force_n for press, r in pairs[-15:] if press and r.flags in ((), ("weak",))]
+    assert len(read) == 9 and np.allclose(read, 2.0, atol=0.15)
 
 
 @pytest.mark.parametrize("then", [[(7.0, 40.0), (5.0, 40.0)], [None]])
