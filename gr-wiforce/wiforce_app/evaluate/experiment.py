@@ -41,7 +41,7 @@ def run(scene_name, work_folder):
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):
-        sensors, readings = _read(scene, recording, truth, channels)
+        sensors, readings = _read(scene, recording, truth, channels, unsurveyed=True)
     return {
         "scene": str(scene_name),
         "about": about_scene(scene_name),
@@ -64,19 +64,19 @@ def simulated(scene, work_folder):
         yield recording, truth, snapshot_channels(recording, scene, Path(folder) / "channels")
 
 
-def _read(scene, recording, truth, channels):
-    """Results of every sensor, and all readings."""
-    readings = []
-    read_capture(recording, scene, readings.append)
-    unsurveyed = RecordingReader(recording, plan_without_survey(scene), 0, survey=False)
-    unsurveyed = [reading for batch in unsurveyed for reading in batch]
+def _read(scene, recording, truth, channels, unsurveyed=False):
+    """Results of every sensor, and all readings with a survey; ``unsurveyed``: also without one."""
+    read = {"ours": []}
+    read_capture(recording, scene, read["ours"].append)
+    if unsurveyed:
+        reader = RecordingReader(recording, plan_without_survey(scene), 0, survey=False)
+        read[UNSURVEYED] = [reading for batch in reader for reading in batch]
     changes = paper_changes(channels, scene)
     expected = expect(plan(scene))
     sensors = [
-        _sensor(scene, i, readings, unsurveyed, changes, truth, expected[i])
-        for i in range(len(scene.sensors))
+        _sensor(scene, i, read, changes, truth, expected[i]) for i in range(len(scene.sensors))
     ]
-    return sensors, readings
+    return sensors, read["ours"]
 
 
 def _causes(scene_name, scene, own, work_folder):
@@ -110,18 +110,18 @@ def with_mean_phases(scene, truth):
     return truth
 
 
-def _sensor(scene, index, readings, unsurveyed, changes, truth, expected):
+def _sensor(scene, index, read, changes, truth, expected):
     name = scene.sensors[index].name
-    found = {"ours": score(readings, truth, name), UNSURVEYED: score(unsurveyed, truth, name)}
+    found = {method: score(readings, truth, name) for method, readings in read.items()}
     ours = found["ours"]
-    own = [reading for reading in readings if reading.sensor == name]
+    own = [reading for reading in read["ours"] if reading.sensor == name]
     rows = [row for row in truth if row["sensor"] == name]
     bias_deg = calibration_bias_deg(scene, index)
     methods = {
         method: summary(
-            wrap_deg(own.phase_error_deg - bias_deg), own.force_error_n, own.location_error_mm
+            wrap_deg(each.phase_error_deg - bias_deg), each.force_error_n, each.location_error_mm
         )
-        for method, own in found.items()
+        for method, each in found.items()
     }
     for method, detrend in (("paper", False), (CORRECTED, True)):
         methods[method] = paper_errors(scene, index, changes, rows, detrend)

@@ -10,6 +10,7 @@ from gnuradio.wiforce._config import VERSION
 
 from ..shell.tables import table_of_cells
 from .error_summary import figure_text
+from .experiment import CORRECTED, UNSURVEYED
 from .pictures import plot_distances, plot_scene
 
 
@@ -19,7 +20,7 @@ def fitted_figure(figure):
     return key, figure[key], unit
 
 
-_METHODS = ("ours", "ours, not surveyed", "paper", "paper, clock offset removed")
+_METHODS = ("ours", UNSURVEYED, "paper", CORRECTED)
 _HEAD = (
     "scene",
     "sensor",
