@@ -49,16 +49,16 @@ void press_filter::turn_slowly(
     next->turn.by_hand = near;
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
-    if (how == course::begins) {
-        next->turn.seen += !near && sees_turns(from, from.is);
+    // What a finger turns says nothing of how often the tag turns.
+    next->turn.seen += how == course::begins && !near && sees_turns(from, from.is);
+    const bool begins = how == course::begins || how == course::warms;
+    if (begins)
         begin_turn(*next);
-    }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
         next->press.strength.mean_variance += hand_variance(speed);
     const auto was = next->press.motion.phase();
     if (how != course::ends) {
-        const double by =
-            squared(turning_speed(speed)) * (how == course::begins ? 1 : d_elapsed_s) / 2;
+        const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;
         next->press.motion.widen_velocity({ by, by, by });
     }
     next->press.motion.predict(d_elapsed_s);

@@ -82,8 +82,9 @@ void press_filter::take(const press_observation& group)
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
-            if (auto stepped = from; stepped.is == mixed && step_level(stepped))
-                branch(stepped);
+            if (from.is == mixed)
+                if (auto stepped = from; step_level(stepped))
+                    branch(stepped);
             branch(from);
         }
         from.log_weight = log_weight;
@@ -365,13 +366,9 @@ void press_filter::begin_changing(const explanation& from, double probability)
         change_steadily(from, (1 - sliding) * each, false, i);
         change_steadily(from, sliding * each, true, i);
     }
-    if (from.turn.goes_on)
-        return;
-    // A finger that warms the line turns both ends as slowly as a force creeps; it says
-    // nothing of how often the tag turns.
-    auto warmed = from;
-    warmed.turn.seen -= sees_turns(from, from.is);
-    turn_slowly(warmed, each, course::begins, 0, false);
+    // A finger that warms the line turns both ends as slowly as a force creeps.
+    if (!from.turn.goes_on)
+        turn_slowly(from, each, course::warms, 0, false);
 }
 
 // A force that rises ever more slowly is one change, and it may begin to slide.

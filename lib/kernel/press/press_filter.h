@@ -73,7 +73,7 @@ public:
 private:
     using mixture = explanation::mixture_of_states;
 
-    enum class course { begins, goes_on, ends };
+    enum class course { begins, warms, goes_on, ends }; // warms: begins by a finger
 
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
