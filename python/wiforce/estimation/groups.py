@@ -17,10 +17,8 @@ Array = NDArray[Any]
 _CLIPPED_SHARE = 0.01
 
 
-def is_clipped(saturated: Any, group_length: int) -> Any:
-    """Whether groups of N snapshots count as saturated, by how many reach full scale: of one group,
-    or (G,).
-    """
+def is_clipped(saturated: Array, group_length: int) -> Array:
+    """Whether groups of N snapshots count as saturated, by how many reach full scale (G,)."""
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 

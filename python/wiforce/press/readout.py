@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import (
@@ -15,7 +17,7 @@ from ..io.readings import (
     flag_words,
     reading_of,
 )
-from ..wiforce_kernels import reading_fields, receiver_steps, side_by_side
+from ..wiforce_kernels import reading_fields, receiver_steps
 from .sensor_readout import ARRAYS, SensorReadout
 from .surface_readout import SurfaceReadout
 
@@ -76,7 +78,7 @@ class Readout:
     ) -> list[Reading]:
         sensors = self.sensors.values()
         each = zip(sensors, found, stages, strict=True)
-        read = side_by_side([sensor.read(of, known, begin) for sensor, of, known in each])
+        read = np.stack([sensor.read(of, known, begin) for sensor, of, known in each], axis=1)
         if self.on_groups is not None or self._surface is not None:
             groups = groups.having(**{name: read[name] for name in ARRAYS})
         if self.on_groups is not None:

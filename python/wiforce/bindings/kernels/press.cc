@@ -107,18 +107,6 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
     return readings;
 }
 
-py::array_t<group_reading> side_by_side(const std::vector<array<group_reading>>& sensors)
-{
-    const py::ssize_t count = sensors.size(), groups = count ? sensors[0].size() : 0;
-    py::array_t<group_reading> joined(shape{ groups, count });
-    for (py::ssize_t sensor = 0; sensor < count; sensor++) {
-        require_shape(sensors[sensor], { groups }, "readings must have shape (G,)");
-        for (py::ssize_t group = 0; group < groups; group++)
-            *joined.mutable_data(group, sensor) = sensors[sensor].data()[group];
-    }
-    return joined;
-}
-
 // Fields of a `Reading` in order, None where they are not known.
 py::list fields_of(const array<group_reading>& readings,
                    const std::vector<py::str>& sensors,
@@ -321,10 +309,6 @@ void bind_press(py::module& m)
                          unexplained,
                          doubtful);
     m.attr("group_reading") = py::dtype::of<group_reading>();
-    m.def("side_by_side",
-          &side_by_side,
-          "sensors"_a,
-          "What groups say of each sensor, (G,), as one array (G, S).");
     m.def(
         "reading_fields",
         &fields_of,

@@ -122,7 +122,7 @@ class FoldedGroups:
             np.array([group.index for group in received]),
             np.array(tones),
             np.array(missing),
-            np.array([is_clipped(group.saturated, length) for group in received]),
+            is_clipped(np.array([group.saturated for group in received]), length),
             np.array([group.retuned for group in received]),
             np.array(weights) if any(missing) or any(rejected) else None,
             np.array(rejected),

@@ -148,8 +148,8 @@ class EndSeparator:
             for name in arrays.keys() - {"noise", "noise_rise", "raised"}:
                 each = 2 if name in ("ends", "gain", "snr_db") else 1
                 arrays[name] = arrays[name][:, : each * self._tags]
-        shares = zip(groups.interference.tolist(), arrays.pop("raised").tolist(), strict=True)
-        arrays["interference"] = np.array([share + (1 - share) * more for share, more in shares])
+        raised = arrays.pop("raised")
+        arrays["interference"] = groups.interference + (1 - groups.interference) * raised
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
