@@ -17,8 +17,6 @@ from .data import CarrierData, ContactCurve, compared_forces
 _SMOOTHING = np.geomspace(1e-8, 1.0, 17)
 # Relative weight of the coefficients' size, small enough to have no effect where data exist.
 _RIDGE = 1e-6
-# So that rounding errors are not divided by 0.
-_LEAST_FREEDOM = 1e-12
 
 Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
@@ -85,7 +83,8 @@ class CurveFitter:
         triangle = np.asarray(np.linalg.qr(basis @ free, mode="r"))
         smoother = triangle @ np.linalg.solve(free.T @ precision @ free, triangle.T)
         left = np.sum((np.eye(len(triangle)) - smoother) ** 2)
-        freedom = max(len(force_n) - len(triangle) + left, _LEAST_FREEDOM)
+        # A curve through all samples leaves rounding errors, which must not be divided by 0.
+        freedom = max(len(force_n) - len(triangle) + left, np.finfo(float).eps)
         residual = (value_deg - basis @ coefficients)[np.argsort(force_n, kind="stable")]
         return ForceCurve(coefficients, np.linalg.inv(precision), residual, float(freedom))
 
