@@ -16,9 +16,7 @@ COLUMNS = (
     Column("rms (deg)", "rms_deg", ".3g"),
     Column("bound (deg)", "bound_deg", ".3g"),
     Column("loss (dB)", "loss_db", ".2f"),
-    Column("interval (dB)", "loss_interval_db", lambda pair: f"{pair[0]:.2f} to {pair[1]:.2f}"),
     Column("in 2 std", "within_2_std", ".0%"),
-    Column("s/s", "seconds_per_second", ".4f"),
     Column("n", "n"),
 )
 

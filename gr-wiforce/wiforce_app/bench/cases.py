@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cases of the accuracy benchmark: errors of every estimator on the same snapshots."""
 
-import time
 import zlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -76,7 +75,6 @@ GROUPS_PER_RUN = 100
 # Length of the untouched reference before them, in groups of 625.
 REFERENCE_GROUPS = 12
 _WAVEFORM = sounding_waveform()
-_PARTS = 20  # into which a single long run is divided, for its confidence interval
 _INTERFERED = slice(10, 22)  # subcarriers of 62 that an interferer covers, 20 dB over the noise
 
 
@@ -167,51 +165,36 @@ def cases(full=False):
 
 @dataclass(frozen=True)
 class RunResult:
-    """One run of one estimator.
-
-    Errors and stated standard deviations (n, 2S) are those of the touched groups that were read,
-    the bound (2S,) is that of this realisation; ``cpu_s`` and ``signal_s`` are processor time and
-    duration of the signal.
-    """
+    """Errors, stated standard deviations and the bound of the touched groups read; (n, 2S) each."""
 
     errors_deg: np.ndarray
     std_deg: np.ndarray
     bound_deg: np.ndarray
     unread: int
-    cpu_s: float
-    signal_s: float
 
 
 def run_case(case, run, seed=1):
-    """Run a case once: the reference, then touched groups; the same snapshots for all estimators.
-
-    Gives a :class:`RunResult` per estimator.
-    """
+    """Run a case once: a :class:`RunResult` per estimator, of the same snapshots."""
     air, tags, rng = air_of(case, run, seed)
     kinds = dict.fromkeys(name.split(",")[0] for name in case.estimators)
     chains = {kind: SnapshotChain(plan_of(case, kind)) for kind in kinds}
-    results = {kind: [] for kind in kinds}
-    spent = dict.fromkeys(kinds, 0.0)
+    ready = {kind: [] for kind in kinds}
     cycles, mask = [], None
     for group in range(case.reference_groups + case.groups):
         snapshots = air.group(group, group >= case.reference_groups)
         cycles.append([clock.cycles(air.times_s(group).mean()) for clock in air.clocks])
         mask = _present(case, rng)
         for kind, chain in chains.items():
-            began = time.process_time()
-            results[kind].append(chain.process(group, snapshots, mask))
-            spent[kind] += time.process_time() - began
-    for kind, chain in chains.items():
-        results[kind] = Groups.concatenate([*results[kind], chain.flush()])
+            ready[kind].append(chain.process(group, snapshots, mask))
+    groups = {kind: Groups.concatenate([*ready[kind], chains[kind].flush()]) for kind in kinds}
     bound = _bound(case, air, tags, mask)
-    signal_s = len(cycles) * case.group_length * _WAVEFORM.snapshot_period_s
     found = {}
     for name in case.estimators:
         kind = name.split(",")[0]
-        errors, std, unread = errors_of(case, tags, results[kind], kind)
+        errors, std, unread = errors_of(case, tags, groups[kind], kind)
         if name != kind:
             errors = wrap_deg(errors - _constant_offset(case, np.array(cycles)))
-        found[name] = RunResult(errors, std, bound, unread, spent[kind], signal_s)
+        found[name] = RunResult(errors, std, np.broadcast_to(bound, errors.shape), unread)
     return found
 
 
@@ -334,41 +317,19 @@ def _constant_offset(case, cycles):
 def summarise(case, estimator, runs):
     """Combine the results of all runs to a row, in which lists have an entry per end.
 
-    The loss is the mean of (error / bound of its realisation)^2. Errors within a run share their
-    reference, so the 95 % interval comes from the spread between runs, or between the parts of a
-    single long run.
+    The loss is the mean of (error / bound of its realisation)^2.
     """
-    from scipy.stats import t as student
-
+    keys = ("errors_deg", "std_deg", "bound_deg")
+    errors, std, bound = (np.concatenate([getattr(run, key) for run in runs]) for key in keys)
+    values = dict.fromkeys(("rms_deg", "bias_deg", "bound_deg", "loss_db", "within_2_std"))
+    if len(errors):
+        values = {
+            "rms_deg": np.sqrt(np.mean(errors**2, axis=0)).tolist(),
+            "bias_deg": np.mean(errors, axis=0).tolist(),
+            "bound_deg": np.sqrt(np.mean(bound**2, axis=0)).tolist(),
+            "loss_db": (10 * np.log10(np.mean((errors / bound) ** 2, axis=0))).tolist(),
+            "within_2_std": np.mean(np.abs(errors) <= 2 * std, axis=0).tolist(),
+        }
     unread = sum(run.unread for run in runs)
-    runs = [run for run in runs if len(run.errors_deg)]
     named = {"case": case.name, "estimator": estimator}
-    keys = ("rms_deg", "bias_deg", "bound_deg", "loss_db", "loss_interval_db", "within_2_std")
-    if not runs:
-        nothing = [None] * (2 * len(case.clocks_hz))
-        values = dict.fromkeys(keys, nothing)
-        return {**named, **values, "seconds_per_second": 0.0, "n": 0, "unread": unread}
-    errors = np.concatenate([run.errors_deg for run in runs])
-    std = np.concatenate([run.std_deg for run in runs])
-    relative = [(run.errors_deg / run.bound_deg) ** 2 for run in runs]
-    if len(runs) == 1:
-        relative = np.array_split(relative[0], _PARTS)
-    losses = np.array([part.mean(axis=0) for part in relative])
-    mean = losses.mean(axis=0)
-    half = student.ppf(0.975, len(losses) - 1) * losses.std(axis=0, ddof=1) / np.sqrt(len(losses))
-    interval = 10 * np.log10([np.maximum(mean - half, 1e-3 * mean), mean + half])
-    values = (
-        np.sqrt(np.mean(errors**2, axis=0)),
-        np.mean(errors, axis=0),
-        np.sqrt(np.mean([run.bound_deg**2 for run in runs], axis=0)),
-        10 * np.log10(mean),
-        interval.T,
-        np.mean(np.abs(errors) <= 2 * std, axis=0),
-    )
-    return {
-        **named,
-        **{key: value.tolist() for key, value in zip(keys, values, strict=True)},
-        "seconds_per_second": sum(run.cpu_s for run in runs) / sum(run.signal_s for run in runs),
-        "n": len(errors),
-        "unread": unread,
-    }
+    return {**named, **values, "n": len(errors), "unread": unread}

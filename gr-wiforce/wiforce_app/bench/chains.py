@@ -27,34 +27,33 @@ def chain(name, **settings):
 
 
 class Flowgraph:
-    """A flowgraph that is run once."""
+    """A flowgraph of blocks in a row, which is run once."""
 
-    def __init__(self):
-        self.top = gr.top_block()
-        self._sinks = []
+    def __init__(self, *row):
+        self.top = gr.top_block("bench", catch_exceptions=False)
+        self.row = row  # Python blocks are freed when no name refers to them
+        self.sinks = []
+        self.top.connect(*row)
 
-    def row(self, *chain):
-        """Connects blocks in a row, of which the last one gives the tones."""
-        self.top.connect(*chain)
-        self.end(chain[-1])
-        self._kept = chain  # Python blocks are freed when no name refers to them
-
-    def end(self, *blocks_of_rows):
-        """Ends the chain, or its chains of some rows each."""
-        for block in blocks_of_rows:
+    def end(self, *ends):
+        """Keep the tones that blocks give, those of the row or behind it: some of all each."""
+        for block in ends:
             length = block.output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
-            self._sinks.append((blocks.vector_sink_c(length), length // 64))
-            self.top.connect(block, self._sinks[-1][0])
+            self.sinks.append((blocks.vector_sink_c(length), length // 64))
+            self.top.connect(block, self.sinks[-1][0])
+        return self
 
     def run(self):
         self.top.run()
+        if (failure := getattr(self.row[-1], "failure", None)) is not None:
+            raise failure
 
     @property
     def tones(self):
         """(groups, M, 64), or None of a chain without."""
-        if not self._sinks:
-            return None
-        parts = [np.array(s.data(), np.complex64).reshape(-1, m, 64) for s, m in self._sinks]
+        if not self.sinks:
+            return getattr(self.row[-1], "tones", None)
+        parts = [np.array(s.data(), np.complex64).reshape(-1, m, 64) for s, m in self.sinks]
         groups = min(map(len, parts))
         return np.concatenate([part[:groups] for part in parts], axis=1)
 
@@ -76,42 +75,63 @@ class ToneSink(SnapshotSink):
         SnapshotSink.__init__(self, "tone_sink", GROUP_LENGTH, WAVEFORM.symbol_length)
         bins = range(WAVEFORM.symbol_length)
         self._kernel = tone_transform(weights, WAVEFORM.equalizer(), np.zeros(0), bins)
-        self.tones = []
+        self._tones = []
 
     def read(self, groups):
         if not all(group.kept is self.everything for group in groups):
             raise ValueError("a group of this stream is complete and without interference")
-        self.tones += [self._kernel.transform(group.folded) for group in groups]
-
-
-class StreamedTones:
-    """A flowgraph of blocks in a row, of which the last one keeps the tones."""
-
-    def __init__(self, *blocks_in_order):
-        self._top = gr.top_block()
-        self._top.connect(*blocks_in_order)
-        self._sink = blocks_in_order[-1]
-
-    def run(self):
-        self._top.run()
-        if self._sink.failure is not None:
-            raise self._sink.failure
+        self._tones += [self._kernel.transform(group.folded) for group in groups]
 
     @property
     def tones(self):
-        return np.array(self._sink.tones)
+        return np.array(self._tones)
 
 
 @chain("stream-fc32", item_type="fc32")
 @chain("stream-sc16", item_type="sc16")
 def stream(recording, weights, item_type):
     """Folding and tones as the Reader computes them, behind a file source."""
-    path, size, _ = sample_type(recording, item_type)
-    source = blocks.file_source(size, path, False, 0, recording.samples)
     collected = wiforce.preamble_fold.collected(
         GROUP_LENGTH, WAVEFORM.frame_length, item_type=item_type
     )
-    return StreamedTones(source, collected, ToneSink(weights))
+    return Flowgraph(_file_source(recording, item_type), collected, ToneSink(weights))
+
+
+def _file_source(recording, item_type="fc32"):
+    path, size, _ = sample_type(recording, item_type)
+    return blocks.file_source(size, path, False, 0, recording.samples)
+
+
+def planned(settings, recordings, source, order="tones first", segments=None, derotated=False):
+    """The tones of a plan from recordings, one of each antenna.
+
+    ``source``: ``file`` or ``stream`` and the sample type, as ``file-sc16``; ``order`` as of
+    `kernel_blocks`; ``segments`` of a file as of its source; ``derotated`` within a symbol.
+    """
+    kind, item_type = source.split("-")
+    waveform, table, folded = settings.waveform, settings.table, kind == "file"
+    rotation = None
+    if derotated:
+        rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
+    sources = [_file_source(recording, item_type) for recording in recordings]
+    if folded:
+        segments = segments or [(0, 0, recordings[0].samples)]
+        files = [sample_type(recording, item_type) for recording in recordings]
+        sources = [
+            wiforce.recording_source(path, datatype, segments, **waveform.folding)
+            for path, _, datatype in files
+        ]
+    row = kernel_blocks(
+        order, table.weights, settings.group_length, waveform, item_type, folded, rotation
+    )
+    if len(sources) == 2:
+        row.insert(
+            0, wiforce.antenna_ratio(waveform.name, waveform.frame_length, waveform.sample_rate_hz)
+        )
+    flowgraph = Flowgraph(sources[0], *row).end(row[-1])
+    for port, other in enumerate(sources[1:], 1):
+        flowgraph.top.connect(other, (row[0], port))
+    return flowgraph
 
 
 def kernel_blocks(
@@ -130,7 +150,7 @@ def kernel_blocks(
     if order == "channel first":
         estimator = wiforce.ofdm_channel_estimator(factors, 1)
         return [*fold, estimator, wiforce.phase_group_doppler(**group)]
-    rotations = () if rotation is None else (rotation,)
+    rotations = () if rotation is None else (rotation.astype(np.complex64),)
     estimator = wiforce.ofdm_channel_estimator(factors, len(weights), *rotations)
     if order == "tones first" and fold:
         return [wiforce.preamble_fold.tones(**group, **frame), estimator]
@@ -140,10 +160,8 @@ def kernel_blocks(
 @chain("block-by-block")
 def separate_blocks(recording, weights):
     """Folding and tones in a block each, as a flowgraph that shows the snapshots has it."""
-    flowgraph = Flowgraph()
-    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
-    flowgraph.row(source, *kernel_blocks("block by block", weights, GROUP_LENGTH))
-    return flowgraph
+    row = kernel_blocks("block by block", weights, GROUP_LENGTH)
+    return Flowgraph(_file_source(recording), *row).end(row[-1])
 
 
 @chain("file-fc32", item_type="fc32")
@@ -174,8 +192,7 @@ _GROUPS_PER_BATCH = 256
 @chain("stock-tuned", tuned=True)
 def stock(recording, weights, tuned):
     """GNU Radio's own blocks: keep what is averaged, fold, weight a group at once, sum."""
-    flowgraph = Flowgraph()
-    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
+    source = _file_source(recording)
     keep = blocks.keep_m_in_n(8, 64 * WAVEFORM.repetitions, WAVEFORM.frame_length, 64)
     pack = blocks.stream_to_vector(8, 64)
     fold = blocks.integrate_cc(WAVEFORM.repetitions, 64)
@@ -186,8 +203,7 @@ def stock(recording, weights, tuned):
         pack.set_min_output_buffer(4 * TUNED_VECTORS)
         fold.set_min_output_buffer(TUNED_VECTORS)
         group.set_min_output_buffer(4)
-    flowgraph.top.connect(source, keep, pack, fold, group)
-    ends = []
+    flowgraph, ends = Flowgraph(source, keep, pack, fold, group), []
     for row in weights / WAVEFORM.repetitions:
         weight = blocks.multiply_const_vcc(np.repeat(row, 64).astype(np.complex64).tolist())
         unpack = blocks.vector_to_stream(8 * 64, GROUP_LENGTH)
@@ -199,8 +215,7 @@ def stock(recording, weights, tuned):
         equalize = blocks.multiply_const_vcc(WAVEFORM.equalizer().tolist())
         flowgraph.top.connect(group, weight, unpack, total, transform, equalize)
         ends.append(equalize)
-    flowgraph.end(*ends)
-    return flowgraph
+    return flowgraph.end(*ends)
 
 
 class NumpyScript:
@@ -229,11 +244,9 @@ CHAINS["numpy"] = NumpyScript
 @chain("ceiling-file-source")
 def file_to_nowhere(recording, weights):
     """A file source and a null sink: what GNU Radio gives before anything is computed."""
-    flowgraph = Flowgraph()
-    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
+    source = _file_source(recording)
     source.set_min_output_buffer(TUNED_SAMPLES)
-    flowgraph.top.connect(source, blocks.null_sink(8))
-    return flowgraph
+    return Flowgraph(source, blocks.null_sink(8))
 
 
 class MemoryRead:

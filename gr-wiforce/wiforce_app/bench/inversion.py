@@ -54,11 +54,7 @@ def inversion(as_json, names, seed):
 
 def _measure(model, carrier, noise_deg, seed, grid):
     rng = np.random.default_rng(seed)
-    force = rng.uniform(*model.force_span_n, _BATCH)
-    location = rng.uniform(*model.location_span_mm, _BATCH)
-    inside = model.in_span(force, location) & (force >= model.onset_force_n)
-    force, location = force[inside], location[inside]
-    phases = model.phases_deg(force, location, carrier)
+    force, _, phases = random_presses(model, carrier, _BATCH, rng)
     phases += noise_deg * rng.standard_normal(phases.shape)
     began = time.perf_counter()
     inverter = model.inverter(carrier)
@@ -83,6 +79,15 @@ def _measure(model, carrier, noise_deg, seed, grid):
         ),
         "flagged": round(float(np.mean([bool(flags) for flags in found.flags])), 4),
     }
+
+
+def random_presses(model, carrier, count, rng):
+    """Force, location (n,) and phases (n, 2) of at most so many presses, all over a sensor."""
+    force = rng.uniform(*model.force_span_n, count)
+    location = rng.uniform(*model.location_span_mm, count)
+    inside = model.in_span(force, location) & (force >= model.onset_force_n)
+    force, location = force[inside], location[inside]
+    return force, location, model.phases_deg(force, location, carrier)
 
 
 def _grid(model, carrier):

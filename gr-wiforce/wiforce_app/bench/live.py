@@ -175,35 +175,36 @@ def _measure(msps, presses, latency, step):
         with _device(scene) as device, _live_reader(scene, device, latency) as (port, reader):
             with closing(_Messages(port)) as messages:
                 messages.wait_for(touched=False)
-                run, rng, sent, pressed = _Run(device, reader.pid), random.Random(1), [], []
+                before, rng = _counters(device, reader.pid), random.Random(1)
+                sent, pressed_s = [], []
                 for _ in range(presses):
-                    pressed.append(_press(device, messages, rng))
+                    pressed_s.append(_press(device, messages, rng))
                     sent += device.command("sent")["sent_s"]
                     step(1)
-                speed, cores = run.speed_and_cores()
+                signal_s, time_s, *cores_s = _counters(device, reader.pid) - before
             reader.terminate()
             reader.wait()
-    delays_ms = 1e3 * delays_s(messages.readings, sent, group_s / 2)
-    work_ms = 1e3 * delays_s(messages.readings, sent, 3 / 2 * group_s)
-    delay, delay_95, delay_99 = np.quantile(delays_ms, [0.5, 0.95, 0.99]).round(2).tolist()
-    work, work_95 = np.quantile(work_ms, [0.5, 0.95]).round(2).tolist()
-    press, press_95 = (1e3 * np.quantile(pressed, [0.5, 0.95])).round(2).tolist()
+    delay_s = delays_s(messages.readings, sent, group_s / 2)
+    work_s = delays_s(messages.readings, sent, 3 / 2 * group_s)
     return {
         "msps": float(msps),
         "group_ms": 1e3 * group_s,
-        "speed": round(speed, 3),
-        "readings": len(delays_ms),
-        "delay_ms": delay,
-        "delay_95_ms": delay_95,
-        "delay_99_ms": delay_99,
-        "work_ms": work,
-        "work_95_ms": work_95,
+        "speed": round(signal_s / time_s, 3),
+        "readings": len(delay_s),
+        **_quantiles_ms("delay", delay_s, 99),
+        **_quantiles_ms("work", work_s),
         "presses": presses,
-        "press_ms": press,
-        "press_95_ms": press_95,
-        "reader_cores": round(cores[0], 3),
-        "radio_cores": round(cores[1], 3),
+        **_quantiles_ms("press", pressed_s),
+        "reader_cores": round(cores_s[0] / signal_s, 3),
+        "radio_cores": round(cores_s[1] / signal_s, 3),
     }
+
+
+def _quantiles_ms(name, values_s, *more):
+    """Median, 95 % and more quantiles as entries of a row."""
+    found = np.percentile(values_s, [50, 95, *more])
+    keys = [f"{name}_ms", *(f"{name}_{percent}_ms" for percent in (95, *more))]
+    return dict(zip(keys, (1e3 * found).round(2).tolist(), strict=True))
 
 
 def delays_s(readings, sent, after_s):
@@ -243,22 +244,9 @@ def _device(scene):
         yield device
 
 
-class _Run:
-    """Signal, time and processor time since it was made."""
-
-    def __init__(self, device, pid):
-        self._device, self._pid = device, pid
-        self._begin = self._now()
-
-    def _now(self):
-        signal_s = self._device.command("status")["streaming_s"]
-        own_s, children_s = _processor_s(self._pid)
-        return np.array([signal_s, time.monotonic(), own_s, children_s])
-
-    def speed_and_cores(self):
-        """Seconds of signal per second; processor time of reader and radio per second of signal."""
-        signal_s, time_s, *processors_s = self._now() - self._begin
-        return signal_s / time_s, np.array(processors_s) / signal_s
+def _counters(device, pid):
+    """Signal, time, and processor time of the reader and of its children, in s; (4,)."""
+    return np.array([device.command("status")["streaming_s"], time.monotonic(), *_processor_s(pid)])
 
 
 def _processor_s(pid):

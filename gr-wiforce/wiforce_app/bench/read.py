@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench read``: time from a capture's file to readings, and how it grows."""
 
+import itertools
 import json
 import os
-import platform
 import resource
 import shutil
 import subprocess
@@ -40,13 +40,12 @@ _PIECE_SAMPLES, _SAMPLE_RATE_HZ = 45_000_000, 12.5e6
 _PIECE_S = _PIECE_SAMPLES / _SAMPLE_RATE_HZ
 _SENSORS = (1, 2, 4, 8)
 _GROUP_LENGTHS = (63, 125, 625)
-# Groups of each batch that are read once more one by one, and batches that are timed: the lower
-# quartile of so many repeats within 10 %. Sums differ by half, as what else the machine does
-# lengthens some of them.
-_SINGLE_GROUPS, _TIMED = 64, 24
-# Groups that are read together along an axis. Recordings are read in batches of 256, but a piece of
-# long groups holds fewer, and all rows are to be alike. Each time is the median of so many.
-_BATCH, _REPEATS = 64, 5
+# Groups that are read together (as of recordings), and batches that are timed: the lower quartile
+# of so many repeats within 10 %. Sums differ by half, as what else the machine does lengthens some
+# of them. Along an axis, where groups of long symbols would fill the memory, fewer of both.
+_BATCH, _TIMED = 256, 24
+_AXIS_BATCH, _AXIS_TIMED = 64, 5
+_SINGLE_GROUPS = 64  # of each batch, read once more one by one
 
 
 @dataclass(frozen=True)
@@ -84,36 +83,40 @@ LABELS = {
 QUANTITIES = {
     "start_s": "start (s)",
     "samples_ms": "samples (ms/s)",
-    "group_us": "groups (us/group)",
-    "groups_ms": "groups (ms/s)",
+    "group_us": "batches (us/group)",
+    "groups_ms": "batches (ms/s)",
 }
 # Times are wall time of ``gr-wiforce read``, start-up included, processor time of all its threads,
 # processor time from samples to tones per second of signal, and processor time from tones to
 # readings per group, in batches and one group at a time.
-COLUMNS = (
+_SIZE = (
     Column("sensors", "sensors"),
     Column("N_g", "snapshots"),
     Column("tones", "tones"),
-    Column("x real time", "real_time", ".1f"),
+)
+_TIMES = (
+    Column(QUANTITIES["samples_ms"], "samples_ms", ".1f"),
+    Column(QUANTITIES["group_us"], "group_us", ".0f"),
+    Column("single (us/group)", "single_us", ".0f"),
+)
+_REAL_TIME = Column("x real time", "real_time", ".1f")
+COLUMNS = (
+    *_SIZE,
+    _REAL_TIME,
     Column("wall (s)", "read_s", ".2f"),
     Column("processor (s)", "cpu_s", ".2f"),
-    Column("samples (ms/s)", "samples_ms", ".1f"),
-    Column("batches (us/group)", "group_us", ".0f"),
-    Column("single (us/group)", "single_us", ".0f"),
+    *_TIMES,
 )
 SCALING = (
     Column("axis", "axis", LABELS.get),
-    Column("sensors", "sensors"),
-    Column("N_g", "snapshots"),
+    *_SIZE,
     Column("snapshots/s", "frame_length", lambda n: f"{_SAMPLE_RATE_HZ / n:.0f}"),
     Column("subcarriers", "subcarriers"),
-    Column("tones", "tones"),
     Column("plan (s)", "plan_s", ".2f"),
     Column(QUANTITIES["start_s"], "start_s", ".2f"),
-    Column(QUANTITIES["samples_ms"], "samples_ms", ".1f"),
-    Column(QUANTITIES["group_us"], "group_us", ".0f"),
+    *_TIMES,
     Column(QUANTITIES["groups_ms"], "groups_ms", ".2f"),
-    Column("x real time", "real_time", ".1f"),
+    _REAL_TIME,
 )
 GROWTH = (
     Column("along", "axis", LABELS.get),
@@ -158,18 +161,25 @@ def read(as_json, seconds, sensors, scaling, axes):
     if scaling:
         if seconds is not None or sensors:
             raise click.UsageError("--seconds and --sensors do not apply with --scaling")
-        _print_scaling(as_json, axes or list(AXES))
+        settings = [setting for axis in axes or AXES for setting in AXES[axis]]
+        rows = _rows(settings, _AXIS_TIMED * _PIECE_S)
+        result = {"rows": rows, "growth": growth(rows)}
+        echo(
+            result,
+            as_json,
+            lambda _: table(rows, SCALING),
+            lambda _: table(result["growth"], GROWTH),
+        )
         return
     if axes:
         raise click.UsageError("--axis applies with --scaling only")
-    seconds = 60.0 if seconds is None else seconds
     counts = [int(count) for count in sensors] or _SENSORS
     settings = [Setting("", count, snapshots) for count in counts for snapshots in _GROUP_LENGTHS]
-    rows = _rows(settings, lambda *of: _read_row(*of, seconds))
+    rows = _rows(settings, 60.0 if seconds is None else seconds)
     echo(rows, as_json, lambda _: table(rows, COLUMNS))
 
 
-def _rows(settings, measured):
+def _rows(settings, seconds):
     """The row of each setting, except of those that the plan refuses."""
     with (
         tempfile.TemporaryDirectory(prefix="wiforce-read-") as place,
@@ -177,7 +187,7 @@ def _rows(settings, measured):
     ):
         rows = []
         for setting in settings:
-            row = measured(setting, Path(place))
+            row = measure(setting, Path(place), seconds)
             rows += [] if row is None else [row]
             step(1)
     return rows
@@ -233,7 +243,7 @@ def scene_of(setting):
     }
 
 
-def _recorded(scene, folder, seconds=_PIECE_S):
+def _recorded(scene, folder, seconds):
     """The capture of a scene, which the row before may have had as well: a piece, repeated."""
     capture, made = folder / "capture", folder / "made.json"
     # What is sent and received does not depend on the groups.
@@ -256,32 +266,43 @@ def _recorded(scene, folder, seconds=_PIECE_S):
     return capture
 
 
-def _read_row(setting, folder, seconds):
-    """The row of a recording of some length; None when the plan refuses its groups."""
+def measure(setting, folder, seconds):
+    """The row of a setting, from a recording of some length; None when the plan refuses it."""
     scene = scene_of(setting)
+    start = time.process_time()
     try:
         settings = plan(scene)
     except InputError:
         return None
+    plan_s = time.process_time() - start
     capture = _recorded(scene, folder, seconds)
     recording = open_capture(capture)
     signal_s = recording.span / recording.sample_rate_hz
-    read_s, cpu_s = _time_command(capture, scene)
-    settings = adapted(settings, survey_recording(recording, settings, 0))
-    samples_s, batches = _time_samples(recording, settings)
-    group_s, single_s = _time_batches(settings, batches)
-    return {
-        "sensors": setting.sensors,
-        "snapshots": setting.snapshots,
+    start = time.process_time()
+    offset = first_frame(recording, settings.waveform, require_frames(recording, settings.waveform))
+    settings = adapted(settings, survey_recording(recording, settings, offset))
+    survey_s = time.process_time() - start
+    size = (_AXIS_BATCH, _AXIS_TIMED) if setting.axis else (_BATCH, _TIMED)
+    samples_s, tones = _time_samples(recording, settings)
+    acquisition_s, group_s, single_s = _time_groups(settings, tones, *size)
+    groups_s = group_s * signal_s / settings.group_period_s
+    row = {
+        **asdict(setting),
+        "subcarriers": len(settings.waveform.subcarriers),
         "tones": len(settings.table.tones),
         "signal_s": signal_s,
-        "read_s": read_s,
-        "cpu_s": cpu_s,
-        "real_time": signal_s / read_s,
+        "plan_s": plan_s,
+        "start_s": plan_s + survey_s + acquisition_s,
         "samples_ms": 1e3 * samples_s / signal_s,
         "group_us": 1e6 * group_s,
         "single_us": 1e6 * single_s,
+        "groups_ms": 1e3 * groups_s / signal_s,
     }
+    if setting.axis:
+        # Samples and groups run on a core each.
+        return row | {"value": setting.value, "real_time": signal_s / max(samples_s, groups_s)}
+    read_s, cpu_s = _time_command(capture, scene)
+    return row | {"read_s": read_s, "cpu_s": cpu_s, "real_time": signal_s / read_s}
 
 
 def _time_command(capture, scene):
@@ -301,108 +322,43 @@ def _time_command(capture, scene):
 
 
 def _time_samples(recording, settings):
-    """Processor time from samples to tones, and these in the batches in which they are read."""
+    """Processor time from samples to tones, and those of the first piece."""
     source, batches = groups_of(recording, settings, 0), []
+    piece = _PIECE_SAMPLES // settings.waveform.frame_length // settings.group_length
     start = time.process_time()
     while len(groups := source.read()):
-        batches.append(groups)
-    return time.process_time() - start, batches
+        if sum(map(len, batches)) < piece:
+            batches.append(groups)
+    return time.process_time() - start, Groups.concatenate(batches)[:piece]
 
 
-def _time_batches(settings, batches):
-    """Processor time per group from tones to readings, in batches and one by one.
+def _time_groups(settings, piece, length, count):
+    """Processor time until clocks and reference are known, and of a group after this.
 
-    Two receivers read the recording on, in turns, so that both follow clocks that they have found.
+    Groups are read in batches of ``length`` and one by one, each by a receiver of its own, in
+    turns. The piece is repeated, so that both follow clocks that they have found.
     """
-    together, alone = Receiver(settings), Receiver(settings)
-    took = []
-    for batch in batches:
+    together, alone, took, acquisition_s = Receiver(settings), Receiver(settings), [], 0.0
+    for first in itertools.count(0, length):
+        index = first + np.arange(length)
+        batch = piece[index % len(piece)].having(index=index)
         known = alone.state == "reading"
-        single = [batch[i : i + 1] for i in range(min(len(batch), _SINGLE_GROUPS) * known)]
-        pair = _time_groups(together, [batch]), _time_groups(alone, single)
+        single = [batch[i : i + 1] for i in range(min(length, _SINGLE_GROUPS) * known)]
+        pair = _seconds(together, [batch]), _seconds(alone, single)
         alone.process(batch[len(single) :])
         if known:
-            took.append((pair[0] / len(batch), pair[1] / len(single)))
-        if len(took) == _TIMED:
-            break
-    return tuple(np.quantile(took, 0.25, axis=0).tolist())
+            took.append((pair[0] / length, pair[1] / len(single)))
+        else:
+            acquisition_s += pair[0]
+        if len(took) == count:
+            return acquisition_s, *np.quantile(took, 0.25, axis=0).tolist()
 
 
-def _time_groups(receiver, batches):
+def _seconds(receiver, batches):
     start = time.process_time()
     for batch in batches:
         receiver.process(batch)
     return time.process_time() - start
-
-
-def _print_scaling(as_json, axes):
-    """Rows along some of the AXES, how they grow, and the machine that they depend on."""
-    rows = _rows([setting for axis in axes for setting in AXES[axis]], _scaling_row)
-    result = {"machine": _machine(), "rows": rows, "growth": growth(rows)}
-    parts = (
-        lambda _: "{processor}, {cores} cores, NumPy {numpy}".format(**result["machine"]),
-        lambda _: table([{**row, **row["setting"]} for row in rows], SCALING),
-        lambda _: table(result["growth"], GROWTH),
-    )
-    echo(result, as_json, *parts)
-
-
-def _machine():
-    """What the times depend on."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        model = next(line.split(":", 1)[1].strip() for line in lines if "model name" in line)
-    except (OSError, StopIteration):
-        model = platform.machine()
-    return {"processor": model, "cores": len(os.sched_getaffinity(0)), "numpy": np.__version__}
-
-
-def _scaling_row(setting, folder):
-    """The row of a setting along an axis."""
-    scene = scene_of(setting)
-    recording = open_capture(_recorded(scene, folder))
-    start = time.process_time()
-    settings = plan(scene)
-    plan_s = time.process_time() - start
-    start = time.process_time()
-    offset = first_frame(recording, settings.waveform, require_frames(recording, settings.waveform))
-    settings = adapted(settings, survey_recording(recording, settings, offset))
-    survey_s = time.process_time() - start
-    runs = [_time_samples(recording, settings) for _ in range(_REPEATS)]
-    samples_s = float(np.median([took for took, _ in runs]))
-    acquisition_s, group_s = _time_piece(settings, Groups.concatenate(runs[-1][1]))
-    groups_s = group_s * _PIECE_S / settings.group_period_s
-    return {
-        "setting": asdict(setting),
-        "value": setting.value,
-        "subcarriers": len(settings.waveform.subcarriers),
-        "tones": len(settings.table.tones),
-        "plan_s": plan_s,
-        "start_s": plan_s + survey_s + acquisition_s,
-        "samples_ms": 1e3 * samples_s / _PIECE_S,
-        "group_us": 1e6 * group_s,
-        "groups_ms": 1e3 * groups_s / _PIECE_S,
-        # Samples and groups run on a core each.
-        "real_time": _PIECE_S / max(samples_s, groups_s),
-    }
-
-
-def _time_piece(settings, piece):
-    """Processor time until clocks and reference are known, and of a group in a batch after this."""
-    start = time.process_time()
-    receiver = Receiver(settings)
-    first = 0
-    while not receiver.process(piece.having(index=piece.index + first)):
-        first += len(piece)
-    acquisition_s = time.process_time() - start
-    took, copies = [], -(-_BATCH // len(piece))
-    for _ in range(_REPEATS):
-        first += len(piece)
-        batch = [piece.having(index=piece.index + first + i * len(piece)) for i in range(copies)]
-        first += (copies - 1) * len(piece)
-        groups = Groups.concatenate(batch)
-        took.append(_time_groups(receiver, [groups]) / len(groups))
-    return acquisition_s, float(np.median(took))
 
 
 def growth(rows):
@@ -411,10 +367,8 @@ def growth(rows):
     ``at_end`` is that of the last two points.
     """
     found = []
-    for axis in AXES:
-        own = [row for row in rows if row["setting"]["axis"] == axis]
-        if len(own) < 2:
-            continue
+    for axis in dict.fromkeys(row["axis"] for row in rows):
+        own = [row for row in rows if row["axis"] == axis]
         x = np.log([row["value"] for row in own])
         for quantity in QUANTITIES:
             y = np.log([row[quantity] for row in own])

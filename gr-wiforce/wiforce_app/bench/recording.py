@@ -52,18 +52,27 @@ class Recording:
 def write_recording(folder, samples, bursts=False):
     """Writes a recording of about so many samples, in whole groups."""
     groups = max(2, samples // GROUP_SAMPLES)
-    path = Path(folder) / ("bursts" if bursts else "frames")
-    floats, integers = path.with_suffix(".cf32"), path.with_suffix(".ci16")
-    recording = Recording(floats, integers, groups * GROUP_SAMPLES, bursts)
     kinds, _ = _groups(bursts)
-    with open(recording.fc32, "wb") as floats, open(recording.sc16, "wb") as integers:
+    path = Path(folder) / ("bursts" if bursts else "frames")
+    with open(path.with_suffix(".ci16"), "wb") as integers:
         for group in range(groups):
-            codes = kinds[group % len(kinds)]
-            integers.write(codes)
-            floats.write(codes.astype("<f4") / 32768)
-    for path in (recording.fc32, recording.sc16):
-        _settle(path)
+            integers.write(kinds[group % len(kinds)])
+    return replace(with_floats(path.with_suffix(".ci16")), bursts=bursts)
+
+
+def with_floats(path):
+    """The recording of a file ``ci16_le``, and its samples as ``cf32_le`` beside it."""
+    codes = np.memmap(path, "<i2", "r")
+    recording = Recording(Path(path).with_suffix(".cf32"), Path(path), len(codes) // 2)
+    with open(recording.fc32, "wb") as floats:
+        for start in range(0, len(codes), _PART):
+            floats.write(codes[start : start + _PART].astype("<f4") / np.float32(32768))
+    for written in (recording.fc32, recording.sc16):
+        _settle(written)
     return recording
+
+
+_PART = 10_000_000  # numbers converted at a time
 
 
 def _groups(bursts):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench stress``: worst errors at numerical extremes, and their causes."""
 
-import dataclasses
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -11,7 +11,6 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.planning.clocks import assess_clocks
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
@@ -19,204 +18,38 @@ from ..shell.options import IntegerRange
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from .cases import Case, SnapshotChain, air_of, errors_of, plan_of
+from .inversion import random_presses
+from .recording import Recording
 
 WAVEFORM = sounding_waveform()
-_NOTHING_DEG = 0.02
-PATHS = ("double", "file-fc32", "stream-fc32", "stream-sc16", "block by block", "channel first")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Touched groups of one run: errors and stated std (n, 2S), and the number without a reading.
-
-    ``not_finite`` counts values that are not finite although they are reported as valid.
-    """
-
-    errors_deg: np.ndarray
-    std_deg: np.ndarray
-    unread: int
-    not_finite: int
-
-    @property
-    def worst_deg(self):
-        """Largest error of what is not flagged weak."""
-        errors = np.abs(self.errors_deg)
-        return float(np.max(errors[self.std_deg <= WEAK_PHASE_DEG], initial=0.0))
-
-    @property
-    def discarded(self):
-        """Groups that are not readable or flagged weak."""
-        return self.unread + int(np.count_nonzero(np.any(self.std_deg > WEAK_PHASE_DEG, axis=1)))
-
-    @property
-    def undetected_deg(self):
-        """Largest error beyond four stated standard deviations and 0.02 deg, if unflagged."""
-        errors = np.abs(self.errors_deg)
-        held = (errors <= 4 * self.std_deg + _NOTHING_DEG) | (self.std_deg > WEAK_PHASE_DEG)
-        return float(np.max(errors[~held], initial=0.0))
-
-
-def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0):
-    """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
-
-    ``indices`` are those of the groups, increasing. ``scale`` gives a factor for the samples of
-    a numbered group, and ``hurt`` may change its H (N, K).
-    """
-    air, tags, _ = air_of(case, run)
-    settings = plan_of(case, "harmonic")
-    count = case.reference_groups + case.groups
-    indices = list(range(count)) if indices is None else list(indices)
-
-    def snapshots():
-        for number, index in enumerate(indices):
-            factor = 1.0 if scale is None else scale(number)
-            group = factor * air.group(index, number >= case.reference_groups)
-            if hurt is not None:
-                hurt(number, group)
-            yield group
-
-    chain = SnapshotChain(settings)
-    ready = []
-    if path == "double":
-        for index, group in zip(indices, snapshots(), strict=True):
-            ready.append(chain.process(index, group))
-    else:
-        with tempfile.TemporaryDirectory(prefix="wiforce-stress-") as folder:
-            groups, tones, incomplete = _through_blocks(
-                path, settings, snapshots(), indices, Path(folder)
-            )
-        tones = tones[:, :, settings.waveform.bins]
-        for row, index in enumerate(groups):
-            if index in incomplete:
-                ready.append(chain.process(index, *incomplete[index]))
-            else:
-                ready.append(chain.process_tones(Groups([index], tones[row : row + 1])))
-    groups = Groups.concatenate([*ready, chain.flush()])
-    touched = groups[groups.index >= indices[case.reference_groups]]
-    errors, std, unread = errors_of(case, tags, _numbered(touched, case), "harmonic")
-    lost = len(indices) - case.reference_groups - len(touched)
-    return Outcome(errors, std, unread + lost, _not_finite(errors, std))
-
-
-def _numbered(groups, case):
-    """Groups with an index in the touched part; infinite std without a reading."""
-    unreliable = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
-    std = np.where(unreliable, np.inf, groups.phase_std_deg)
-    index = np.full(len(groups), case.reference_groups)
-    return groups.having(index=index, phase_std_deg=std)
-
-
-def _not_finite(errors, std):
-    return int(np.count_nonzero(~np.isfinite(errors)) + np.count_nonzero(~np.isfinite(std)))
-
-
-def _through_blocks(path, settings, snapshots, indices, folder):
-    """Group indices, tones (groups, M, 64), and H and mask of incomplete groups: by C++ blocks."""
-    item_type = "sc16" if path.endswith("sc16") else "fc32"
-    samples = folder / "samples"
-    with open(samples, "wb") as stream:
-        for group in snapshots:
-            stream.write(_samples(group, item_type))
-    flowgraph, sink, messages = _flowgraph(path, item_type, samples, settings, indices)
-    flowgraph.run()
-    tones = np.array(sink.data(), np.complex64).reshape(
-        -1, len(settings.table.tones), WAVEFORM.symbol_length
-    )
-    return _group_indices(sink, len(tones)), tones, _incomplete(messages)
-
-
-def _incomplete(messages):
-    """H (N, K) and mask (N,) of the groups for which a message was sent."""
-    import pmt
-
-    found = {}
-    for i in range(messages.num_messages()):
-        message = messages.get_message(i)
-        meta = pmt.to_python(pmt.car(message))
-        mask = np.asarray(meta["mask"], bool)
-        folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
-        channel = (
-            np.fft.fft(folded.reshape(len(mask), WAVEFORM.symbol_length)) * WAVEFORM.equalizer()
-        )
-        found[int(meta["group"])] = channel[:, WAVEFORM.bins], mask
-    return found
-
-
-def _samples(snapshots, item_type):
-    """Frames whose fold and FFT give H (N, K)."""
-    spectrum = np.zeros((len(snapshots), WAVEFORM.symbol_length), complex)
-    spectrum[:, WAVEFORM.bins] = snapshots / WAVEFORM.equalizer()[WAVEFORM.bins]
-    symbol = np.fft.ifft(spectrum, axis=1)
-    frames = np.zeros((len(snapshots), WAVEFORM.frame_length), complex)
-    frames[:, :320] = np.tile(symbol, 5)
-    if item_type == "fc32":
-        return frames.astype(np.complex64).tobytes()
-    codes = np.stack([frames.real, frames.imag], axis=-1) * _FULL_SCALE / np.abs(frames).max()
-    return np.clip(np.rint(codes), -32768, 32767).astype("<i2").tobytes()
-
-
+# Ways to tones: in double precision from snapshots, or by a source and blocks in an order.
+PATHS = {
+    "double": None,
+    "file-fc32": ("file-fc32", "tones first"),
+    "stream-fc32": ("stream-fc32", "tones first"),
+    "stream-sc16": ("stream-sc16", "tones first"),
+    "block by block": ("stream-fc32", "block by block"),
+    "channel first": ("stream-fc32", "channel first"),
+}
+_BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
 _FULL_SCALE = 23000  # -3 dB
-
-
-def _flowgraph(path, item_type, samples, settings, indices):
-    from gnuradio import blocks, gr, wiforce
-
-    from .chains import kernel_blocks
-
-    rows, folded = len(settings.table.tones), path == "file-fc32"
-    top = gr.top_block("stress", catch_exceptions=False)
-    if folded:
-        segments = _segments(indices, settings.group_length * WAVEFORM.frame_length)
-        source = wiforce.recording_source(str(samples), "cf32_le", segments, WAVEFORM.frame_length)
-    else:
-        source = blocks.file_source(4 if item_type == "sc16" else 8, str(samples), False)
-    order = path if path in ("block by block", "channel first") else "tones first"
-    kernels = kernel_blocks(
-        order, settings.table.weights, settings.group_length, WAVEFORM, item_type, folded
-    )
-    chain = [source, *kernels]
-    sink = blocks.vector_sink_c(rows * WAVEFORM.symbol_length)
-    top.connect(*chain, sink)
-    messages = blocks.message_debug(False)
-    sender = next(block for block in chain if _has_incomplete_port(block))
-    top.msg_connect(sender, "incomplete", messages, "store")
-    return top, sink, messages
-
-
-def _has_incomplete_port(block):
-    import pmt
-
-    ports = block.to_basic_block().message_ports_out()
-    return "incomplete" in pmt.to_python(ports)
-
-
-def _segments(indices, group_samples):
-    """(file sample, global index, length) of every run of groups without a gap."""
-    starts = [0] + [i for i in range(1, len(indices)) if indices[i] != indices[i - 1] + 1]
-    stops = [*starts[1:], len(indices)]
-    return [
-        (a * group_samples, (indices[a] - indices[0]) * group_samples, (b - a) * group_samples)
-        for a, b in zip(starts, stops, strict=True)
-    ]
-
-
-def _group_indices(sink, count):
-    import pmt
-
-    indices = {
-        tag.offset: pmt.to_uint64(tag.value)
-        for tag in sink.tags()
-        if pmt.symbol_to_string(tag.key) == "group"
-    }
-    return [indices[offset] for offset in range(count)]
-
-
 # gamma with negligible noise, so that systematic errors remain; even less noise for clutter.
 _QUIET_DB, _SILENT_DB = 60.0, 140.0
-_KNOWN_DEG = 0.02
-_WEEK_GROUPS = int(7 * 86400 / 0.036)
-_BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
+_NOTHING_DEG = 0.02
+WEEK_GROUPS = int(7 * 86400 / 0.036)
+# Largest of some hundred Gaussian errors, with a margin of a third.
+_UNDETECTED_STD = 6.0
+# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
+# Errors below _LEAST_N newtons are ignored.
+_BEYOND_3_STD, _LEAST_N = 1.0, 0.02
 
+_ROUNDED = "rounding of the samples to single precision"
+_ROUNDING = {
+    "double": "remaining noise and the fit of the clock",
+    "channel first": "rounding in the FFT of each snapshot, before clutter is removed",
+}
+_TINY = "single precision loses digits below 1e-38"
+_SCALES = {"near 1e-36": 1e-36, "denormal, 1e-40": 1e-40, "near 1e15": 1e15}
 
 # The worst error of one kind of stress on one path: the largest phase error in degrees or in stated
 # standard deviations, of what is not flagged weak; or per cent of unflagged readings beyond three
@@ -250,243 +83,295 @@ def stress(as_json, search, only, seed):
     from gnuradio import gr
 
     gr.logging().set_default_level(gr.log_levels.off)
-    tasks = [task for task in tasks_of(search, seed) if only in task[0]]
+    tasks = [task for task in tasks_of(search, seed) if only in task.name]
     if not tasks:
         raise click.BadParameter(
             f"no stress has a name that contains {only!r}", param_hint="--only"
         )
     rows = []
     with progress("stressing", len(tasks)) as step:
-        for name, function, arguments in tasks:
-            rows.append(function(name, *arguments))
+        for task in tasks:
+            rows.append(task.row())
             step(1)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
+@dataclass(frozen=True)
+class Task:
+    """A row: its path, what measures its values, and the largest error allowed."""
+
+    name: str
+    path: str
+    measure: partial
+    limit: float | None = None
+
+    def row(self):
+        """The values, and whether they are within the limit and hide nothing."""
+        row = {"stress": self.name, "path": self.path, "limit": self.limit, **self.measure()}
+        within = self.limit is None or row["worst"] <= self.limit
+        return {**row, "good": within and row["undetected"] == 0 and row["not_finite"] == 0}
+
+
 def tasks_of(search, seed):
-    """(name, function, arguments) of every row."""
+    """All rows."""
     tasks = []
+
+    def read(name, path, limit, cause, stressed, gamma_db=_QUIET_DB, static_db=60.0, groups=8):
+        case = quiet_case(name, gamma_db=gamma_db, static_db=static_db, groups=groups)
+        measure = partial(_worst, case, path, stressed, cause)
+        tasks.append(Task(name, path, measure, limit))
+
     for clutter_db, limit in ((40.0, 0.02), (60.0, 0.02), (80.0, 0.02), (100.0, 0.2)):
-        name = f"static clutter +{clutter_db:g} dB"
-        tasks += [(name, _clutter, (path, clutter_db, limit)) for path in ("double", *_BLOCKS)]
-    tasks += [("16 bits, static clutter +40 dB", _clutter, ("stream-sc16", 40.0, None))]
+        for path in ("double", *_BLOCKS):
+            cause, levels = _ROUNDING.get(path, _ROUNDED), (_SILENT_DB, clutter_db)
+            read(f"static clutter +{clutter_db:g} dB", path, limit, cause, {}, *levels)
+    name, cause = "16 bits, static clutter +40 dB", "quantisation to 16 bits, without dither"
+    read(name, "stream-sc16", None, cause, {}, _SILENT_DB, 40.0)
     for path in ("double", "file-fc32"):
-        tasks += [
-            ("a week between reference and touch", _week_gap, (path,)),
-            ("level 10^4 times up and down", _levels, (path, 1e4)),
-            ("all samples near 1e-36", _scaled, (path, 1e-36)),
-            ("all samples denormal, 1e-40", _scaled, (path, 1e-40)),
-            ("all samples near 1e15", _scaled, (path, 1e15)),
-        ]
-    tasks += [("samples that are not finite", _not_finite_samples, (path,)) for path in _BLOCKS[:3]]
-    tasks += [
-        ("a week from the first sample", _week_on, ("double",)),
-        ("clocks nearly equal", _near_clocks, ("double", search, seed, True)),
-        ("clocks that the plan warns of", _near_clocks, ("double", search, seed, False)),
-        ("random permitted settings", _any_setting, ("double", search, seed)),
-    ]
-    for name in ("paper-900mhz", "paper-2400mhz", "wiforce-900mhz", "line-2400mhz"):
-        tasks.append((f"inversion, {name}", _inversion, ("table", name, seed)))
+        cause = "noise; the first groups state a larger std"
+        read(
+            "a week between reference and touch",
+            path,
+            0.01,
+            cause,
+            {"pause": WEEK_GROUPS, "known_deg": 0.02},
+            groups=40,
+        )
+        cause = "the clock tracker assumes a constant level; weak until it is acquired again"
+        read("level 10^4 times up and down", path, 0.1, cause, {"scale": _steps}, groups=12)
+        for level, factor in _SCALES.items():
+            lost = path != "double" and factor < 1e-30
+            cause = _TINY if lost else "none: phases do not depend on the level"
+            scaled = {"scale": partial(_constant, factor)}
+            read(f"all samples {level}", path, 0.02, cause, scaled, static_db=20.0)
+    for path in _BLOCKS[:3]:
+        cause = "such frames count as missing"
+        read("samples that are not finite", path, 0.02, cause, {"hurt": _hurt})
+    cause = "double precision of time: 0.1 ns after a week"
+    read("a week from the first sample", "double", 0.01, cause, {"first": WEEK_GROUPS})
+    for name, trial in _SEARCHES.items():
+        tasks.append(Task(name, "double", partial(_searched, name, trial, search, seed)))
+    for sensor in ("paper-900mhz", "paper-2400mhz", "wiforce-900mhz", "line-2400mhz"):
+        measure = partial(_inversion, sensor, seed)
+        tasks.append(Task(f"inversion, {sensor}", "table", measure, _BEYOND_3_STD))
     return tasks
 
 
-def _case(name, **changes):
-    base = Case(name, _QUIET_DB, static_db=60.0, groups=8, drift_ppm_per_s=0.0,
-                estimators=("harmonic",))  # fmt: skip
-    return dataclasses.replace(base, **changes)
+def quiet_case(name, gamma_db=_QUIET_DB, **changes):
+    """A case of a few groups without noise or drift."""
+    settings = {"static_db": 60.0, "groups": 8, "drift_ppm_per_s": 0.0, **changes}
+    return Case(name, gamma_db, estimators=("harmonic",), **settings)
 
 
-def _row(name, path, outcome, limit, cause):
-    values = outcome.worst_deg, "deg", limit, outcome.undetected_deg, outcome.discarded
-    return _limited(name, path, *values, outcome.not_finite, cause)
+def _steps(touched):
+    """Level of a numbered group, 0 for the first touched one: up and down by 10^4."""
+    return (1.0, 1e4, 1.0, 1e-4)[touched // 3 % 4] if touched >= 0 else 1.0
 
 
-_KEYS = ("worst", "unit", "limit", "undetected", "discarded", "not_finite", "cause")
+def _constant(factor, touched):
+    return factor
 
 
-def _limited(stress, path, *values):
-    """A row, and whether it is within its limit and hides nothing."""
-    row = {"stress": stress, "path": path, **dict(zip(_KEYS, values, strict=True))}
-    within = row["limit"] is None or row["worst"] <= row["limit"]
-    return {**row, "good": within and row["undetected"] == 0 and row["not_finite"] == 0}
+def _hurt(touched, snapshots):
+    """Some snapshots that are not finite; one group has no other."""
+    rows = np.random.default_rng(abs(touched)).choice(len(snapshots), 30, replace=False)
+    snapshots[rows] = np.repeat([np.nan, np.inf, -1j * np.inf], 10)[:, None]
+    if touched == 3:
+        snapshots[:] = np.nan
 
 
-def _clutter(name, path, clutter_db, limit):
-    cause = {
-        "double": "remaining noise and the fit of the clock",
-        "channel first": "rounding in the FFT of each snapshot, before clutter is removed",
-        "stream-sc16": "quantisation to 16 bits, without dither",
-    }.get(path, "rounding of the samples to single precision")
-    case = _case(name, gamma_db=_SILENT_DB, static_db=clutter_db)
-    return _row(name, path, read_case(case, path), limit, cause)
+@dataclass(frozen=True)
+class Outcome:
+    """Errors and stated std (n, 2S) of the touched groups of one run, and how many are not read."""
+
+    errors_deg: np.ndarray
+    std_deg: np.ndarray
+    unread: int
+
+    def values(self, weight=1.0):
+        """Values of a row; the worst error is that of what is not flagged weak, times weights.
+
+        Undetected are errors beyond four stated standard deviations and 0.02 deg.
+        """
+        errors, weak = np.abs(self.errors_deg), self.std_deg > WEAK_PHASE_DEG
+        hidden = ~weak & ~(errors <= 4 * self.std_deg + _NOTHING_DEG)
+        numbers = np.stack([self.errors_deg, self.std_deg])
+        return {
+            "worst": float(np.max((weight * errors)[~weak], initial=0.0)),
+            "undetected": float(np.max(errors[hidden], initial=0.0)),
+            "discarded": self.unread + int(np.count_nonzero(np.any(weak, axis=1))),
+            "not_finite": int(np.count_nonzero(~np.isfinite(numbers))),
+        }
 
 
-def _week_gap(name, path):
-    case = _case(name, groups=40)
-    first = list(range(case.reference_groups))
-    indices = first + [_WEEK_GROUPS + i for i in range(case.groups)]
-    outcome = read_case(case, path, indices)
-    # In the first groups after the gap the clock rate is uncertain, as their std states.
-    known = np.all(outcome.std_deg < _KNOWN_DEG, axis=1)
-    kept = dataclasses.replace(
-        outcome,
-        errors_deg=outcome.errors_deg[known],
-        std_deg=outcome.std_deg[known],
-        unread=outcome.unread + int(np.count_nonzero(~known)),
-    )
-    return _row(name, path, kept, 0.01, "noise; the first groups state a larger std")
+def _worst(case, path, stressed, cause):
+    return {**read_case(case, path, **stressed).values(), "unit": "deg", "cause": cause}
 
 
-def _week_on(name, path):
-    case = _case(name)
-    count = case.reference_groups + case.groups
-    outcome = read_case(case, path, [_WEEK_GROUPS + i for i in range(count)])
-    return _row(name, path, outcome, 0.01, "double precision of time: 0.1 ns after a week")
+def read_case(
+    case, path="double", first=0, pause=0, scale=None, hurt=None, known_deg=np.inf, run=0
+):
+    """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
 
-
-def _levels(name, path, factor):
-    case = _case(name, groups=12)
-
-    def scale(number):
-        step = (number - case.reference_groups) // 3
-        return (1.0, factor, 1.0, 1 / factor)[step % 4] if step >= 0 else 1.0
-
-    outcome = read_case(case, path, scale=scale)
-    cause = "the clock tracker assumes a constant level; weak until the clock is acquired again"
-    return _row(name, path, outcome, 0.1, cause)
-
-
-def _scaled(name, path, factor):
-    outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
-    cause = "none: phases do not depend on the level"
-    if path != "double" and factor < 1e-30:
-        cause = "single precision loses digits below 1e-38"
-    return _row(name, path, outcome, 0.02, cause)
-
-
-def _not_finite_samples(name, path):
-    rng = np.random.default_rng(1)
-
-    def hurt(number, snapshots):
-        rows = rng.choice(len(snapshots), 30, replace=False)
-        snapshots[rows[:10]] = np.nan
-        snapshots[rows[10:20]] = np.inf
-        snapshots[rows[20:]] = -1j * np.inf
-        if number == 15:
-            snapshots[:] = np.nan
-
-    outcome = read_case(_case(name), path, hurt=hurt)
-    return _row(name, path, outcome, 0.02, "such frames count as missing")
-
-
-# searches
-
-
-def _near_clocks(name, path, search, seed, readable):
-    """Two tags whose clocks, or some of whose lines, nearly coincide.
-
-    ``readable`` selects pairs that the planner accepts, or those that it warns of.
+    ``first`` is the index of the first group, and ``pause`` the number of groups that are absent
+    before the touched ones. Of a group, 0 for the first touched one, ``scale`` gives a factor for
+    the samples, and ``hurt`` may change its H (N, K). What states more than ``known_deg`` counts
+    as unread.
     """
-    rng = np.random.default_rng(seed)
-    ratios = (1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8)
+    air, tags, _ = air_of(case, run)
+    settings = plan_of(case, "harmonic")
+    touched = np.arange(-case.reference_groups, case.groups)
+    indices = first + touched - touched[0] + pause * (touched >= 0)
 
-    def trial():
-        second = None
-        while second is None or assess_clocks((1000.0, second), WAVEFORM, 625).readable != readable:
-            second = 1000.0 * rng.choice(ratios) + rng.choice([-1, 1]) * 10 ** rng.uniform(-1, 1.7)
-        return _case(name, clocks_hz=(1000.0, float(second)), levels_db=(0.0, 0.0), groups=4,
-                     gamma_db=30.0)  # fmt: skip
+    def snapshots():
+        for number, index in zip(touched.tolist(), indices.tolist(), strict=True):
+            group = air.group(index, number >= 0) * (1.0 if scale is None else scale(number))
+            if hurt is not None:
+                hurt(number, group)
+            yield group
 
-    def label(case):
-        return f"clocks 1000 and {case.clocks_hz[1]:.2f} Hz"
+    chain = SnapshotChain(settings)
+    if path == "double":
+        ready = [chain.process(*group) for group in zip(indices, snapshots(), strict=True)]
+    else:
+        ready = [chain.process_tones(_by_blocks(path, settings, snapshots(), indices))]
+    groups = Groups.concatenate([*ready, chain.flush()])
+    groups = groups[groups.index >= first + pause + case.reference_groups]
+    unreliable = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
+    std = np.where(unreliable, np.inf, groups.phase_std_deg)
+    # By their number in the run, as `errors_of` expects it.
+    groups = groups.having(index=np.full(len(groups), case.reference_groups), phase_std_deg=std)
+    errors, std, _ = errors_of(case, tags, groups, "harmonic")
+    known = np.all(std < known_deg, axis=1)
+    return Outcome(errors[known], std[known], case.groups - int(known.sum()))
 
-    return _searched(name, path, search, trial, label)
+
+def _by_blocks(path, settings, snapshots, indices):
+    """Tones of the groups with these indices, as Groups: by C++ blocks."""
+    import pmt
+    from gnuradio import blocks
+    from gnuradio.wiforce.blocks.chain import ToneInput
+
+    from .chains import planned
+
+    source, order = PATHS[path]
+    with tempfile.TemporaryDirectory(prefix="wiforce-stress-") as folder:
+        samples = Path(folder) / "samples"
+        with open(samples, "wb") as stream:
+            for group in snapshots:
+                stream.write(_samples(group, source[-4:]))
+        length = settings.group_length * WAVEFORM.frame_length
+        recording = Recording(samples, samples, length * len(indices))
+        # (file sample, global index, length) of every run of groups without a gap.
+        runs = np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) > 1) + 1)
+        segments = [
+            (int(run[0]) * length, int(indices[run[0]] - indices[0]) * length, len(run) * length)
+            for run in runs
+        ]
+        flowgraph = planned(settings, [recording], source, order, segments)
+        messages = blocks.message_debug(False)
+        for block in flowgraph.row:
+            if "incomplete" in pmt.to_python(block.to_basic_block().message_ports_out()):
+                flowgraph.top.msg_connect(block, "incomplete", messages, "store")
+        flowgraph.run()
+    taken = ToneInput(settings, derotated=False)
+    for number in range(messages.num_messages()):
+        taken.on_incomplete(messages.get_message(number))
+    tags = [{} for _ in flowgraph.tones]
+    for tag in flowgraph.sinks[0][0].tags():
+        tags[tag.offset][pmt.symbol_to_string(tag.key)] = tag.value
+    _, groups = taken.collect(flowgraph.tones.reshape(len(tags), -1), tags)
+    return groups
 
 
-def _any_setting(name, path, search, seed):
+def _samples(snapshots, item_type):
+    """Frames whose fold and FFT give H (N, K)."""
+    spectrum = np.zeros((len(snapshots), WAVEFORM.symbol_length), complex)
+    spectrum[:, WAVEFORM.bins] = snapshots / WAVEFORM.equalizer()[WAVEFORM.bins]
+    frames = np.zeros((len(snapshots), WAVEFORM.frame_length), complex)
+    frames[:, :320] = np.tile(np.fft.ifft(spectrum, axis=1), 5)
+    if item_type == "fc32":
+        return frames.astype(np.complex64).tobytes()
+    codes = frames.view(float) * _FULL_SCALE / np.abs(frames).max()
+    return np.clip(np.rint(codes), -32768, 32767).astype("<i2").tobytes()
+
+
+def _near_clocks(rng):
+    """Settings of two tags whose clocks, or some of whose lines, nearly coincide."""
+    ratio = rng.choice((1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8))
+    second = float(1000.0 * ratio + rng.choice([-1, 1]) * 10 ** rng.uniform(-1, 1.7))
+    settings = {"clocks_hz": (1000.0, second), "levels_db": (0.0, 0.0), "gamma_db": 30.0}
+    return {**settings, "groups": 4}, f"clocks 1000 and {second:.2f} Hz"
+
+
+def _any_setting(rng):
     """Random settings from the whole permitted range of a scene."""
-    rng = np.random.default_rng(seed)
-
-    def trial():
-        off = rng.choice([0.0, 0.3])
-        return _case(
-            name,
-            gamma_db=float(rng.uniform(-10, 60)),
-            group_length=int(rng.choice([63, 100, 125, 250, 400, 625, 800])),
-            clocks_hz=(float(rng.uniform(400, 2000)),),
-            static_db=float(rng.uniform(0, 80)),
-            clutter_hz=float(rng.choice([0.0, 100.0, 250.0, 350.0])),
-            offset_ppm=float(rng.uniform(0, 100)),
-            drift_ppm_per_s=float(rng.uniform(0, 0.5)),
-            coherence_hz=float(10 ** rng.uniform(5.5, 7.5)),
-            off=float(off),
-            lost=float(rng.choice([0.0, 0.1, 0.3])),
-            groups=5,
-        )
-
-    def label(case):
-        return (
-            f"clock {case.clocks_hz[0]:.0f} Hz, N_g {case.group_length}, gamma {case.gamma_db:.0f} "
-            f"dB, clutter +{case.static_db:.0f} dB in {case.clutter_hz:.0f} Hz"
-        )
-
-    return _searched(name, path, search, trial, label)
+    settings = {
+        "off": float(rng.choice([0.0, 0.3])),
+        "gamma_db": float(rng.uniform(-10, 60)),
+        "group_length": int(rng.choice([63, 100, 125, 250, 400, 625, 800])),
+        "clocks_hz": (float(rng.uniform(400, 2000)),),
+        "static_db": float(rng.uniform(0, 80)),
+        "clutter_hz": float(rng.choice([0.0, 100.0, 250.0, 350.0])),
+        "offset_ppm": float(rng.uniform(0, 100)),
+        "drift_ppm_per_s": float(rng.uniform(0, 0.5)),
+        "coherence_hz": float(10 ** rng.uniform(5.5, 7.5)),
+        "groups": 5,
+    }
+    label = (
+        "clock {clocks_hz[0]:.0f} Hz, N_g {group_length}, gamma {gamma_db:.0f} dB, "
+        "clutter +{static_db:.0f} dB in {clutter_hz:.0f} Hz"
+    )
+    return settings, label.format(**settings)
 
 
-def _searched(name, path, search, trial, label):
+def _searched(name, trial, search, seed):
     """Worst of many trials: the largest unflagged error in stated standard deviations."""
-    worst, cause, refused, not_finite, discarded = 0.0, "", 0, 0, 0
+    rng = np.random.default_rng(seed)
+    found, refused = [], 0
     for run in range(search):
-        case = trial()
+        changes, label = trial(rng)
         try:
-            outcome = read_case(case, path, run=run)
+            outcome = read_case(quiet_case(name, **changes), run=run)
         except InputError:
             refused += 1
             continue
-        discarded += outcome.discarded
-        not_finite += outcome.not_finite
-        ratio = np.abs(outcome.errors_deg) / (outcome.std_deg + 0.005)
-        ratio = np.where(outcome.std_deg > WEAK_PHASE_DEG, 0.0, ratio)
-        found = float(np.max(ratio, initial=0.0))
-        if found > worst:
-            worst, cause = found, label(case)
+        found.append({**outcome.values(1 / (outcome.std_deg + 0.005)), "cause": label})
+    found = _worst_of(found, "std")
     # Groups of a run share their reference, and ends share their clock.
-    undetected = worst if worst > _UNDETECTED_STD else 0.0
-    cause += f"; {refused} of {search} refused"
-    return _limited(name, path, worst, "std", None, undetected, discarded, not_finite, cause)
+    hidden = found["worst"] if found["worst"] > _UNDETECTED_STD else 0.0
+    cause = f"{found['cause']}; {refused} of {search} refused"
+    return {**found, "undetected": hidden, "cause": cause}
 
 
-# Largest of some hundred Gaussian errors, with a margin of a third.
-_UNDETECTED_STD = 6.0
+def _worst_of(found, unit):
+    """The worst of some values, with the counts of all."""
+    counts = {key: sum(values[key] for values in found) for key in ("discarded", "not_finite")}
+    return {**max(found, key=lambda values: values["worst"]), **counts, "unit": unit}
 
 
-def _inversion(name, path, sensor, seed):
+def _inversion(sensor, seed):
     """Presses over the whole span of a model at any noise; unflagged errors in stated std."""
-    model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
-    worst, cause, discarded, not_finite = 0.0, "", 0, 0
+    model, rng = load_sensor(sensor), np.random.default_rng(seed)
+    found = []
     for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):
-        force = rng.uniform(*model.force_span_n, count)
-        location = rng.uniform(*model.location_span_mm, count)
-        inside = model.in_span(force, location) & (force >= model.onset_force_n)
-        force, location = force[inside], location[inside]
-        phases = model.phases_deg(force, location)
-        found = model.invert(phases + noise_deg * rng.standard_normal(phases.shape), noise_deg)
-        values = [found.force_n, found.force_std_n, found.location_mm, found.location_std_mm]
-        not_finite += int(np.count_nonzero(~np.isfinite(values)))
-        clear = np.array([not flags for flags in found.flags])
-        discarded += int(np.count_nonzero(~clear))
-        error = np.abs(found.force_n - force) / np.hypot(found.force_std_n, _LEAST_N)
-        beyond = 100 * float(np.mean(error[clear] > 3)) if clear.any() else 0.0
-        if beyond > worst:
-            at = int(np.argmax(np.where(clear, error, 0.0)))
-            worst = beyond
-            cause = (
-                f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
-                f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std"
-            )
-    return _limited(name, path, worst, "%", _BEYOND_3_STD, 0.0, discarded, not_finite, cause)
+        force, location, phases = random_presses(model, model.frequencies_hz[0], 4000, rng)
+        read = model.invert(phases + noise_deg * rng.standard_normal(phases.shape), noise_deg)
+        values = [read.force_n, read.force_std_n, read.location_mm, read.location_std_mm]
+        clear = np.array([not flags for flags in read.flags])
+        error = np.abs(read.force_n - force) / np.hypot(read.force_std_n, _LEAST_N)
+        at = int(np.argmax(np.where(clear, error, 0.0)))
+        found.append(
+            {
+                "worst": 100 * float(np.mean(error[clear] > 3)) if clear.any() else 0.0,
+                "discarded": int(np.count_nonzero(~clear)),
+                "not_finite": int(np.count_nonzero(~np.isfinite(values))),
+                "cause": f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
+                f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std",
+            }
+        )
+    found = _worst_of(found, "%")
+    return {**found, "undetected": 0.0, "cause": found["cause"] if found["worst"] else ""}
 
 
-# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
-# Errors below _LEAST_N newtons are ignored.
-_BEYOND_3_STD, _LEAST_N = 1.0, 0.02
+_SEARCHES = {"clocks nearly equal": _near_clocks, "random permitted settings": _any_setting}

@@ -1,8 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Error statistics of a method in a scene, and the contribution of the calibration."""
+"""Errors of readings of a scene, their statistics, and the contribution of the calibration."""
+
+from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.truth import score
+
+
+def scored(scene, readings, truth):
+    """A Score per sensor, whose phase errors are without those of the untouched phases' model."""
+    found = [score(readings, truth, sensor.name) for sensor in scene.sensors]
+    return [
+        replace(
+            each, phase_error_deg=wrap_deg(each.phase_error_deg - calibration_bias_deg(scene, i))
+        )
+        for i, each in enumerate(found)
+    ]
+
+
+def pooled_summary(scores):
+    """The `summary` of all errors of some scores."""
+    names = ("phase_error_deg", "force_error_n", "location_error_mm")
+    return summary(*(np.concatenate([getattr(each, n) for each in scores]) for n in names))
 
 
 def summary(phase_deg, force_n, location_mm):

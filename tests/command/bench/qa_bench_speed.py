@@ -15,7 +15,7 @@ from wiforce_app.bench.chains import CHAINS
 from wiforce_app.bench.live import delays_s
 from wiforce_app.bench.read import AXES, scene_of
 from wiforce_app.bench.recording import reference_tones, tone_weights, write_recording
-from wiforce_app.bench.speed import _check
+from wiforce_app.bench.speed import check_tones
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def test_every_chain_gives_the_tones_of_the_plain_reference(recording, name):
     made = CHAINS[name](recording, weights)
     made.run()
     reference = reference_tones(recording, weights)
-    _check(made.tones, reference)
+    check_tones(name, made.tones, reference)
 
 
 @pytest.mark.parametrize("name", ["file-fc32", "file-sc16"])
@@ -39,9 +39,9 @@ def test_files_with_bursts_give_the_tones_without_the_frames_hit(tmp_path, name)
     made = CHAINS[name](recording, weights)
     made.run()
     reference = reference_tones(recording, weights)
-    _check(made.tones, reference)
+    check_tones(name, made.tones, reference)
     with pytest.raises(ValueError, match="off"):
-        _check(made.tones, reference_tones(replace(recording, bursts=False), weights))
+        check_tones(name, made.tones, reference_tones(replace(recording, bursts=False), weights))
 
 
 def test_tones_that_are_off_are_refused(recording):
@@ -49,11 +49,11 @@ def test_tones_that_are_off_are_refused(recording):
     wrong = reference.copy()
     wrong[1, 2, 3] += 2e-5 * np.abs(reference).max()
     with pytest.raises(ValueError, match="off"):
-        _check(wrong, reference)
+        check_tones("row", wrong, reference)
     with pytest.raises(ValueError, match="2 groups instead of 4"):
-        _check(reference[:2], reference)
+        check_tones("row", reference[:2], reference)
     with pytest.raises(ValueError, match="off"):
-        _check(np.full_like(reference, np.nan), reference)
+        check_tones("row", np.full_like(reference, np.nan), reference)
 
 
 def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_run):
@@ -96,25 +96,22 @@ def test_bench_live_measures_delay_of_readings_and_presses():
     assert row["delay_ms"] > 1e3 * SHORTEST_S - 3
     assert row["delay_ms"] <= row["delay_95_ms"] <= row["delay_99_ms"]
     assert 0 < row["work_ms"] < row["delay_ms"] and row["speed"] > 0
-    assert row["press_ms"] > 1e3 * SHORTEST_S - 3 and row["cores"] > 0
-
-
-def row(setting, start_s=0.5, samples_ms=10.0, group_us=700.0, groups_ms=20.0):
-    return {
-        "setting": asdict(setting), "value": setting.value, "subcarriers": 62, "tones": 24,
-        "plan_s": 0.1, "start_s": start_s, "samples_ms": samples_ms, "group_us": group_us,
-        "groups_ms": groups_ms, "real_time": 50.0,
-    }  # fmt: skip
+    assert (
+        row["press_ms"] > 1e3 * SHORTEST_S - 3 and min(row["reader_cores"], row["radio_cores"]) > 0
+    )
 
 
 @pytest.fixture
 def measured(monkeypatch):
     """Rows with known exponents instead of those of this machine."""
-    monkeypatch.setattr(
-        read,
-        "_scaling_row",
-        lambda s, folder: row(s, samples_ms=3 * s.value**0.5, group_us=40 * s.value**1.5),
-    )
+    times = dict.fromkeys(("plan_s", "start_s", "groups_ms", "single_us", "real_time"), 1.0)
+    times |= {"subcarriers": 62, "tones": 24}
+
+    def measure(setting, folder, seconds):
+        grown = {"samples_ms": 3 * setting.value**0.5, "group_us": 40 * setting.value**1.5}
+        return {**asdict(setting), **times, **grown, "value": setting.value}
+
+    monkeypatch.setattr(read, "measure", measure)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -137,9 +134,8 @@ def test_command_scaling_prints_rows(measured):
     command = ["bench", "read", "--scaling", "--axis", "sensors"]
     done = run_command(*command)
     assert (done.returncode, done.stderr) == (0, "")
-    assert " cores, NumPy " in done.stdout
-    assert "| sensors | groups (us/group) | 1.50 | 1.50 |" in re.sub(" +", " ", done.stdout)
+    assert "| sensors | batches (us/group) | 1.50 | 1.50 |" in re.sub(" +", " ", done.stdout)
     both = [*command, "--axis", "snapshots", "--json"]
     result = json.loads(run_command(*both).stdout)
     small = AXES["sensors"] + AXES["snapshots"]
-    assert [r["setting"] for r in result["rows"]] == [asdict(s) for s in small]
+    assert [read.Setting(**{k: r[k] for k in asdict(small[0])}) for r in result["rows"]] == small

@@ -11,45 +11,42 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app.bench import stress
-from wiforce_app.bench.cases import Case
 from wiforce_app.bench.stress import read_case
 from wiforce_app.shell.tables import table
 
 # All rows but the searches, those of the JSON test and of clutter between others.
 ROWS = [
-    pytest.param(*task, id="-".join((task[0], task[2][0], *map(str, task[2][1:2]))))
+    pytest.param(task, id=f"{task.name}-{task.path}")
     for task in stress.tasks_of(search=1, seed=1)
-    if task[1] not in (stress._near_clocks, stress._any_setting)
-    and task[0] not in [f"static clutter +{db} dB" for db in (40, 60, 80)]
+    if task.name not in (*stress._SEARCHES, *(f"static clutter +{db} dB" for db in (40, 60, 80)))
 ]
 # Groups that a stress may cost: those that are hurt, or read before a clock is acquired again.
-DISCARDED = {stress._not_finite_samples: 1, stress._levels: 6, stress._week_gap: 8}
+DISCARDED = {"samples that are not": 1, "level 10^4 times up": 6, "a week between": 8}
 
 
 def case(**changes):
-    settings = {"static_db": 60.0, "groups": 4, "drift_ppm_per_s": 0.0, **changes}
-    return Case("stress", settings.pop("gamma_db", 60.0), estimators=("harmonic",), **settings)
+    return stress.quiet_case("stress", **{"groups": 4, **changes})
 
 
-@pytest.mark.parametrize("name, function, arguments", ROWS)
-def test_row_is_within_its_limit_and_hides_nothing(name, function, arguments):
-    row = function(name, *arguments)
+@pytest.mark.parametrize("task", ROWS)
+def test_row_is_within_its_limit_and_hides_nothing(task):
+    row = task.row()
     assert row["good"]
-    if function is not stress._inversion:
-        assert row["worst"] > 0 and row["discarded"] <= DISCARDED.get(function, 0)
+    if task.path != "table":
+        allowed = (n for start, n in DISCARDED.items() if task.name.startswith(start))
+        assert row["worst"] > 0 and row["discarded"] <= next(allowed, 0)
 
 
 @pytest.mark.parametrize("gamma_db", [20.0, 60.0, 140.0])
 def test_clock_after_a_week_without_samples_is_acquired_again(gamma_db):
     made = case(gamma_db=gamma_db, groups=20)
-    first = list(range(made.reference_groups))
-    indices = first + [stress._WEEK_GROUPS + i for i in range(made.groups)]
-    outcome = read_case(made, "file-fc32" if gamma_db == 60 else "double", indices)
+    path = "file-fc32" if gamma_db == 60 else "double"
+    outcome = read_case(made, path, pause=stress.WEEK_GROUPS)
     # until then there are no readings
     assert 5 <= len(outcome.errors_deg) and outcome.unread == 20 - len(outcome.errors_deg)
-    assert outcome.undetected_deg == 0 and np.all(outcome.std_deg[-2:] < 0.2)
+    assert outcome.values()["undetected"] == 0 and np.all(outcome.std_deg[-2:] < 0.2)
     if gamma_db >= 60:
-        assert outcome.worst_deg <= 0.01
+        assert outcome.values()["worst"] <= 0.01
 
 
 @pytest.mark.parametrize("second_hz", [1000.3, 998.32, 1001.5, 1500.0, 2003.0, 500.7])
@@ -63,7 +60,7 @@ def test_clocks_without_own_lines_are_refused(second_hz):
 def test_clocks_nearly_equal_errors_match_stated_std(second_hz):
     made = case(clocks_hz=(1000.0, second_hz), levels_db=(0.0, 0.0), gamma_db=30.0)
     for outcome in (read_case(made, run=run) for run in range(2)):
-        assert outcome.not_finite == 0 and outcome.undetected_deg == 0
+        assert outcome.values()["not_finite"] == outcome.values()["undetected"] == 0
         assert len(outcome.errors_deg) >= 3 and np.median(outcome.std_deg) < 0.05
 
 
