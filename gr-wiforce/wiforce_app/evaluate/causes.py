@@ -25,32 +25,21 @@ def paper_figures():
     return figures
 
 
-def published_phase_std(distance_m=None):
-    """Published standard deviation of the phase, in degrees, and its error bar.
-
-    ``distance_m``: from the receiver; all distances, as an array with named columns, without it.
-    """
+def published_phase_std(distance_m):
+    """Published standard deviation of the phase at a receiver's distance, and its error bar."""
     rows = np.genfromtxt(FOLDER / "distance_phase_std.csv", delimiter=",", names=True)
-    if distance_m is None:
-        return rows
     row = rows[rows["distance_from_rx_cm"] == round(100 * distance_m)][0]
     return float(row["phase_std_deg"]), float(row["err_plus_deg"])
 
 
 def other_causes(name):
-    """Changes of ``simulation`` that replace a scene's own disturbance, by cause.
-
-    ``name``: of a shipped scene; any other name has none.
-    """
+    """Changes of ``simulation`` that replace a shipped scene's own disturbance, by cause."""
     found = yaml.safe_load((FOLDER / "causes.yaml").read_text(encoding="utf-8"))
     return found.get(name, {})
 
 
 def with_cause(scene, change):
-    """A scene with another disturbance instead of its own.
-
-    ``change``: keys of ``simulation``. Without ``tags``, the tags are ideal.
-    """
+    """A scene with other keys of ``simulation`` and, unless they have some, ideal tags."""
     content = scene.as_dict()
     content["simulation"] |= {"tags": [], **change}
     return load_scene(content)

@@ -42,8 +42,8 @@ def summary(phase_deg, force_n, location_mm):
 
 
 def figure_text(value):
-    """A number as text for a table; empty for None."""
-    return "" if value is None else f"{value:.3g}"
+    """A number as text for a table; what is text already stays."""
+    return value if isinstance(value, str) else f"{value:.3g}"
 
 
 def calibration_bias_deg(scene, index):

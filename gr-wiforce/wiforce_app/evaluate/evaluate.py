@@ -9,6 +9,7 @@ from gnuradio.wiforce.io.text.textfile import check_output, write_csv
 
 from ..shell.options import scene_names, worker_options
 from ..shell.progress import progress
+from ..shell.tables import Column, table
 from . import published
 from .published import series_lines
 
@@ -62,10 +63,10 @@ def paper(output):
     with progress("evaluating", published.models_scored()) as step:
         scores = published.score_presses(vna, presses, step)
     if output is not None:
-        _write_scores(output, scores)
-    for frequency in published.FREQUENCIES_HZ:
-        own = [score for score in scores if score.press.frequency_hz == frequency]
-        _print_frequency(frequency, own)
+        shown = {key: scores[key].map("{:g}".format) for key in ("freq_mhz", "location_mm")}
+        write_csv(output, scores.assign(**shown))
+    for frequency, own in scores.groupby("freq_mhz"):
+        _print_frequency(1e6 * frequency, own)
     for line in series_lines():
         click.echo(line)
     click.echo("Limits of these data")
@@ -73,78 +74,50 @@ def paper(output):
         click.echo(f"- {limit}")
 
 
+_COLUMNS = (
+    Column("calibrated by VNA and", "calibrated"),
+    Column("method", "method"),
+    Column("force error (N)", "force"),
+    Column("location error (mm)", "location"),
+    Column("n", "n"),
+    Column("in 2 std", "within", ".0%"),
+)
+
+
 def _print_frequency(frequency, scores):
     force, location = published.CLAIMS[frequency]
-    presses = len({id(score.press) for score in scores})
+    presses = len(scores.groupby(["trial", "location_mm"]))
     click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
     click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
-    click.echo(f"curves chosen by cross-validation on the VNA data: {scores[0].form}")
+    click.echo(f"curves chosen by cross-validation on the VNA data: {scores.form.iloc[0]}")
+    click.echo("errors: median (95 % interval), 90th percentile")
     click.echo()
-    errors = f"{'median':>7}{'95 %':>12}{'90th':>8}"
-    click.echo(f"{'pooled':40}{'force error (N)':^28}{'location error (mm)':^28}")
-    click.echo(f"{'model, method':40}{errors} {errors}{'n':>6}{'in 2 sigma':>11}")
-    for refined in (False, True):
-        click.echo(_title(refined))
+    away = f"not {published.UNOBSERVABLE_MM:g} mm"
+    rows = []
+    for refined in (0, 1):
         for method in published.METHODS:
-            own = _select(scores, refined, method)
-            click.echo(f"  {method:38}" + _row(own))
+            own = scores[(scores.wireless_calibration == refined) & (scores.method == method)]
+            calibrated = "one wireless press per location" if refined else "nothing else"
+            rows.append({"calibrated": calibrated, "method": method, **_errors(own)})
             if method == "single reading":
-                label = f"{method}, not {published.UNOBSERVABLE_MM:g} mm"
-                away = [s for s in own if s.press.location_mm != published.UNOBSERVABLE_MM]
-                click.echo(f"  {label:38}" + _row(away))
-    click.echo()
+                other = own[own.location_mm != published.UNOBSERVABLE_MM]
+                rows.append({**rows[-1], "method": f"{method}, {away}", **_errors(other)})
+    click.echo(f"{table(rows, _COLUMNS)}\n")
 
 
-def _title(refined):
-    return "VNA and one wireless press per location" if refined else "VNA alone"
+def _errors(scores):
+    """Cells of a method's readings."""
+    force, location = published.errors(scores)
+    known = scores.method.iloc[0] == "location known"
+    presses = [scores.trial, scores.location_mm]
+    return {
+        "force": _distribution(force, presses),
+        "location": "known" if known else _distribution(location, presses),
+        "n": len(scores),
+        "within": np.mean(force <= 2 * scores.force_std_n),
+    }
 
 
-def _select(scores, refined, method):
-    return [score for score in scores if (score.refined, score.method) == (refined, method)]
-
-
-def _row(scores):
-    """Median, interval and 90th percentile of both errors, count and coverage."""
-    force = [score.force_error for score in scores]
-    text = _errors(force)
-    if scores[0].method == "location known":
-        text += f" {'known':>8}{'':>12}{'':>7}"
-    else:
-        text += " " + _errors([score.location_error for score in scores], width=7)
-    pooled = np.concatenate(force)
-    within = pooled <= 2 * np.concatenate([score.force_std_n for score in scores])
-    return text + f"{pooled.size:>6}{100 * np.mean(within):>10.0f} %"
-
-
-def _errors(errors, width=8):
-    pooled = np.concatenate(errors)
-    interval = ""
-    if len(errors) > 1:
-        interval = "{:.2f}-{:.2f}".format(*published.bootstrap_median(errors))
-    return f"{np.median(pooled):>{width}.2f}{interval:>12}{np.quantile(pooled, 0.9):>{width}.2f}"
-
-
-def _write_scores(path, scores):
-    """Every reading of the scored presses beside what was applied."""
-    import pandas
-
-    frames = [
-        pandas.DataFrame(
-            {
-                "freq_mhz": f"{score.press.frequency_hz / 1e6:g}",
-                "form": score.form,
-                "wireless_calibration": int(score.refined),
-                "method": score.method,
-                "location_mm": f"{score.press.location_mm:g}",
-                "trial": score.press.trial,
-                "force_n": score.press.force_n,
-                "estimated_force_n": score.force_n,
-                "force_std_n": score.force_std_n,
-                "estimated_location_mm": score.location_mm,
-                "location_std_mm": score.location_std_mm,
-                "flags": [" ".join(flags) for flags in score.flags],
-            }
-        )
-        for score in scores
-    ]
-    write_csv(path, pandas.concat(frames))
+def _distribution(errors, presses):
+    low, high = published.bootstrap_median([own for _, own in errors.groupby(presses)])
+    return f"{errors.median():.2f} ({low:.2f}-{high:.2f}), {errors.quantile(0.9):.2f}"

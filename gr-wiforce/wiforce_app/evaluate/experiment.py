@@ -12,14 +12,13 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene
-from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth import read_truth, score
+from gnuradio.wiforce.simulation.truth import read_truth
 
 from ..read.recordings import read_capture
 from .causes import OWN, other_causes, with_cause
-from .error_summary import calibration_bias_deg, summary
+from .error_summary import pooled_summary, scored
 from .paper_method import paper_changes, paper_errors, plan_without_survey, snapshot_channels
 
 # Rows of the report: this receiver by the plan alone, whatever is in the room, and the paper's
@@ -29,15 +28,14 @@ CORRECTED = "paper, clock offset removed"
 
 
 def run(scene_name, work_folder):
-    """Simulate, read and score a scene; the capture is deleted.
+    """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
-    Returns dict: plain values for JSON. Per sensor: the errors of this receiver with and without a
-    survey, of the paper's method as published and with the constant clock offset removed, those
-    that the plan expects, and for pictures the readings and the truth. ``causes``: errors of both
-    with each disturbance that explains a published figure (see `causes`). Phase errors compare the
-    change since the untouched state with the mean reflection of the group. Calibration errors of
-    the untouched phases and changes of the force within a group are therefore part of the force and
-    location errors only. ``work_folder``: where the capture is stored temporarily.
+    Per sensor: the errors of this receiver with and without a survey, of the paper's method as
+    published and with the constant clock offset removed, those that the plan expects, and for
+    pictures the readings and the truth. ``causes``: errors of both with each disturbance that
+    explains a published figure (see `causes`). Phase errors compare the change since the untouched
+    state with the mean reflection of the group. Calibration errors of the untouched phases and
+    changes of the force within a group are therefore part of the force and location errors only.
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):
@@ -46,7 +44,6 @@ def run(scene_name, work_folder):
         "scene": str(scene_name),
         "about": about_scene(scene_name),
         "seed": scene.simulation.seed,
-        "reference_s": scene.reference_s,
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
         "causes": _causes(scene_name, scene, sensors[0], work_folder),
@@ -71,11 +68,38 @@ def _read(scene, recording, truth, channels, unsurveyed=False):
     if unsurveyed:
         reader = RecordingReader(recording, plan_without_survey(scene), 0, survey=False)
         read[UNSURVEYED] = [reading for batch in reader for reading in batch]
-    changes = paper_changes(channels, scene)
-    expected = expect(plan(scene))
-    sensors = [
-        _sensor(scene, i, read, changes, truth, expected[i]) for i in range(len(scene.sensors))
-    ]
+    found = {method: scored(scene, readings, truth) for method, readings in read.items()}
+    changes, expected = paper_changes(channels, scene), expect(plan(scene))
+    sensors = []
+    for i, sensor in enumerate(scene.sensors):
+        rows = [row for row in truth if row["sensor"] == sensor.name]
+        own = {method: scores[i] for method, scores in found.items()}
+        methods = {method: pooled_summary([each]) for method, each in own.items()}
+        for method, detrend in (("paper", False), (CORRECTED, True)):
+            methods[method] = paper_errors(scene, i, changes, rows, detrend)
+        of_sensor = [reading for reading in read["ours"] if reading.sensor == sensor.name]
+        sensors.append(
+            {
+                "sensor": sensor.name,
+                "model": sensor.model,
+                "truth_model": scene.simulation.tags[i].truth_model,
+                "methods": methods,
+                "missed": own["ours"].missed,
+                "false": own["ours"].false,
+                "flagged": own["ours"].flagged,
+                "not_readable": why_not_readable(scene, i),
+                "flags": sorted({flag for reading in of_sensor for flag in reading.flags}),
+                "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected[i].phase_std_deg)))),
+                "radio_noise": scene.simulation.radio_noise is not None,
+                "expected": {
+                    "phase_deg": expected[i].phase_error_deg,
+                    "force_n": expected[i].force_error_n,
+                    "location_mm": expected[i].location_error_mm,
+                },
+                "readings": [reading.row() for reading in of_sensor],
+                "truth": rows,
+            }
+        )
     return sensors, read["ours"]
 
 
@@ -108,43 +132,6 @@ def with_mean_phases(scene, truth):
         phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
         row["phase1_deg"], row["phase2_deg"] = phases
     return truth
-
-
-def _sensor(scene, index, read, changes, truth, expected):
-    name = scene.sensors[index].name
-    found = {method: score(readings, truth, name) for method, readings in read.items()}
-    ours = found["ours"]
-    own = [reading for reading in read["ours"] if reading.sensor == name]
-    rows = [row for row in truth if row["sensor"] == name]
-    bias_deg = calibration_bias_deg(scene, index)
-    methods = {
-        method: summary(
-            wrap_deg(each.phase_error_deg - bias_deg), each.force_error_n, each.location_error_mm
-        )
-        for method, each in found.items()
-    }
-    for method, detrend in (("paper", False), (CORRECTED, True)):
-        methods[method] = paper_errors(scene, index, changes, rows, detrend)
-    return {
-        "sensor": name,
-        "model": scene.sensors[index].model,
-        "truth_model": scene.simulation.tags[index].truth_model,
-        "methods": methods,
-        "missed": ours.missed,
-        "false": ours.false,
-        "flagged": ours.flagged,
-        "not_readable": why_not_readable(scene, index),
-        "flags": sorted({flag for reading in own for flag in reading.flags}),
-        "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
-        "radio_noise": scene.simulation.radio_noise is not None,
-        "expected": {
-            "phase_deg": expected.phase_error_deg,
-            "force_n": expected.force_error_n,
-            "location_mm": expected.location_error_mm,
-        },
-        "readings": [reading.row() for reading in own],
-        "truth": rows,
-    }
 
 
 def _sum_of_forces(scene, readings, truth):

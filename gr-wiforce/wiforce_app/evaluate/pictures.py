@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of evaluated scenes, and of a force gauge."""
-
-from pathlib import Path
+"""Picture of readings beside a force gauge."""
 
 import numpy as np
-from gnuradio.wiforce.io.palette import INK, TRUTH, series_style
-from gnuradio.wiforce.io.readings import as_reading
+from gnuradio.wiforce.io.palette import TRUTH, series_style
 from gnuradio.wiforce.receiver.plotting import legend_beside
-from gnuradio.wiforce.scene import load_scene
 
-from ..shell.plots import plot_readings, save_picture
-from .causes import published_phase_std
+from ..shell.plots import save_picture
 
 _BINS = 40
 
@@ -68,55 +63,3 @@ def _medians(force_n, error_n):
     kept = [each for each in range(len(edges) - 1) if np.sum(place == each) >= 5]
     centres = [(edges[each] + edges[each + 1]) / 2 for each in kept]
     return centres, [np.median(error_n[place == each]) for each in kept]
-
-
-_OF_CAUSES = {"ours": "ours, by cause", "paper": "paper, clock offset removed, by cause"}
-
-
-def plot_distances(results, folder, figures):
-    """Write ``distance.png``, phase rms over distance; False when too few scenes state one."""
-    from matplotlib.figure import Figure
-
-    at = [figures.get(Path(result["scene"]).stem, {}).get("distance_m") for result in results]
-    own = sorted(
-        ((d, r) for d, r in zip(at, results, strict=True) if d is not None),
-        key=lambda item: item[0],
-    )
-    if len(own) < 2:
-        return False
-    distance = [100 * d for d, _ in own]
-    published = published_phase_std()
-    canvas = Figure(figsize=(9, 4), layout="constrained")
-    axis = canvas.subplots()
-    axis.errorbar(
-        published["distance_from_rx_cm"],
-        published["phase_std_deg"],
-        [published["err_minus_deg"], published["err_plus_deg"]],
-        ls="-",
-        ms=4,
-        **series_style(2),
-        label="published",
-    )
-    for at_cm, (_, result) in zip(distance, own, strict=True):
-        for number, method in enumerate(("ours", "paper")):
-            rms = [found[method]["phase_rms_deg"] for found in result["causes"].values()]
-            label = _OF_CAUSES[method] if at_cm == distance[0] else None
-            axis.plot([at_cm] * len(rms), rms, ms=4, label=label, **series_style(number))
-    bound = [result["sensors"][0]["bound_rms_deg"] for _, result in own]
-    axis.plot(distance, bound, ":", color=INK, label="bound")
-    axis.set_yscale("log")
-    axis.set_xlabel("distance from the receiver (cm), antennas 4 m apart")
-    axis.set_ylabel("phase rms (deg)")
-    axis.grid(alpha=0.3)
-    legend_beside(axis)
-    save_picture(canvas, folder / "distance.png", dpi=100)
-    return True
-
-
-def plot_scene(result, path):
-    """Plot the readings of all sensors over time, with the truth."""
-    readings = [as_reading(row) for sensor in result["sensors"] for row in sensor["readings"]]
-    truth = [row for sensor in result["sensors"] for row in sensor["truth"]]
-    scene = load_scene(result["scene"])
-    length_mm = max(sensor.load_model(scene).length_mm for sensor in scene.sensors)
-    plot_readings(readings, path, Path(result["scene"]).stem, truth, length_mm)

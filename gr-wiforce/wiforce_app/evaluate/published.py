@@ -133,33 +133,6 @@ class WirelessPress:
     phases_deg: np.ndarray
 
 
-@dataclass(frozen=True)
-class PressScore:
-    """Errors of one model and method on one press; arrays of shape (n,).
-
-    ``refined``: with one wireless press per location, of the other trial; ``method``: of
-    :data:`METHODS`.
-    """
-
-    form: str
-    refined: bool
-    method: str
-    press: WirelessPress
-    force_n: np.ndarray
-    force_std_n: np.ndarray
-    location_mm: np.ndarray
-    location_std_mm: np.ndarray
-    flags: list
-
-    @property
-    def force_error(self):
-        return np.abs(self.force_n - self.press.force_n)
-
-    @property
-    def location_error(self):
-        return np.abs(self.location_mm - self.press.location_mm)
-
-
 def read_presses(path):
     """Presses of a VNA table with trials, both ports at the same forces."""
     table = read_vna_csv(path)
@@ -194,21 +167,41 @@ def bench_model(table):
 
 
 def score_presses(vna_path, presses, progress=lambda steps: None):
-    """Every model and method on every press; ``progress`` is called with 1 after each model."""
-    scores = []
+    """Every model and method on every reading of the presses, as a DataFrame in columns of `-o`.
+
+    ``progress`` is called with 1 after each model. ``wireless_calibration``: with one wireless
+    press per location, of the other trial; ``method``: of :data:`METHODS`.
+    """
+    import pandas
+
+    frames = []
     for frequency in FREQUENCIES_HZ:
-        table = read_vna_csv(vna_path, frequency)
+        bench = bench_model(read_vna_csv(vna_path, frequency))
         own = [press for press in presses if press.frequency_hz == frequency]
-        bench = bench_model(table)
         for trial, learnt_from in LEARNT_FROM.items():
             other = [press for press in own if press.trial == learnt_from]
             scored = [press for press in own if press.trial == trial]
             for refined in (False, True):
                 model = refine(bench, _taps(other)) if refined else bench
                 std = model.noise_deg() if refined else _scatter(bench, other)
-                scores += _score_model(model, std, scored, bench.form, refined)
+                frames += [
+                    pandas.DataFrame(
+                        {
+                            "freq_mhz": frequency / 1e6,
+                            "form": bench.form,
+                            "wireless_calibration": int(refined),
+                            "method": method,
+                            "location_mm": press.location_mm,
+                            "trial": press.trial,
+                            "force_n": press.force_n,
+                            **_read_press(model, std, press, method),
+                        }
+                    )
+                    for press in scored
+                    for method in METHODS
+                ]
                 progress(1)
-    return scores
+    return pandas.concat(frames, ignore_index=True)
 
 
 def models_scored():
@@ -238,28 +231,28 @@ def _taps(presses):
     return CalibrationTable(source, number, frequency, location, port, force, phase, trial)
 
 
-def _score_model(model, std, presses, form, refined):
-    scores = []
-    for press in presses:
-        for method in METHODS:
-            values, flags = _read_press(model, std, press, method)
-            scores.append(PressScore(form, refined, method, press, *values, flags))
-    return scores
-
-
 def _read_press(model, std, press, method):
-    """Force, its std, location, its std (4, n), and flags, of every reading of a press."""
+    """Columns of the readings of a press."""
     if method == "causal tracker":
         tracker = PressTracker(model, 1.0, force_walk_n=_WALK_N_PER_READING)
-        rows = [tracker.update(phases, std) for phases in press.phases_deg]
-        return np.array([row[:4] for row in rows]).T, [row[4] for row in rows]
-    if method == "smoother":
-        found = smooth_press(model, press.phases_deg, std, 1.0, force_walk_n=_WALK_N_PER_READING)
+        *values, flags = zip(*(tracker.update(each, std) for each in press.phases_deg), strict=True)
     else:
-        known = press.location_mm if method == "location known" else None
-        found = model.invert(press.phases_deg, std, location_mm=known)
-    values = (found.force_n, found.force_std_n, found.location_mm, found.location_std_mm)
-    return np.array(values), found.flags
+        if method == "smoother":
+            walk = {"force_walk_n": _WALK_N_PER_READING}
+            found = smooth_press(model, press.phases_deg, std, 1.0, **walk)
+        else:
+            known = press.location_mm if method == "location known" else None
+            found = model.invert(press.phases_deg, std, location_mm=known)
+        values = found.force_n, found.force_std_n, found.location_mm, found.location_std_mm
+        flags = found.flags
+    names = "estimated_force_n", "force_std_n", "estimated_location_mm", "location_std_mm"
+    return {**dict(zip(names, values, strict=True)), "flags": [" ".join(f) for f in flags]}
+
+
+def errors(scores):
+    """Absolute errors of force and location of some rows of `score_presses`."""
+    force = (scores.estimated_force_n - scores.force_n).abs()
+    return force, (scores.estimated_location_mm - scores.location_mm).abs()
 
 
 def bootstrap_median(errors):

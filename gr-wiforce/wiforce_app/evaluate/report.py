@@ -7,36 +7,48 @@ from string import Template
 
 import numpy as np
 from gnuradio.wiforce._config import VERSION
+from gnuradio.wiforce.io.readings import as_reading
+from gnuradio.wiforce.scene import load_scene
 
-from ..shell.tables import table_of_cells
+from ..shell import tables
+from ..shell.plots import plot_readings
+from ..shell.tables import Column
 from .error_summary import figure_text
 from .experiment import CORRECTED, UNSURVEYED
-from .pictures import plot_distances, plot_scene
-
-
-def fitted_figure(figure):
-    """The published quantity that causes explain: its key, value and unit."""
-    key, unit = ("phase_rms_deg", "deg") if "phase_rms_deg" in figure else ("force_n", "N")
-    return key, figure[key], unit
-
 
 _METHODS = ("ours", UNSURVEYED, "paper", CORRECTED)
-_HEAD = (
-    "scene",
-    "sensor",
-    "method",
-    "phase (deg)",
-    "phase rms",
-    "force (N)",
-    "90 %",
-    "location (mm)",
-    "90 %",
-    "flagged",
-    "paper's figure",
+_ERRORS = (
+    Column("force (N)", "force_n", figure_text),
+    Column("90 %", "force_n_90", figure_text),
+    Column("location (mm)", "location_mm", figure_text),
+    Column("90 %", "location_mm_90", figure_text),
+    Column("flagged", "flagged"),
 )
+COLUMNS = (
+    Column("scene", "scene"),
+    Column("sensor", "sensor"),
+    Column("method", "method"),
+    Column("phase (deg)", "phase_deg", figure_text),
+    Column("phase rms", "phase_rms_deg", figure_text),
+    *_ERRORS,
+    Column("paper's figure", "published"),
+)
+CAUSES = (
+    Column("scene", "scene"),
+    Column("published", "published"),
+    Column("cause", "cause"),
+    Column("paper's method", "papers"),
+    Column("phase rms of ours", "phase_rms_deg", figure_text),
+    *_ERRORS[::2],
+)
+_CAUSES = """## Published figures and what may cause them
 
+The paper does not state why its phases varied. Each row adds one disturbance to the scene, as
+strong as makes the paper's method, with the clock offset removed, measure what was published. What
+this receiver reads depends on the cause, so only the range over the causes can stand next to the
+paper's figure.
 
-_PHASE_RMS = _HEAD.index("phase rms")
+"""
 
 
 def table(results, figures):
@@ -49,100 +61,76 @@ def table(results, figures):
         name = Path(result["scene"]).stem
         figure = figures.get(name, {})
         for sensor in result["sensors"]:
-            rows += [_row(name, sensor, method, figure) for method in _METHODS]
+            ours, *others = ({"method": m, **sensor["methods"][m]} for m in _METHODS)
+            ours |= {
+                "scene": name,
+                "sensor": sensor["sensor"],
+                "flagged": f"{sensor['flagged']} of {ours.get('read', 0)}",
+                "published": figure.get("text"),
+            }
             if result["causes"]:
-                rows[-len(_METHODS)][_PHASE_RMS] = _range(result["causes"], "phase_rms_deg")
-            rows.append(_expected_row(sensor))
+                ours["phase_rms_deg"] = _ranges(result["causes"])["phase_rms_deg"]
+            rows += [ours, *others, _expected(sensor)]
         if result["sum"] is not None:
-            claim = "" if "sum_n" not in figure else f"{figure['sum_n']:g} N"
-            rows.append(
-                [name, "sum", "ours", *[""] * 2, figure_text(result["sum"]), *[""] * 4, claim]
-            )
-    return table_of_cells(_HEAD, rows)
+            claim = f"{figure['sum_n']:g} N" if "sum_n" in figure else ""
+            summed = {"method": "ours", "force_n": result["sum"], "published": claim}
+            rows.append({"scene": name, "sensor": "sum", **summed})
+    return tables.table(rows, COLUMNS)
 
 
-_CAUSE_HEAD = (
-    "scene",
-    "published",
-    "cause",
-    "paper's method",
-    "phase rms of ours",
-    "force (N)",
-    "location (mm)",
-    "flagged",
-)
-# Our errors in the last columns but one.
-_OURS = ("phase_rms_deg", "force_n", "location_mm")
+def _expected(sensor):
+    expected = sensor["expected"]
+    if expected["phase_deg"] is None:
+        return {"method": "expected: not readable"}
+    least = "at most" if sensor["radio_noise"] else "bound"
+    return {
+        **expected,
+        "method": "expected",
+        "phase_deg": np.mean(expected["phase_deg"]),
+        "phase_rms_deg": f"{figure_text(sensor['bound_rms_deg'])} ({least})",
+    }
 
 
 def cause_table(results, figures):
     """Markdown: a row per cause that explains a published figure, and one with our range."""
     rows = []
     for result in results:
-        name, causes = Path(result["scene"]).stem, result["causes"]
-        if not causes:
+        if not (causes := result["causes"]):
             continue
-        key, wanted, unit = fitted_figure(figures[name])
-        published = f"{figure_text(wanted)} {unit}"
-        if "error_bar" in figures[name]:
-            bar = figures[name]["error_bar"]
-            published = f"{figure_text(wanted - bar)} to {figure_text(wanted + bar)} {unit}"
-        for number, (cause, found) in enumerate(causes.items()):
-            ours = [figure_text(found["ours"][k]) for k in _OURS]
-            first = ["", ""] if number else [name, published]
-            theirs = f"{figure_text(found['paper'][key])} {unit}"
-            rows.append([*first, cause, theirs, *ours, f"{found['flagged']} of {found['read']}"])
-        rows.append(["", "", "range of ours", "", *(_range(causes, k) for k in _OURS), ""])
-    return table_of_cells(_CAUSE_HEAD, rows) if rows else ""
+        name = Path(result["scene"]).stem
+        figure = figures[name]
+        key, unit = ("phase_rms_deg", "deg") if "phase_rms_deg" in figure else ("force_n", "N")
+        # Error bars, where the paper has some.
+        bar = figure.get("error_bar")
+        ends = [figure[key]] if bar is None else [figure[key] - bar, figure[key] + bar]
+        first = {"scene": name, "published": f"{' to '.join(map(figure_text, ends))} {unit}"}
+        for cause, found in causes.items():
+            papers = f"{figure_text(found['paper'][key])} {unit}"
+            flagged = f"{found['flagged']} of {found['read']}"
+            own = {"cause": cause, "papers": papers, "flagged": flagged}
+            rows.append({**first, **own, **found["ours"]})
+            first = {}
+        rows.append({"cause": "range of ours", **_ranges(causes)})
+    return tables.table(rows, CAUSES) if rows else ""
 
 
-def _range(causes, key):
-    """Least and largest of our errors over the causes."""
-    values = [found["ours"][key] for found in causes.values() if found["ours"][key] is not None]
-    return f"{figure_text(min(values))} to {figure_text(max(values))}" if values else ""
-
-
-def _row(name, sensor, method, figure):
-    found, ours = sensor["methods"][method], method == "ours"
-    keys = ("phase_deg", "phase_rms_deg", "force_n", "force_n_90", "location_mm", "location_mm_90")
-    return [
-        name if ours else "",
-        sensor["sensor"] if ours else "",
-        method,
-        *(figure_text(found.get(key)) for key in keys),
-        f"{sensor['flagged']} of {found.get('read', 0)}" if ours else "",
-        figure.get("text", "") if ours else "",
-    ]
-
-
-def _expected_row(sensor):
-    expected = sensor["expected"]
-    if expected["phase_deg"] is None:
-        return ["", "", "expected: not readable", *[""] * 8]
-    least = "at most" if sensor["radio_noise"] else "bound"
-    return [
-        "",
-        "",
-        "expected",
-        figure_text(np.mean(expected["phase_deg"])),
-        f"{figure_text(sensor['bound_rms_deg'])} ({least})",
-        figure_text(expected["force_n"]),
-        "",
-        figure_text(expected["location_mm"]),
-        *[""] * 3,
-    ]
+def _ranges(causes):
+    """Least and largest of our errors over the causes, as texts."""
+    ranges = {}
+    for key in ("phase_rms_deg", "force_n", "location_mm"):
+        ours = [found["ours"][key] for found in causes.values()]
+        values = [value for value in ours if value is not None]
+        ranges[key] = f"{min(values):.3g} to {max(values):.3g}" if values else ""
+    return ranges
 
 
 def write_report(results, folder, figures):
-    """Writes ``report.md``, ``NAME.png`` for every result, and ``distance.png``."""
+    """Writes ``report.md``, and ``NAME.png`` for every result."""
     import scipy
 
     names = " ".join(result["scene"] for result in results)
-    sections = []
     for result in results:
-        name = Path(result["scene"]).stem
-        plot_scene(result, folder / f"{name}.png")
-        sections.append(_section(name, result, figures.get(name, {})))
+        _plot(result, folder)
     template = Template(Path(__file__).with_suffix(".md").read_text(encoding="utf-8"))
     page = template.substitute(
         command=f"gr-wiforce evaluate {names}",
@@ -152,26 +140,24 @@ def write_report(results, folder, figures):
         scipy=scipy.__version__,
         table=table(results, figures),
         causes=_CAUSES + causes + "\n\n" if (causes := cause_table(results, figures)) else "",
-        distance=_DISTANCE if plot_distances(results, folder, figures) else "",
-        sections="\n".join(sections),
+        sections="\n".join(_section(result, figures) for result in results),
     )
     (folder / "report.md").write_text(page, encoding="utf-8")
 
 
-_CAUSES = """## Published figures and what may cause them
-
-The paper does not state why its phases varied. Each row adds one disturbance to the scene, as
-strong as makes the paper's method, with the clock offset removed, measure what was published. What
-this receiver reads depends on the cause, so only the range over the causes can stand next to the
-paper's figure.
-
-"""
-_DISTANCE = "## Phase over distance\n\n![distance](distance.png)\n\n"
+def _plot(result, folder):
+    """Draws the readings of all sensors over time, with the truth."""
+    readings = [as_reading(row) for sensor in result["sensors"] for row in sensor["readings"]]
+    truth = [row for sensor in result["sensors"] for row in sensor["truth"]]
+    scene, name = load_scene(result["scene"]), Path(result["scene"]).stem
+    length_mm = max(sensor.load_model(scene).length_mm for sensor in scene.sensors)
+    plot_readings(readings, folder / f"{name}.png", name, truth, length_mm)
 
 
-def _section(name, result, figure):
+def _section(result, figures):
+    name = Path(result["scene"]).stem
     lines = [f"## {name}", "", result["about"], ""]
-    if "text" in figure:
+    if "text" in (figure := figures.get(name, {})):
         lines += [f"The paper: {figure['text']}.", ""]
     lines += [f"Seed {result['seed']}.", ""]
     for sensor in result["sensors"]:

@@ -21,44 +21,41 @@ _FORMAT = 4
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
-    """Run the scenes without a stored result, and write ``report.md`` and a picture per scene.
+    """Run the scenes (or ``all`` shipped ones of samples) without a stored result, and report.
 
-    ``names``: scenes; ``all`` means every shipped scene of samples; ``fresh``: compute stored
-    results again.
+    ``fresh``: compute stored results again.
     """
-    if "all" in names:
-        names = sampled_scenes()
-    names = list(dict.fromkeys(names))
+    names = list(dict.fromkeys(sampled_scenes() if "all" in names else names))
     stems = [Path(name).stem for name in names]
     for name, stem in zip(names, stems, strict=True):
         if stems.count(stem) > 1:
             raise InputError("scenes", "must have different file names", name)
     # Invalid scenes are refused before any work is done.
-    for name in names:
-        if load_scene(name).packets is not None:
+    scenes = {name: load_scene(name) for name in names}
+    for name, scene in scenes.items():
+        if scene.packets is not None:
             raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
-    fingerprints = {
-        name: fingerprint(load_scene(name), other_causes(str(name)), _FORMAT, simulated=True)
-        for name in names
-    }
-    inputs = [file for name in names for file in load_scene(name).files]
-    for name in names:
-        for warning in simulation_warnings(load_scene(name)):
+        for warning in simulation_warnings(scene):
             log.warning(f"{name}: {warning}")
+    fingerprints = {
+        name: fingerprint(scene, other_causes(str(name)), _FORMAT, simulated=True)
+        for name, scene in scenes.items()
+    }
+    inputs = [file for scene in scenes.values() for file in scene.files]
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        for output in (_file(folder, name), _file(folder, name).with_suffix(".png")):
-            check_output(output, inputs)
-    check_output(folder / "report.md", inputs)
+    for output in ("report.md", *(f"{stem}.{kind}" for stem in stems for kind in ("json", "png"))):
+        check_output(folder / output, inputs)
     missing = [
         name for name in names if fresh or result_of(folder, name, fingerprints[name]) is None
     ]
     # A worker of a cluster has another working folder.
-    tasks = [(name, _findable(name), str(folder.absolute())) for name in missing]
+    found = [str(Path(name).absolute()) if Path(name).is_file() else name for name in missing]
+    tasks = [(*task, str(folder.absolute())) for task in zip(missing, found, strict=True)]
     with progress("evaluating", len(missing)) as step:
         for outcome in run_tasks(_run, tasks, jobs, scheduler):
             name = missing[outcome.index]
-            keep_result(folder, name, fingerprints[name], outcome.get())
+            kept = {"fingerprint": fingerprints[name], "result": outcome.get()}
+            write_whole(_file(folder, name), json.dumps(kept))
             step(1)
     results = [result_of(folder, name, fingerprints[name]) for name in names]
     figures = paper_figures()
@@ -67,10 +64,6 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     if causes := cause_table(results, figures):
         click.echo(f"\n{causes}")
     click.echo(f"\nreport: {folder / 'report.md'}")
-
-
-def _findable(name):
-    return str(Path(name).absolute()) if Path(name).is_file() else name
 
 
 def _run(task):
@@ -91,8 +84,3 @@ def result_of(folder, name, current):
     except (OSError, ValueError):
         return None
     return content["result"] if content.get("fingerprint") == current else None
-
-
-def keep_result(folder, name, current, result):
-    """Write a result atomically."""
-    write_whole(_file(folder, name), json.dumps({"fingerprint": current, "result": result}))

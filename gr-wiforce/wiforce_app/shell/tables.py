@@ -14,7 +14,7 @@ class Column:
     """A column of a table: its title, the key of its value in a row, and how that is written.
 
     ``form`` is a format specification, or a function that makes text of a value. Values that are
-    lists, one for each end, are separated by slashes; None is left empty.
+    lists, one for each end, are separated by slashes; None or nothing is left empty.
     """
 
     title: str
@@ -23,7 +23,7 @@ class Column:
 
     def text(self, row: Mapping[str, Any]) -> str:
         """The cell of a row."""
-        value = row[self.key]
+        value = row.get(self.key)
         values = value if isinstance(value, list | tuple) else [value]
         return "/".join("" if v is None else self._written(v) for v in values)
 
