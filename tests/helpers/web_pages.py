@@ -71,7 +71,7 @@ class Publisher:
 
     def publish(self, *readings, run=RUN):
         for reading in readings:
-            self._publisher.take(reading, {"run": run, "time_utc": None})
+            self._publisher.write(reading, {"run": run, "time_utc": None})
 
     def publish_rows(self, rows, run=RUN):
         """Publish rows of a frame of readings."""

@@ -99,7 +99,7 @@ def test_node_publishes_what_the_reader_sends(node):
     node.connect(f"tcp://127.0.0.1:{port}")
     deadline = time.monotonic() + 60
     while len(node.published) < 3 and time.monotonic() < deadline:
-        publisher.take(reading, STAMP)  # until the subscription has arrived
+        publisher.write(reading, STAMP)  # until the subscription has arrived
         publisher.send("heartbeat", health)
         time.sleep(0.01)
         node.look()

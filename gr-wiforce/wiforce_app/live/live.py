@@ -5,7 +5,6 @@ import signal
 import sys
 import threading
 from functools import partial
-from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -14,10 +13,10 @@ from gnuradio.wiforce.io.files.writers import Rotation, open_rotating
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
+from gnuradio.wiforce.io.outputs import STAMP_COLUMNS, Outputs
 from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
-from ..read.file_outputs import open_mcap
 from ..shell.commands import GroupedHelp
 from ..shell.interrupts import BAD_INPUT, FAILED
 from ..shell.log import FORMATS, LEVELS, log
@@ -32,13 +31,6 @@ from ..shell.options import (
 )
 from ..shell.progress import rows_on_terminal
 from ..shell.provenance import provenance
-from .outputs import (
-    MCAP_FILE_BYTES,
-    STAMP_COLUMNS,
-    LiveOutputs,
-    McapFile,
-    TableFile,
-)
 
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
@@ -182,10 +174,8 @@ def live(
         log.warning(text)
     also = (*scene.more_columns, *STAMP_COLUMNS)
     try:
-        with (
-            open_rotating(output, rotation, scene.files, also, append, metadata) as writer,
-            LiveOutputs() as outputs,
-        ):
+        table = open_rotating(output, rotation, scene.files, also, append, metadata)
+        with Outputs(table) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None:
@@ -194,13 +184,12 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            outputs.add(TableFile(writer))
             _run(
                 partial(_make_session, scene, request, tracked, record), request, outputs,
                 endpoints, duration, reconnect, not rows_on_terminal(output),
             )  # fmt: skip
     except DeviceLost as lost:
-        kept = "all readings until then are kept" if outputs.readings else "there are no readings"
+        kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
         return FAILED
     return 0
@@ -224,9 +213,9 @@ def _checked_keys(zmq_endpoint, control, folder):
 
 def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if mcap is not None:
-        most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
-        open_next = partial(open_mcap, mcap, scene.files, metadata, scene.reading_names)
-        outputs.add(McapFile(open_next, most_bytes))
+        from gnuradio.wiforce.io.files.mcap_file import McapWriter
+
+        outputs.add(McapWriter(mcap, scene.files, metadata, scene.reading_names))
     if foxglove is not None:
         from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 
@@ -352,7 +341,7 @@ def _run(make_session, request, outputs, endpoints, duration, reconnect, line):
         log.debug(f"opened {link.hardware}")
 
     def on_reading(reading):
-        outputs.take(reading, health.stamp(reading))
+        outputs.write(reading, health.stamp(reading))
         health.note(reading)
         monitor.note(reading)
 

@@ -9,11 +9,11 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.formats import FORMATS, OUTPUTS, format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.outputs import STAMP_COLUMNS
 from gnuradio.wiforce.io.ros_messages import READING, fields_of
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
 from gnuradio.wiforce.scene import load_scene
 
-from ..live.outputs import STAMP_COLUMNS
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
 from ..shell.options import scene_names

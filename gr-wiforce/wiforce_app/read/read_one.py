@@ -3,15 +3,18 @@
 
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
+from gnuradio.wiforce.io.files.formats import holds_metadata
+from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
-from ..shell.interrupts import Interrupted
+from ..shell.interrupts import Interrupted, uninterrupted
 from ..shell.log import log
 from ..shell.options import refuse
 from ..shell.plots import check_picture
 from ..shell.progress import progress, rows_on_terminal
-from .file_outputs import FileOutputs
+from ..shell.provenance import provenance
 from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
 
 
@@ -27,7 +30,7 @@ def read_one(
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
     check_picture(plot_path, inputs)
-    writer = FileOutputs(output, mcap, inputs, scene)
+    writer = FileOutputs(*_writers(output, mcap, inputs, scene))
     if follow:
         from .follow import GrowingCapture
 
@@ -55,6 +58,28 @@ def read_one(
     wrote = ", ".join(str(path) for path in (output, mcap, plot_path) if path is not None)
     log.info(f"read {reader.counts}" + (f"; wrote {wrote}" if wrote else ""))
     return 0
+
+
+class FileOutputs(Outputs):
+    """Files of readings: an interruption waits until rows are in all of them."""
+
+    def __exit__(self, *error):
+        with uninterrupted():
+            super().__exit__(*error)
+
+    def write_rows(self, rows):
+        with uninterrupted():
+            super().write_rows(rows)
+
+
+def _writers(output, mcap, inputs, scene):
+    """The writers of the readings file and, where that is asked for, of an MCAP file."""
+    metadata = provenance(scene) if mcap is not None or holds_metadata(output) else {}
+    yield open_writer(output, inputs, scene.more_columns, metadata=metadata)
+    if mcap is not None:
+        from gnuradio.wiforce.io.files.mcap_file import McapWriter
+
+        yield McapWriter(mcap, inputs, metadata, scene.reading_names)
 
 
 def _partial(writer, output, rows):

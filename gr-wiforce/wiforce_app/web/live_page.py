@@ -8,12 +8,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
-from gnuradio.wiforce.io.readings import Output, Reading
+from gnuradio.wiforce.io.outputs import Output
 
 from .address import OPTION, PageAddress
 
@@ -47,9 +47,8 @@ class LivePage(Output):
             self._process = _spawned(listening.fileno())
         self._send_settings(settings)
 
-    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
-        """Publish one reading."""
-        self._publisher.take(reading, stamp)
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        self._publisher.write_rows(rows)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Publish a report, and warn the user when the process has ended."""

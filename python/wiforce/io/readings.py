@@ -375,37 +375,3 @@ def parsed_utc(text: str) -> datetime:
     # Python 3.10 accepts neither Z nor other decimals than three or six.
     decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)
     return datetime.fromisoformat(decimals.replace("Z", "+00:00"))
-
-
-class Output:
-    """One output of a run; what a derived class does not override does nothing.
-
-    ``take`` is called by the thread of the reader, which must never wait for a peer: an output to
-    the network drops readings for slow peers, a file writes at once. ``send`` is called by the
-    threads of heartbeat and run, so it may coincide with ``take``.
-    """
-
-    def begin(self) -> None:
-        """The device is open; called again when it is opened anew.
-
-        Before that, the run may be refused, and no existing file may be changed.
-        """
-
-    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
-        """Take one reading.
-
-        ``stamp``: ``device_time_s``, ``run`` and ``time_utc`` of the reading, as the run's health
-        gives them. Raises OutputError when it cannot be written; this ends the run.
-        """
-
-    def send(self, kind: str, report: Mapping[str, Any]) -> None:
-        """Take a report of the reader's health.
-
-        ``kind``: ``heartbeat``, or ``end`` for the last one of a run.
-        """
-
-    def close(self) -> None:
-        """End in good order; called once, also after a failure.
-
-        Raises OutputError when what was taken cannot be written completely.
-        """

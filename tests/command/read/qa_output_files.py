@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +28,6 @@ from gnuradio.wiforce.io.ros_messages import topics_of
 from mcap.reader import make_reader
 from pyarrow import parquet
 from ros_clients import bag_messages
-from wiforce_app.live.outputs import McapFile
-from wiforce_app.read.file_outputs import open_mcap
 
 RUN = {"run": "20260131T235959Z-abcdef"}
 
@@ -235,11 +232,9 @@ def test_export_of_mcap_cut_in_its_first_chunk_is_refused(tmp_path):
 def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):
     """What a reader that runs for weeks writes to: no run replaces the file of another."""
     for _ in range(2):
-        output = McapFile(partial(open_mcap, str(tmp_path), [], {}, ["arm"]), most_bytes=30_000)
-        output.begin()
-        for reading in readings(1000):
-            output.take(reading, {})
-        output.close()
+        with McapWriter(tmp_path, sensors=["arm"], most_bytes=30_000) as output:
+            for reading in readings(1000):
+                output.write(reading)
     files = sorted(tmp_path.glob("*Z.mcap"))
     groups = [m.group for path in files for m in bag_messages(path)["/wiforce/arm/reading"]]
     assert groups == 2 * list(range(1000)) and len(files) >= 4

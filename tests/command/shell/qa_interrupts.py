@@ -6,8 +6,8 @@ import signal
 
 import pytest
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.scene import load_scene
-from wiforce_app.read.file_outputs import FileOutputs
+from gnuradio.wiforce.io.outputs import Output
+from wiforce_app.read.read_one import FileOutputs
 from wiforce_app.shell.interrupts import Terminated, interrupt_by_exception, uninterrupted
 
 INTERRUPTIONS = [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)]
@@ -24,20 +24,17 @@ def handlers():
         signal.signal(number, handler)
 
 
-class Rows:
+class Rows(Output):
     """An output that is interrupted, or fails, while it is written to or ended."""
 
     def __init__(self, *signals, failure=None):
         self.rows, self.closed = 0, False
         self._signals, self._failure = signals, failure
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
+    def close(self):
         self.closed = True
 
-    def write_all(self, readings):
+    def write_rows(self, rows):
         for number in self._signals:
             os.kill(os.getpid(), number)
         if self._failure is not None:
@@ -45,18 +42,11 @@ class Rows:
         self.rows += 1
 
 
-def outputs_of(*writers):
-    """FileOutputs with other writers than those of files."""
-    outputs = FileOutputs(None, None, [], load_scene("demo"))
-    outputs._writers = list(writers)
-    return outputs
-
-
 @pytest.mark.parametrize("number, expected", INTERRUPTIONS)
 def test_interruption_of_a_row_waits_until_it_is_in_all_files(number, expected):
     """MCAP lost all rows of its last chunk, while the CSV beside it had them."""
     first, second = Rows(number), Rows()
-    with pytest.raises(expected) as found, outputs_of(first, second) as outputs:
+    with pytest.raises(expected) as found, FileOutputs(first, second) as outputs:
         outputs.write_all([])
     assert found.type is expected
     assert (first.rows, second.rows) == (1, 1) and first.closed and second.closed
@@ -65,7 +55,7 @@ def test_interruption_of_a_row_waits_until_it_is_in_all_files(number, expected):
 def test_interruption_does_not_hide_that_a_file_is_full():
     full = Rows(signal.SIGINT, failure=OutputError("out.csv", "disk full"))
     second = Rows()
-    with pytest.raises(OutputError, match="disk full"), outputs_of(full, second) as outputs:
+    with pytest.raises(OutputError, match="disk full"), FileOutputs(full, second) as outputs:
         outputs.write_all([])
     assert second.rows == 1
     with uninterrupted():

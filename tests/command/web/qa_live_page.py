@@ -128,7 +128,7 @@ def test_live_page_whose_process_ends_is_reported_once(early, monkeypatch):
     page = live_page.LivePage(PageAddress.of(str(port)), said.append)
     page._process.wait()
     for _ in range(3):
-        page.take(touched(1.0), {"run": "r"})
+        page.write(touched(1.0), {"run": "r"})
         page.send("heartbeat", {"run": "r"})
     folder = Path(page.control.removeprefix("ipc://")).parent
     assert folder.stat().st_mode & 0o077 == 0

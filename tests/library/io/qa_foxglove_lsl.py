@@ -44,13 +44,13 @@ def test_foxglove_client_that_does_not_read_delays_nobody(server):
         received = client.messages["/wiforce/arm/reading"]
 
         def heard():
-            server.take(Reading(0.0, "arm", 0, group=-1), STAMP)
+            server.write(Reading(0.0, "arm", 0, group=-1), STAMP)
             return received
 
         wait_until(heard)
         large = STAMP | {"run": "r" * 10_000}
         for group in range(1000):  # 10 MB, more than the sockets of both hold
-            server.take(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
+            server.write(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
         wait_until(lambda: received[-1].group == 999)
         stalled.socket.close()
 
@@ -76,8 +76,8 @@ def test_lsl_samples_have_the_time_of_the_measurement():
     measured_s = time.time() - 0.1
     utc = datetime.fromtimestamp(measured_s, timezone.utc).isoformat()
     before_s = pylsl.local_clock()
-    outlets.take(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), {"time_utc": utc})
-    outlets.take(Reading(0.054, name), {"time_utc": ""})
+    outlets.write(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), {"time_utc": utc})
+    outlets.write(Reading(0.054, name), {"time_utc": ""})
     sample, sample_s = inlet.pull_sample(timeout=300)
     unknown, unknown_s = inlet.pull_sample(timeout=300)
     outlets.close()

@@ -2,12 +2,13 @@
 """Readings, their flags and their files: what a script that parses them relies on."""
 
 import csv
+import errno
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_rotating, open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
 
@@ -72,6 +73,24 @@ def test_writer_existing_file_is_kept_until_first_reading(earlier):
         assert earlier.read_text() == "precious\n"
         writer.write(UNKNOWN)
         assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,,\n"
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.parquet"])
+def test_writer_on_a_full_disk_keeps_the_former_file(tmp_path, monkeypatch, name):
+    """`read -o old.csv` emptied the file of an earlier run, and had no room for its own rows."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    former, other = tmp_path / name, tmp_path / f"new-{name}"
+    former.write_text("precious\n")
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(OutputError, match="its former content is kept"):
+        open_writer(former).begin()
+    assert former.read_text() == "precious\n"
+    with open_writer(other) as writer:  # there may be room for some rows
+        writer.write(UNKNOWN)
+    assert other.stat().st_size > 0
 
 
 def test_writer_closed_without_reading_leaves_header_only(earlier):

@@ -191,7 +191,7 @@ def test_publisher_with_keys_sends_to_authorised_subscribers_only(folders):
             subscribers[name].subscribe("")
         stamp = {"run": "1"}
         known, reading = subscribers["known"], Reading(0.018, "arm")
-        wait_until(lambda: known.poll(10), meanwhile=lambda: publisher.take(reading, stamp))
+        wait_until(lambda: known.poll(10), meanwhile=lambda: publisher.write(reading, stamp))
         assert json.loads(subscribers["known"].recv())["sensor"] == "arm"
         end = time.monotonic() + NOTHING_S
         while time.monotonic() < end:
@@ -386,7 +386,7 @@ def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(port, length):
         subscriber.connect(address)
         subscriber.subscribe('{"message": "reading"')
         reading, stamp = Reading(0.018, "arm"), {"run": "1"}
-        wait_until(lambda: subscriber.poll(10), meanwhile=lambda: publisher.take(reading, stamp))
+        wait_until(lambda: subscriber.poll(10), meanwhile=lambda: publisher.write(reading, stamp))
         received = json.loads(subscriber.recv())
         assert (received["message"], received["sensor"], received["run"]) == ("reading", "arm", "1")
     publisher.close()

@@ -5,6 +5,7 @@ import math
 import os
 import struct
 from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -104,14 +105,17 @@ def _utc_s(stamp: Any) -> float | None:
 # A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
 # process that is killed loses. Larger ones compress better, and their index takes less memory.
 _CHUNK_BYTES = 8_192
+# Files in a folder are ended at this size, some seven hours of one sensor: the index of an open
+# file takes memory, a quarter of its size.
+_FILE_BYTES = 64_000_000
 
 
 class McapWriter(EndedOutput):
     """Writes readings and health to an MCAP file; may be used by several threads.
 
-    As a context manager it ends the file, also after an error. ``metadata`` is stored as
-    ``gr-wiforce``, ``sensors`` are those known before the first reading; two must not have the same
-    topics.
+    ``path`` is a file, or a folder for files named after the time, of which another is begun at
+    ``most_bytes``. ``metadata`` is stored as ``gr-wiforce``, ``sensors`` are those known before the
+    first reading; two must not have the same topics.
 
     Messages are logged at the time of their header, so that the time axis of a viewer is that of
     the measurement. Where UTC is not known, that of the previous message counts and, in a file
@@ -126,12 +130,16 @@ class McapWriter(EndedOutput):
         inputs: Iterable[str | Path] = (),
         metadata: Mapping[str, str] | None = None,
         sensors: Iterable[str] = (),
+        most_bytes: int = _FILE_BYTES,
     ) -> None:
         self._sensors = dict.fromkeys(sensors)
-        super().__init__(path, inputs, "MCAP")
+        self._folder = Path(path) if Path(path).is_dir() else None
+        if self._folder is None and Path(path).suffix.lower() != ".mcap":
+            raise InputError("--mcap", "must be FILE.mcap or an existing folder", str(path))
+        super().__init__(_named(self._folder) if self._folder else path, inputs, "MCAP")
         topics_of(self._sensors)
         self._library = optional_module("mcap_ros2.writer", path)
-        self._metadata = dict(metadata or {})
+        self._metadata, self._most_bytes = dict(metadata or {}), most_bytes
         self._schemas: dict[str, Any] = {}
         self._utc_ns: int | None = None
 
@@ -147,7 +155,7 @@ class McapWriter(EndedOutput):
         self._writer.finish()
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Write readings given as rows; no two sensors may have the same topics."""
+        """Write rows; no two sensors may have the same topics."""
         self.begin()
         for row in rows:
             if row["sensor"] not in self._sensors:
@@ -156,17 +164,22 @@ class McapWriter(EndedOutput):
             for message in reading_messages(row):
                 self._put(message, round(row["time_s"] * 1e9))
             self.rows += 1
+            if self._folder and self._file and self._file.size_bytes >= self._most_bytes:
+                self._begin_next(self._folder)
 
-    def write_health(self, report: Mapping[str, Any]) -> None:
-        """Write a heartbeat or the end of a run; nothing before the file is begun.
-
-        A failure is reported by the next reading, or when the file is closed.
-        """
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Write a report once the file is begun; a failure is raised by the next reading."""
         if self._writer is not None and self._failure is None:
             try:
                 self._put(health_message(report), 0)
             except OutputError:
                 pass
+
+    def _begin_next(self, folder: Path) -> None:
+        with self._lock:
+            self.close()
+            self._path, self._file, self._writer, self._ended = _named(folder), None, None, False
+            self.begin()
 
     def _put(self, message: RosMessage, else_ns: int) -> None:
         with self._lock:
@@ -179,3 +192,9 @@ class McapWriter(EndedOutput):
                 self._writer.write_message(
                     message.topic, schema, message.fields, time_ns, time_ns, sequence
                 )
+
+
+def _named(folder: Path) -> Path:
+    """A file in a folder: names with milliseconds differ, however often a run is started again."""
+    now = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%S.%f}"[:-3]
+    return folder / f"{now}Z.mcap"

@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings: created, appended to and completed, and what each kind of them implements."""
+"""Files of readings: created, appended to and completed, also on a disk that is full."""
 
 import errno
 import fcntl
 import os
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
 from ...errors import InputError, OutputError
-from ..readings import Reading
+from ..outputs import Output
 from ..text.textfile import check_output
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
+# The longest row: what a machine that failed may have left incomplete, and what there must be room
+# for before a file is emptied.
+LONGEST_ROW = 65_536
 
 
 class OutputFile:
@@ -26,7 +29,7 @@ class OutputFile:
     written further; of text in ``lines`` that includes those of the write that fails.
     ``reserve_bytes`` are held on the disk and used when it is full, so that a file that needs an
     end can be ended: ``reserve_used`` says that it should be. Refuses a file that another process
-    is writing to.
+    is writing to, and to replace one on a disk that has no room for as much again.
     """
 
     def __init__(
@@ -43,16 +46,12 @@ class OutputFile:
         self.size_bytes, self.reserve_used = 0, False
         try:
             self._file = open(path, "ab", buffering=0)
-            self._regular = Path(path).is_file()
-            if self._regular:
+            if Path(path).is_file():
                 _lock(path, self._file)
-                if append:
-                    self.size_bytes = os.fstat(self._file.fileno()).st_size
-                else:
-                    self._file.truncate(0)
-                if reserve_bytes:
-                    self._reserve = _reserved(Path(path).absolute().parent, reserve_bytes)
-        except InputError:
+                self.size_bytes = os.fstat(self._file.fileno()).st_size
+                if not append:
+                    self._empty(reserve_bytes)
+        except (InputError, OutputError):
             raise
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
@@ -96,28 +95,45 @@ class OutputFile:
                     continue
                 if self._lines:
                     self.size_bytes += bytes(data).rfind(b"\n", 0, length - len(rest)) + 1
-                self._remove_partial_write()
+                self.cut(self.size_bytes)
                 rule = f"cannot be written further ({error.strerror}); {self._kept}"
                 self._failure = OutputError(self._path, rule)
                 raise self._failure from error
         self.size_bytes += length
         return length
 
+    def cut(self, size_bytes: int) -> None:
+        """Cut off what lies behind so many bytes, unless this is no regular file."""
+        self.size_bytes = size_bytes
+        try:
+            self._file.truncate(size_bytes)
+        except OSError:
+            pass
+
     def close(self) -> None:
         """Close the file, which then holds what was written."""
         self._free_reserve()
         self._file.close()
 
+    def _empty(self, reserve_bytes: int) -> None:
+        """Empty the file, once there is room for what is to replace its content."""
+        folder = Path(self._path).absolute().parent
+        room = max(reserve_bytes, self.size_bytes, LONGEST_ROW)
+        try:
+            self._reserve = _reserved(folder, room)
+        except OSError as error:
+            if self.size_bytes and error.errno in _FULL:
+                self._file.close()
+                rule = f"cannot be replaced ({error.strerror}); its former content is kept"
+                raise OutputError(self._path, rule) from error
+        self.cut(0)
+        if not reserve_bytes:
+            self._free_reserve()
+
     def _free_reserve(self) -> None:
         if self._reserve is not None:
             self._reserve.close()
             self._reserve = None
-
-    def _remove_partial_write(self) -> None:
-        try:
-            self._file.truncate(self.size_bytes)
-        except OSError:
-            pass  # not a regular file
 
 
 def _lock(path: str | Path, file: FileIO) -> None:
@@ -130,65 +146,15 @@ def _lock(path: str | Path, file: FileIO) -> None:
         pass  # a file system without locks
 
 
-def _reserved(folder: Path, size_bytes: int) -> IO[bytes] | None:
-    """A file without a name that holds space of the disk; None where there is none to hold."""
+def _reserved(folder: Path, size_bytes: int) -> IO[bytes]:
+    """A file without a name that holds space of the disk, or the OSError that there is none."""
     reserve: IO[bytes] = tempfile.TemporaryFile(dir=folder)
     try:
         os.posix_fallocate(reserve.fileno(), 0, size_bytes)
     except OSError:
         reserve.close()
-        return None
+        raise
     return reserve
-
-
-Output = TypeVar("Output", bound="ReadingsOutput")
-
-
-class ReadingsOutput:
-    """A file of readings that derived classes begin, fill row by row and end; ``rows`` counts them.
-
-    As a context manager it is closed after success; after an error `_abandon` keeps what it can.
-    """
-
-    _file: OutputFile | None = None
-    rows = 0
-
-    def __enter__(self: Output) -> Output:
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            self.close()
-        elif self._file is not None:
-            self._abandon()
-
-    @property
-    def size_bytes(self) -> int:
-        """Size of the file."""
-        return 0 if self._file is None else self._file.size_bytes
-
-    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading and ``more`` plain values of the columns that follow.
-
-        OutputError when it, or a reading before it, cannot be written.
-        """
-        self.write_rows([{**reading.row(), **(more or {})}])
-
-    def write_all(self, readings: Iterable[Reading]) -> None:
-        """Write readings that came together, as :meth:`write` does."""
-        self.write_rows([reading.row() for reading in readings])
-
-    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Write readings given as rows; see the derived classes."""
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """End the file; see the derived classes."""
-        raise NotImplementedError
-
-    def _abandon(self) -> None:
-        """End the file after an error, which counts rather than any of its own."""
-        raise NotImplementedError
 
 
 # Enough for what waits and the end of an MCAP file of half a day, or a Parquet file of two.
@@ -196,7 +162,7 @@ _RESERVE_BYTES = 4_000_000
 Ended = TypeVar("Ended", bound="EndedOutput")
 
 
-class EndedOutput(ReadingsOutput):
+class EndedOutput(Output):
     """A file that needs an end, for which space is held on the disk; for several threads.
 
     The former content is kept until the first row, :meth:`begin` or :meth:`close`. ``kind`` names
@@ -211,6 +177,7 @@ class EndedOutput(ReadingsOutput):
         if Path(path).exists() and not Path(path).is_file():
             raise InputError(path, f"{kind} needs a regular file")
         self._path = path
+        self._file: OutputFile | None = None
         self._writer: Any = None
         self._failure: OutputError | None = None
         self._lock, self._ended = threading.RLock(), False
@@ -230,13 +197,12 @@ class EndedOutput(ReadingsOutput):
         return self
 
     def close(self) -> None:
-        """Write what waits and the end of the file, or raise OutputError."""
         self.begin()
-        self._abandon()
+        self.abandon()
         if self._failure is not None:
             raise self._failure
 
-    def _abandon(self) -> None:
+    def abandon(self) -> None:
         with self._lock:
             if self._ended or self._file is None:
                 return
@@ -251,10 +217,7 @@ class EndedOutput(ReadingsOutput):
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Write within this: it raises the failure of a former call, and ends a full disk's file.
-
-        OutputError in both cases.
-        """
+        """Write within this: it raises the OutputError of a former call, and ends a full file."""
         with self._lock:
             if self._failure is not None:
                 raise self._failure
@@ -264,9 +227,9 @@ class EndedOutput(ReadingsOutput):
                 self._failure = error
                 raise
             if self._file is not None and self._file.reserve_used:
-                rule = (
-                    f"cannot be written further (disk full); all {self._items} until then are kept"
+                kept = f"all {self._items} until then are kept"
+                self._failure = OutputError(
+                    self._path, f"cannot be written further (disk full); {kept}"
                 )
-                self._failure = OutputError(self._path, rule)
-                self._abandon()
+                self.abandon()
                 raise self._failure

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..optional import optional_module
+from ..optional import optional_modules
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 from .output_file import EndedOutput, OutputFile
 
@@ -17,7 +17,6 @@ _INTEGERS = {"touch": "int8", "group": "int64"}
 class ParquetWriter(EndedOutput):
     """Writes readings to a Parquet file, with the columns and values of a CSV file.
 
-    The file is valid once it is closed. As a context manager it ends the file, also after an error.
     ``also`` are columns that follow those of a reading: those of a surface, and others of text;
     ``metadata`` is stored in the file's schema.
     """
@@ -32,8 +31,7 @@ class ParquetWriter(EndedOutput):
         metadata: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(path, inputs, "Parquet")
-        self._arrow = optional_module("pyarrow", path)
-        self._parquet = optional_module("pyarrow.parquet", path)
+        self._arrow, self._parquet = optional_modules(path, ["pyarrow", "pyarrow.parquet"])
         types = {name: self._arrow.string() for name in (*COLUMNS, *also)}
         types |= dict.fromkeys(NUMBERS, self._arrow.float64())
         types |= {name: self._arrow.float64() for name in also if name in SURFACE_COLUMNS}
@@ -50,7 +48,6 @@ class ParquetWriter(EndedOutput):
         )
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Write readings given as rows of a file."""
         self.begin()
         for row in rows:
             with self._writing():

@@ -6,7 +6,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..optional import optional_modules
-from ..readings import Output, Reading
+from ..outputs import Output
 from ..ros_messages import (
     RosMessage,
     complete_definition,
@@ -51,17 +51,15 @@ class FoxgloveServer(Output):
             reason = str(error).removeprefix("FoxgloveError: ")
             raise InputError(_OPTION, f"cannot be bound ({reason})", address) from error
 
-    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
-        """Send one reading, with ``run``, ``time_utc`` and ``device_time_s``."""
-        for message in reading_messages({**reading.row(), **stamp}):
-            self._send(message)
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        for row in rows:
+            for message in reading_messages(row):
+                self._send(message)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
-        """Send a heartbeat or the end of a run."""
         self._send(health_message(report))
 
     def close(self) -> None:
-        """Disconnect all clients."""
         self._server.stop()
 
     def _send(self, message: RosMessage) -> None:

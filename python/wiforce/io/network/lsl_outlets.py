@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..optional import optional_module
-from ..readings import Output, Reading, flag_bits, parsed_utc
+from ..outputs import Output
+from ..readings import flag_bits, parsed_utc
 
 # Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
 CHANNELS = (
@@ -75,17 +76,17 @@ class LslOutlets(Output):
             for name, channels in kinds.items()
         }
 
-    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
-        """Send one reading; the time of this call counts where ``time_utc`` is empty."""
-        row = reading.row()
-        row["flags"] = flag_bits(reading.flags)
-        names = [name for name, *_ in self._channels[reading.sensor]]
-        values = [math.nan if row[name] is None else float(row[name]) for name in names]
-        lsl_s = self._pylsl.local_clock()
-        if stamp["time_utc"]:
-            utc_s = parsed_utc(stamp["time_utc"]).timestamp()
-            lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
-        self._outlets[reading.sensor].push_sample(values, lsl_s)
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Send readings; the time of this call counts where ``time_utc`` is empty."""
+        for row in rows:
+            values = {**row, "flags": flag_bits(tuple(row["flags"].split()))}
+            known = [values[name] for name, *_ in self._channels[row["sensor"]]]
+            lsl_s = self._pylsl.local_clock()
+            if row["time_utc"]:
+                utc_s = parsed_utc(row["time_utc"]).timestamp()
+                lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
+            sample = [math.nan if value is None else float(value) for value in known]
+            self._outlets[row["sensor"]].push_sample(sample, lsl_s)
 
     def close(self) -> None:
         """End the streams; what was just sent still has a moment to leave."""

@@ -7,12 +7,12 @@ import json
 import re
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from ...errors import InputError
 from ..optional import optional_module
-from ..readings import Output, Reading
+from ..outputs import Output
 from .zmq_keys import ClientKeys, ServerKeys
 
 
@@ -124,9 +124,9 @@ class ReadingsPublisher(_Endpoint, Output):
         self._lock = threading.Lock()
         super().__init__(endpoint, option, keys)
 
-    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
-        """Send one reading: the keys of a JSON line, and more."""
-        self.send("reading", {**reading.row(), **stamp})
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        for row in rows:
+            self.send("reading", row)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Send a JSON object whose first key, ``message``, is its kind."""

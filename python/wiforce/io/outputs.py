@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Outputs of readings: files and sockets behind one interface, which all get the same rows."""
+
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from typing import Any, TypeVar
+
+from ..errors import OutputError
+from .readings import Reading
+
+# What files hold of a live run besides the reading; sockets get ``device_time_s`` as well.
+STAMP_COLUMNS = ("run", "time_utc")
+Self = TypeVar("Self", bound="Output")
+
+
+class Output:
+    """One output of readings; what a derived class does not override does nothing.
+
+    Rows come from the thread of the reader, which must never wait for a peer: an output to the
+    network drops those for slow peers, a file writes at once. ``send`` is called by the threads of
+    heartbeat and run, so it may coincide with ``write_rows``. As a context manager an output is
+    closed after success; after an error it keeps what it can.
+    """
+
+    rows = 0  # taken so far
+
+    def __enter__(self: Self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def begin(self: Self) -> Self:
+        """Say that rows follow: the run may be refused before, and no file is changed."""
+        return self
+
+    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
+        """Write one reading and ``more`` plain values of the columns that follow.
+
+        OutputError when it, or a reading before it, cannot be written.
+        """
+        self.write_rows([{**reading.row(), **(more or {})}])
+
+    def write_all(self, readings: Iterable[Reading]) -> None:
+        """Write readings that came together, as :meth:`write` does."""
+        self.write_rows([reading.row() for reading in readings])
+
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Write readings given as rows of a file, with all columns in their order."""
+        raise NotImplementedError
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Take a report of the reader's health: a ``heartbeat``, or the ``end`` of a run."""
+
+    def close(self) -> None:
+        """End in good order, or raise OutputError where what was taken cannot be written."""
+
+    def abandon(self) -> None:
+        """End after an error, which counts rather than any of this output."""
+        self.close()
+
+
+class Outputs(Output):
+    """Outputs that get the same rows, and are ended in reverse order."""
+
+    def __init__(self, *outputs: Output) -> None:
+        self._outputs: list[Output] = []
+        self._ending = ExitStack()
+        for output in outputs:
+            self.add(output)
+
+    def __exit__(self, *error: Any) -> None:
+        self._ending.__exit__(*error)
+
+    def add(self, output: Output) -> None:
+        """Add an output."""
+        self._outputs.append(self._ending.enter_context(output))
+
+    def begin(self: Self) -> Self:
+        for output in self._outputs:  # type: ignore[attr-defined]
+            output.begin()
+        return self
+
+    def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Give rows to all outputs; raises the OutputError of the first that failed thereafter."""
+        rows, failure = list(rows), None
+        for output in self._outputs:
+            try:
+                output.write_rows(rows)
+            except OutputError as error:
+                failure = failure or error
+        if failure is not None:
+            raise failure
+        self.rows += len(rows)
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        for output in self._outputs:
+            output.send(kind, report)
