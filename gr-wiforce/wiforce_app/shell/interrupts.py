@@ -67,7 +67,7 @@ def interrupt_by_exception():
     shell's background command ignores Ctrl-C, and goes on doing so.
     """
     signal.signal(signal.SIGTERM, _signals.receive)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _signals.receive)
 
 

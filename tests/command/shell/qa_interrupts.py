@@ -3,6 +3,7 @@
 
 import os
 import signal
+import subprocess
 
 import pytest
 from gnuradio.wiforce.errors import OutputError
@@ -75,6 +76,15 @@ def test_interruption_elsewhere_is_immediate():
     with pytest.raises(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGINT)
         pytest.fail("went on")
+
+
+def test_interruption_while_the_command_is_loaded_ends_it_in_one_line(tmp_path):
+    """Whoever changed their mind at once got twenty lines of a traceback."""
+    (tmp_path / "click.py").write_text("import os\nos.kill(os.getpid(), 2)\n")
+    found = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    environment = os.environ | {"PYTHONPATH": found}
+    done = subprocess.run(["gr-wiforce"], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "gr-wiforce: interrupted\n")
 
 
 def test_ignored_interruption_stays_ignored():
