@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import cache
 from typing import Any
@@ -65,18 +65,13 @@ class Flag(enum.Flag):
     @property
     def words(self) -> tuple[str, ...]:
         """The word of every flag that is set, in the order of the members."""
-        return _words(self)
-
-
-@cache
-def _words(flags: Flag) -> tuple[str, ...]:
-    return tuple(flag.word for flag in Flag if flag in flags)
+        return flag_words(self.value)
 
 
 @cache
 def flag_words(bits: int) -> tuple[str, ...]:
     """The words of flags that are given as the sum of their values, in the order of the members."""
-    return Flag(bits).words
+    return tuple(flag.word for flag in Flag if bits & flag.value)
 
 
 @cache
@@ -227,15 +222,11 @@ def rounded(key: str, value: float) -> float | None:
 
 
 # Flags of groups that are counted apart.
-_REFERENCE, _CHANGING = Flag.REFERENCE.word, Flag.TRANSITION.word
-_SATURATED = Flag.SATURATED.word
+_REFERENCE, _CHANGING, _SATURATED = "reference", "transition", "saturated"
 
 
 def outcome_words(counts: Mapping[str, int], doubts: str = "") -> str:
-    """Numbers of groups by outcome, as :meth:`GroupCounts.asdict` has them, in words.
-
-    ``doubts``: what follows the doubtful ones.
-    """
+    """Numbers of groups by outcome in words, with ``doubts`` behind the doubtful ones."""
     parts = (
         (counts["reference"], "reference"),
         (counts["changing"], "while pressing or releasing"),
@@ -245,20 +236,18 @@ def outcome_words(counts: Mapping[str, int], doubts: str = "") -> str:
     return f"{counts['clear']} usable" + "".join(f", {n} {what}" for n, what in parts if n)
 
 
+@dataclass
 class GroupCounts:
-    """Counts of phase groups by outcome; together all groups that the stream spans.
+    """Counts of phase groups by outcome; together all groups that the stream spans."""
 
-    ``clear`` groups have no flag of any sensor, of ``dropped`` ones nothing was received;
-    ``reference`` groups belong to the reference, in ``changing`` ones something began, ended or
-    changed; ``flags`` counts the other flagged groups by word, and the saturated ones. Those of
-    ``interfered`` lack snapshots because of interference.
-    """
-
-    def __init__(self) -> None:
-        self.clear = self.flagged = self.dropped = 0
-        self.reference = self.changing = 0
-        self.flags: Counter[str] = Counter()
-        self.interfered = 0
+    clear: int = 0  # without a flag of any sensor
+    flagged: int = 0  # the next two included
+    dropped: int = 0  # of which nothing was received
+    reference: int = 0
+    changing: int = 0  # in which something began, ended or changed
+    interfered: int = 0  # that lack snapshots because of interference
+    # Of the other flagged groups and the saturated ones, by word.
+    flags: Counter[str] = field(default_factory=Counter)
 
     def note(self, readings: Iterable[Reading]) -> None:
         """Count one group by its readings, one per sensor."""
@@ -267,10 +256,8 @@ class GroupCounts:
             flags.update(reading.flags)
             interfered |= bool(reading.interference)
         self.interfered += interfered
-        if not flags:
-            self.clear += 1
-            return
-        self.flagged += 1
+        self.clear += not flags
+        self.flagged += bool(flags)
         if _SATURATED in flags:  # the cause of what the others say
             self.flags.update(flags - {_REFERENCE, _CHANGING})
         elif _REFERENCE in flags:
@@ -282,13 +269,8 @@ class GroupCounts:
 
     def add(self, other: "GroupCounts") -> None:
         """Add the counts of another run."""
-        self.clear += other.clear
-        self.flagged += other.flagged
-        self.dropped += other.dropped
-        self.reference += other.reference
-        self.changing += other.changing
-        self.interfered += other.interfered
-        self.flags.update(other.flags)
+        for name, count in vars(other).items():
+            setattr(self, name, getattr(self, name) + count)
 
     @property
     def groups(self) -> int:
@@ -296,7 +278,7 @@ class GroupCounts:
         return self.clear + self.flagged + self.dropped
 
     def asdict(self) -> dict[str, int]:
-        """Number of groups by outcome; ``flagged`` ones include the last two."""
+        """Number of groups by outcome."""
         keys = "clear", "flagged", "dropped", "reference", "changing"
         return {key: getattr(self, key) for key in keys}
 
@@ -308,15 +290,13 @@ class GroupCounts:
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
         text = f"{_groups(self.groups)}: {outcome_words(self.asdict(), f' ({named})')}"
-        if self.interfered:
-            share = self.interfered / self.groups
-            # An edge of a press within a frame, as simulations have it, looks like another
-            # transmitter as well.
-            text += (
-                f"; {_groups(self.interfered)} ({share:.0%}) lacked snapshots hit by another "
-                "transmitter or by a sudden touch or release"
-            )
-        return text
+        if not self.interfered:
+            return text
+        # An edge of a press within a frame, as simulations have it, looks like another transmitter
+        # as well.
+        causes = "another transmitter or by a sudden touch or release"
+        lacking = f"{_groups(self.interfered)} ({self.interfered / self.groups:.0%})"
+        return f"{text}; {lacking} lacked snapshots hit by {causes}"
 
 
 def _groups(count: int) -> str:

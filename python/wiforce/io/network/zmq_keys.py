@@ -7,6 +7,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ _PUBLIC, _SECRET = ".key", ".key_secret"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 _KEY_LENGTH = 40  # in Z85, of 32 bytes
 _DOMAIN = "gr-wiforce"
-_OPTION = "--zmq-keys"
 
 
 @dataclass(frozen=True)
@@ -38,28 +38,20 @@ class ServerKeys:
 
     @classmethod
     def load(cls, folder: str | Path) -> ServerKeys:
-        """The keys in a folder that :func:`create_keys` has made.
-
-        Refuses files that are missing, no certificates or readable by others, and no client at all.
-        """
-        public, secret = _load_secret(Path(folder) / f"{SERVER}{_SECRET}")
+        """The keys in a folder that :func:`create_keys` has made, with one client at least."""
         clients = Path(folder) / _CLIENTS
-        if not any(_public_keys(clients)):
+        keys = cls(*_load(Path(folder) / f"{SERVER}{_SECRET}", secret=True), clients)
+        if not any(keys._authorised()):
             raise InputError(clients, f"must hold the public key of a client, NAME{_PUBLIC}")
-        return cls(public, secret, clients)
+        return keys
 
     def apply(self, socket: Any) -> None:
-        """Let a socket, before it is bound, accept authorised clients only.
-
-        Its context needs an authenticator (:meth:`authenticate`). Without one, nobody is accepted.
+        """Let a socket, before it is bound, accept authorised clients only: nobody, unless its
+        context has an authenticator (:meth:`authenticate`).
         """
-        import zmq
-
-        socket.setsockopt(zmq.CURVE_PUBLICKEY, self.public)
-        socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret)
-        socket.setsockopt(zmq.CURVE_SERVER, 1)
-        socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN.encode())
-        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
+        socket.curve_publickey, socket.curve_secretkey = self.public, self.secret
+        socket.curve_server, socket.zap_domain = True, _DOMAIN.encode()
+        socket.zap_enforce_domain = True
 
     def authenticate(self, context: Any) -> Any:
         """Start to decide, in a thread, which clients of a context's sockets are accepted.
@@ -76,7 +68,13 @@ class ServerKeys:
 
     def callback(self, domain: str, key: bytes) -> bool:
         """Whether a client with this public key, in Z85, is authorised now."""
-        return key in _public_keys(self.clients)
+        return key in self._authorised()
+
+    def _authorised(self) -> Iterator[bytes]:
+        """Public keys of clients; files that hold none are ignored."""
+        for path in sorted(self.clients.glob(f"*{_PUBLIC}")):
+            with suppress(InputError):
+                yield _load(path)[0]
 
 
 @dataclass(frozen=True)
@@ -89,30 +87,21 @@ class ClientKeys:
 
     @classmethod
     def load(cls, path: str | Path) -> ClientKeys:
-        """The keys of a client: ``NAME.key_secret`` with ``server.key`` beside it, or their folder.
-
-        Refuses files that are missing, no certificates or readable by others.
-        """
+        """A client's keys: ``NAME.key_secret`` with ``server.key`` beside it, or their folder."""
         path = Path(path)
         if path.is_dir():
             found = [each for each in path.glob(f"*{_SECRET}") if each.stem != SERVER]
             if len(found) != 1:
-                rule = (
-                    f"must hold one client's NAME{_SECRET}, but holds {len(found)}; name the file"
-                )
-                raise InputError(path, rule)
+                rule = f"must hold one client's NAME{_SECRET}, but holds {len(found)}"
+                raise InputError(path, f"{rule}; name the file")
             path = found[0]
-        public, secret = _load_secret(path)
         server, _ = _load(path.with_name(f"{SERVER}{_PUBLIC}"))
-        return cls(public, secret, server)
+        return cls(*_load(path, secret=True), server)
 
     def apply(self, socket: Any) -> None:
         """Let a socket, before it is connected, prove who it is and check the server's key."""
-        import zmq
-
-        socket.setsockopt(zmq.CURVE_PUBLICKEY, self.public)
-        socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret)
-        socket.setsockopt(zmq.CURVE_SERVERKEY, self.server)
+        socket.curve_publickey, socket.curve_secretkey = self.public, self.secret
+        socket.curve_serverkey = self.server
 
 
 def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
@@ -120,13 +109,12 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
 
     Files are certificates as pyzmq makes and reads them, which only their owner can read:
     ``server.key``, ``server.key_secret``, ``NAME.key_secret`` and ``clients/NAME.key``. Returns
-    those that were made; nothing is overwritten. NAME has letters, digits, ``-`` and ``_``.
+    those that were made; nothing is overwritten.
     """
     folder = Path(folder)
     if not _NAME.fullmatch(client) or client == SERVER:
         rule = "must be letters, digits, - and _, up to 64, and not 'server'"
         raise InputError("--client", rule, client)
-    made: list[Path] = []
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "must be a folder, but is a file")
     if not folder.is_dir():
@@ -140,12 +128,10 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
                 rule = "exists already, and is not overwritten; name another client with --client"
                 raise InputError(target, rule)
         server = [folder / f"{SERVER}{_PUBLIC}", folder / f"{SERVER}{_SECRET}"]
-        if not any(path.exists() for path in server):
-            made += _create(SERVER, server)
-        made += _create(client, targets)
+        made = [] if any(path.exists() for path in server) else _create(SERVER, server)
+        return made + _create(client, targets)
     except OSError as error:
         raise unwritable(error.filename2 or error.filename or folder, error) from error
-    return made
 
 
 def _create(name: str, targets: list[Path]) -> list[Path]:
@@ -160,19 +146,9 @@ def _create(name: str, targets: list[Path]) -> list[Path]:
     return targets
 
 
-def _load_secret(path: Path) -> tuple[bytes, bytes]:
-    """Public and secret key of a file that is nobody else's business."""
-    public, secret = _load(path)
-    if secret is None:
-        raise InputError(path, "must hold a secret key, but holds a public one only")
-    if path.stat().st_mode & 0o007:
-        raise InputError(path, "must not be accessible to others; correct it with chmod o=")
-    return public, secret
-
-
-def _load(path: Path) -> tuple[bytes, bytes | None]:
-    """Public and, if there is one, secret key of a certificate."""
-    auth = optional_module("zmq.auth", _OPTION)
+def _load(path: Path, secret: bool = False) -> tuple[bytes, bytes]:
+    """Public and secret key of a certificate, of which others may not read a ``secret`` one."""
+    auth = optional_module("zmq.auth", "--zmq-keys")
     if not path.is_file():
         raise InputError(path, "does not exist; `gr-wiforce keys FOLDER` makes keys")
     try:
@@ -183,13 +159,8 @@ def _load(path: Path) -> tuple[bytes, bytes | None]:
         raise InputError(path, "must be a ZMQ certificate, but holds no key") from error
     if any(key is not None and len(key) != _KEY_LENGTH for key in keys):
         raise InputError(path, f"must hold keys of {_KEY_LENGTH} characters")
+    if secret and keys[1] is None:
+        raise InputError(path, "must hold a secret key, but holds a public one only")
+    if secret and path.stat().st_mode & 0o007:
+        raise InputError(path, "must not be accessible to others; correct it with chmod o=")
     return keys
-
-
-def _public_keys(folder: Path) -> Iterator[bytes]:
-    """Public keys in a folder; files that hold none are ignored."""
-    for path in sorted(folder.glob(f"*{_PUBLIC}")):
-        try:
-            yield _load(path)[0]
-        except InputError:
-            continue

@@ -72,16 +72,15 @@ class _Endpoint:
     longest = _LONGEST_REQUEST
 
     def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
+        self._address = endpoint_of(endpoint, option)
         zmq = optional_module("zmq", option)
         self._context, self._keys = zmq.Context(), keys
         self._authenticator = keys.authenticate(self._context) if keys is not None else None
         self._socket = self._open()
         try:
-            self._socket.bind(endpoint_of(endpoint, option))
-        except (zmq.ZMQError, InputError) as error:
+            self._socket.bind(self._address)
+        except zmq.ZMQError as error:
             self.close()
-            if isinstance(error, InputError):
-                raise
             reason = str(error)
             if error.errno in _FOREIGN_ADDRESS:
                 reason = "ADDRESS must be an IPv4 address of this machine, or * for all it has"
@@ -96,7 +95,7 @@ class _Endpoint:
         if self._keys is not None:
             self._keys.apply(opened)
             longest = max(longest, _LONGEST_HANDSHAKE)
-        opened.setsockopt(zmq.MAXMSGSIZE, longest)
+        opened.maxmsgsize = longest
         return opened
 
     def close(self) -> None:
@@ -120,8 +119,7 @@ class ReadingsPublisher(_Endpoint, Output):
     def __init__(
         self, endpoint: str, option: str = "--zmq", keys: ServerKeys | None = None
     ) -> None:
-        self._address, self._subscriptions = endpoint_of(endpoint, option), 0
-        self._lock = threading.Lock()
+        self._subscriptions, self._lock = 0, threading.Lock()
         super().__init__(endpoint, option, keys)
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -137,11 +135,9 @@ class ReadingsPublisher(_Endpoint, Output):
             self._socket.send_string(text)
 
     def _open(self) -> Any:
-        import zmq
-
         opened = super()._open()
-        opened.setsockopt(zmq.RCVHWM, _WAITING_SUBSCRIPTIONS)
-        opened.setsockopt(zmq.XPUB_VERBOSER, 1)  # every subscription is counted, also equal ones
+        opened.rcvhwm = _WAITING_SUBSCRIPTIONS
+        opened.xpub_verboser = True  # every subscription is counted, also equal ones
         return opened
 
     def _count_subscriptions(self) -> int:
@@ -210,10 +206,7 @@ class Replies(_Endpoint):
         """
         waiting, self._later = self._later, []
         for address, later in waiting:
-            if later.text is None:
-                self._later.append((address, later))
-            else:
-                self._socket.send_multipart([*address, later.text.encode()])
+            self._give(address, later)
         for _ in range(most):
             if not self._socket.poll(0):
                 return False
@@ -223,14 +216,19 @@ class Replies(_Endpoint):
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
             answer = self._answer(text)
-            if isinstance(answer, str):
-                self._socket.send_multipart([*parts[:begin], answer.encode()])
-            elif len(self._later) < _MOST_WAITING:
-                self._later.append((parts[:begin], answer))
-            else:
-                busy = json.dumps({"ok": False, "error": f"{_MOST_WAITING} requests wait already"})
-                self._socket.send_multipart([*parts[:begin], busy.encode()])
+            if isinstance(answer, Later) and len(self._later) >= _MOST_WAITING:
+                error = f"{_MOST_WAITING} requests wait already"
+                answer = json.dumps({"ok": False, "error": error})
+            self._give(parts[:begin], answer)
         return True
+
+    def _give(self, address: list[bytes], answer: str | Later) -> None:
+        """Send an answer, or keep one that is not given yet."""
+        text = answer if isinstance(answer, str) else answer.text
+        if text is not None:
+            self._socket.send_multipart([*address, text.encode()])
+        elif isinstance(answer, Later):
+            self._later.append((address, answer))
 
     def close(self) -> None:
         """Send the answers that are due, and give the endpoint back."""
@@ -254,57 +252,6 @@ def answer_words(
     return answer
 
 
-_OPTION = "--zmq-keys"
-
-
-class _Handshake:
-    """Observes the connection of a client's socket that is not connected yet."""
-
-    def __init__(self, socket: Any, has_keys: bool) -> None:
-        import zmq
-
-        self._socket, self._has_keys = socket, has_keys
-        self.events = socket.get_monitor_socket(
-            zmq.EVENT_HANDSHAKE_FAILED_AUTH
-            | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
-            | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
-        )
-        self._cut_off = False
-
-    def look(self) -> None:
-        """Take the events so far; InputError when the server has refused the client."""
-        import zmq
-        from zmq.utils.monitor import recv_monitor_message
-
-        while self.events.poll(0):
-            event = recv_monitor_message(self.events)["event"]
-            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                rule = "the server does not accept this client; its public key must be in the "
-                raise InputError(_OPTION, f"{rule}folder 'clients' of the server's keys")
-            if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and self._has_keys:
-                raise InputError(_OPTION, "the server has no keys; connect without them")
-            if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-                raise InputError(_OPTION, "is missing: the server accepts clients with keys only")
-            self._cut_off = True
-
-    def explain(self) -> None:
-        """What a silence means, once the time to wait is over:
-
-        InputError if the handshake was cut off.
-        """
-        self.look()
-        if self._cut_off and self._has_keys:
-            rule = "the server cannot read this client; its server.key is another server's"
-            raise InputError(_OPTION, rule)
-        if self._cut_off:
-            rule = "is missing, or ENDPOINT is not that of a reader: it ended the connection"
-            raise InputError(_OPTION, rule)
-
-    def close(self) -> None:
-        """Observe no more."""
-        self._socket.disable_monitor()
-
-
 def request(
     endpoint: str, word: str, timeout_s: float, keys: ClientKeys | None = None
 ) -> str | None:
@@ -315,33 +262,59 @@ def request(
     address = endpoint_of(endpoint, "ENDPOINT")
     zmq = optional_module("zmq", "ENDPOINT")
     with zmq.Context() as context, context.socket(zmq.REQ) as client:
-        client.setsockopt(zmq.LINGER, 0)
+        client.linger = 0
         if keys is not None:
             keys.apply(client)
-        handshake = _Handshake(client, keys is not None)
+        refusals = client.get_monitor_socket(
+            zmq.EVENT_HANDSHAKE_FAILED_AUTH
+            | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+            | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+        )
         try:
             client.connect(address)
             client.send_string(word)
-            return _receive_answer(client, handshake, timeout_s)
+            return _receive_answer(client, refusals, timeout_s, keys is not None)
         except zmq.ZMQError as error:
             reason = str(error)
             if error.errno == errno.EINVAL:
                 reason = "ADDRESS must be that of one machine"
             raise InputError("ENDPOINT", f"cannot be connected to ({reason})", endpoint) from error
         finally:
-            handshake.close()
+            client.disable_monitor()
 
 
-def _receive_answer(client: Any, handshake: _Handshake, timeout_s: float) -> str | None:
+def _receive_answer(client: Any, refusals: Any, timeout_s: float, has_keys: bool) -> str | None:
+    """The answer; InputError for a refusal, or a silence behind a handshake that was cut off."""
     import zmq
+    from zmq.utils.monitor import recv_monitor_message
 
     poller = zmq.Poller()
     poller.register(client, zmq.POLLIN)
-    poller.register(handshake.events, zmq.POLLIN)
-    deadline = time.monotonic() + timeout_s
+    poller.register(refusals, zmq.POLLIN)
+    rule, deadline = "", time.monotonic() + timeout_s
     while (remaining_s := deadline - time.monotonic()) > 0:
-        if client in dict(poller.poll(max(1, round(1000 * remaining_s)))):
+        ready = dict(poller.poll(max(1, round(1000 * remaining_s))))
+        if client in ready:
             return str(client.recv_string())
-        handshake.look()
-    handshake.explain()
+        if refusals in ready:
+            event = recv_monitor_message(refusals)["event"]
+            rule = _refusal(event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, has_keys)
+            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                rule = "the server does not accept this client; its public key must be in the "
+                rule += "folder 'clients' of the server's keys"
+            if event != zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+                break
+    if rule:
+        raise InputError("--zmq-keys", rule)
     return None
+
+
+def _refusal(protocol: bool, has_keys: bool) -> str:
+    """What it means that a handshake failed: by another protocol, or without a word."""
+    if protocol:
+        if has_keys:
+            return "the server has no keys; connect without them"
+        return "is missing: the server accepts clients with keys only"
+    if has_keys:
+        return "the server cannot read this client; its server.key is another server's"
+    return "is missing, or ENDPOINT is not that of a reader: it ended the connection"
