@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
@@ -51,27 +52,23 @@ def new_run() -> str:
     return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
 
 
+@dataclass
 class _Tag:
     """When a sensor's readings held values."""
 
-    def __init__(self, length_mm):
-        self.length_mm = length_mm
-        self.arrived_s = None
-        self.received_s = None
-        self.first_s = None
-        self.noted_s = 0.0
-        self.lost_s = 0.0  # of groups that were not received since the tag was
-        self.silent = False
-        self.doubted_s = None  # since when it is not known which phases are those untouched
-        self.doubt_said = False
+    length_mm: float
+    arrived_s: float | None = None
+    received_s: float | None = None
+    first_s: float | None = None
+    noted_s: float = 0.0
+    lost_s: float = 0.0  # of groups that were not received since the tag was
+    silent: bool = False
+    doubted_s: float | None = None  # since when it is not known which phases are those untouched
+    doubt_said: bool = False
 
 
 class RunHealth:
-    """Observes a session.
-
-    ``log``: takes a line for the user; ``device_state``: returns the state of the device, as a
-    `RadioKeeper` has it; ``now``: returns a steady time in seconds. ``run``: identifier of the run.
-    """
+    """Observes a session; ``log`` takes a line for the user, ``run`` identifies the run."""
 
     def __init__(
         self,
@@ -226,18 +223,11 @@ class RunHealth:
         }
 
     def stamp(self, reading: Reading) -> dict:
-        """What every reading carries besides its own columns.
-
-        ``run``, ``time_utc`` and, of its group's centre, ``device_time_s``; None when unknown.
-        """
-        device_s, compared = self.device_time_s(reading), self._follow_clock()
+        """What a reading carries besides its own columns: run, and times of its group's centre."""
+        start_s, compared = self._session.start_s, self._follow_clock()
+        device_s = None if start_s is None else round(start_s + reading.time_s, 6)
         utc_s = None if device_s is None or compared is None else device_s + compared[0]
         return {"run": self.run, "time_utc": written_utc(utc_s), "device_time_s": device_s}
-
-    def device_time_s(self, reading: Reading) -> float | None:
-        """Device time at the centre of a reading's group; None when unknown."""
-        start_s = self._session.start_s
-        return None if start_s is None else round(start_s + reading.time_s, 6)
 
     def _follow_clock(self):
         """The latest comparison of the clocks, which is kept while the device is lost."""
@@ -256,10 +246,7 @@ class RunHealth:
 
 
 class Heartbeat:
-    """Sends a report every half second and when the state changes, in a thread of its own.
-
-    ``report``: makes the report.
-    """
+    """Sends a report every half second and when the state changes, in a thread of its own."""
 
     def __init__(self, report: Callable[[], dict], send: Callable[[dict], None]):
         self._report, self._send = report, send

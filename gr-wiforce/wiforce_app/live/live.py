@@ -36,13 +36,7 @@ _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
 # Options whose text is given to drivers, which take UTF-8.
-_NAMES_OF_DEVICES = {
-    "args": "--args",
-    "tx_args": "--tx-args",
-    "antenna": "--antenna",
-    "tx_antenna": "--tx-antenna",
-    "reference": "--reference",
-}
+_DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
 
 
 @click.command(
@@ -184,10 +178,9 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            _run(
-                partial(_make_session, scene, request, tracked, record), request, outputs,
-                endpoints, duration, reconnect, not rows_on_terminal(output),
-            )  # fmt: skip
+            line = not rows_on_terminal(output)
+            options = {"tracked": tracked, "recording": record}
+            _run(scene, request, outputs, endpoints, duration, reconnect, line, **options)
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -255,12 +248,14 @@ def _warn_of_strangers(zmq_endpoint):
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
     if scene.packets:
-        rule = (
-            "must have no packets: a radio gives samples, and only `read` takes packets from files"
-        )
-        raise InputError("--scene", rule)
-    for name, option in _NAMES_OF_DEVICES.items():
-        _require_text(option, args if name == "args" else settings[name])
+        rule = "must have no packets: a radio gives samples, and only `read` takes packets"
+        raise InputError("--scene", f"{rule} from files")
+    for name in _DRIVERS_TAKE:
+        option, text = f"--{name.replace('_', '-')}", {"args": args, **settings}[name]
+        try:
+            (text or "").encode()
+        except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates
+            raise InputError(option, "must be text in UTF-8", text) from None
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
@@ -270,13 +265,6 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
         rx_antenna=settings.pop("antenna"),
         **settings,
     )
-
-
-def _require_text(option, text):
-    try:
-        (text or "").encode()
-    except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates
-        raise InputError(option, "must be text in UTF-8", text) from None
 
 
 def _check_transmitter(scene, settings):
@@ -300,20 +288,10 @@ def warn_of_oscillators(link):
         log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _make_session(scene, request, tracked, record, on_reading):
-    from .session import LiveSession
+def _run(scene, request, outputs, endpoints, duration, reconnect, line, **options):
+    """Run a session until a signal, a request or `duration` ends it; raises DeviceLost.
 
-    return LiveSession(scene, request, on_reading, tracked, record)
-
-
-def _run(make_session, request, outputs, endpoints, duration, reconnect, line):
-    """Run a session until a signal, a request or `duration` ends it.
-
-    `make_session` takes what is called with every reading; `endpoints` are those of requests, each
-    with its keys or None; `line`: whether there may be a status line.
-
-    Raises DeviceLost when the device is gone and must not be reopened; all readings have been
-    written.
+    `endpoints` are those of requests, each with its keys or None.
     """
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth
@@ -321,6 +299,7 @@ def _run(make_session, request, outputs, endpoints, duration, reconnect, line):
     from .radio_keeper import RadioKeeper
     from .requests import TareLog, serve_requests
     from .service_manager import ServiceManager, ServiceReport
+    from .session import LiveSession
 
     ending = _Ending()
     numbers = signal.SIGINT, signal.SIGTERM
@@ -345,7 +324,7 @@ def _run(make_session, request, outputs, endpoints, duration, reconnect, line):
         health.note(reading)
         monitor.note(reading)
 
-    session = make_session(on_reading)
+    session = LiveSession(scene, request, on_reading, **options)
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
     health = RunHealth(session, log.info, lambda: keeper.state)
     monitor = SessionMonitor(session, health, line=line)

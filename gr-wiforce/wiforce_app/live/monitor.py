@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Monitors a live session: status line and warnings."""
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -33,11 +34,7 @@ _WANTED_BUFFER = 50_000_000  # what UHD asks for
 
 
 class SessionMonitor:
-    """Monitors a session and reports to standard error.
-
-    ``health``: of the run; ``now``: returns wall time in seconds; ``line``: whether there may be a
-    status line.
-    """
+    """Monitors a session on standard error, where ``line`` allows with a status line."""
 
     def __init__(
         self,
@@ -97,7 +94,7 @@ class SessionMonitor:
             f"{session.samples / elapsed / 1e6:.2f} Msps",
             f"{session.gaps} gaps",
             session.reader.counts.short(),
-            f"peak {_db(session.take_peak()):.0f} dBFS",
+            f"peak {20 * math.log10(max(session.take_peak(), 1e-5)):.0f} dBFS",
         ]
         tare = session.reader.stream.tares.state
         if tare.state != "none":
@@ -138,9 +135,8 @@ class SessionMonitor:
         many = gaps - self._latest_gaps >= _MANY_GAPS
         self._latest_gaps = gaps
         if gaps > self._gaps and pace.allows("gaps"):
-            text = (
-                f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
-            )
+            loss = describe_loss(gaps - self._gaps, lost - self._lost)
+            text = f"{loss} at {session.time_s:.1f} s"
             if many:
                 text += f"; this machine or its network is too slow{_buffer_advice()}"
             log.warning(text)
@@ -160,12 +156,6 @@ class SessionMonitor:
             log.warning(
                 f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
             )
-
-
-def _db(amplitude):
-    from math import log10
-
-    return 20 * log10(max(amplitude, 1e-5))
 
 
 def _buffer_advice():

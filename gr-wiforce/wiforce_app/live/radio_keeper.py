@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.device_lock import DeviceBusy
 
 from ..radio.link import RadioLink
 from ..radio.request import DeviceAbsent, DeviceLost, RadioRequest
@@ -22,13 +21,10 @@ _REMIND_S = 600.0
 
 
 class RadioKeeper:
-    """Opens a session's device, and reopens it after a loss where that is wanted.
+    """Opens a session's device; with ``reconnect``, waits for one that is absent or lost.
 
-    ``reconnect``: reopen a device that is lost, and wait for one that is absent, with a growing
-    pause between attempts: 0.5 s to 30 s; ``on_open``: called with the RadioLink whenever the
-    device is open, before its first sample; ``link``: makes a RadioLink from a request. ``state``:
-    ``opening`` until the device has been found once, ``running`` or ``reconnecting``; ``losses``:
-    number of times that the device was lost.
+    Pauses between attempts grow from 0.5 s to 30 s. ``on_open`` is called whenever the device is
+    open, before its first sample. ``state`` is ``opening`` until it has been found once.
     """
 
     def __init__(
@@ -59,8 +55,7 @@ class RadioKeeper:
     def look(self) -> None:
         """Do what is due: open the device, start it, notice that it is lost. Never waits.
 
-        Raises DeviceLost when it is lost and must not be reopened; all samples received will be
-        read.
+        Raises DeviceLost when it must not be reopened; all samples received will be read.
         """
         if self._link is None:
             if self._now() < self._next_s:
@@ -70,12 +65,9 @@ class RadioKeeper:
         try:
             self._link.poll()
             self._check_samples()
-        except DeviceBusy as error:
-            self._fail(error, final=not self._found)
-        except DeviceAbsent as error:
-            self._fail(error)
         except InputError as error:
-            self._fail(error, final=not self._found)
+            absent = isinstance(error, DeviceAbsent)
+            self._fail(error, final=not (absent or self._found))
         except DeviceLost as error:
             self._fail(DeviceLost(f"the device {self._request.args!r} {error}"))
         else:

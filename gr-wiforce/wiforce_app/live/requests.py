@@ -40,11 +40,7 @@ class WarningPace:
 
 
 class TareLog:
-    """Requests tares, and tells the user what became of them.
-
-    ``log``: takes a line for the user; ``now``: time in seconds. A flood of requests must not fill
-    the log.
-    """
+    """Requests tares, and says in the log what became of them, which no flood of them fills."""
 
     def __init__(
         self,
@@ -79,12 +75,9 @@ def serve_requests(
     stop: Callable[[], None],
     keys: ServerKeys | None = None,
 ) -> Replies:
-    """Accept requests on a ZMQ socket.
+    """Accept requests on a ZMQ socket: ``tare``, ``tare force``, ``status`` and ``stop``."""
 
-    ``status``: returns the answer to ``status``.
-    """
-
-    def tare(force):
+    def tare(force=False):
         later = Later()
 
         def done(state):
@@ -100,7 +93,7 @@ def serve_requests(
         return {}
 
     words = {
-        "tare": lambda: tare(False),
+        "tare": tare,
         "tare force": lambda: tare(True),
         "status": status,
         "stop": end,

@@ -14,8 +14,7 @@ from .session import LiveSession
 class ServiceManager:
     """The protocol of ``sd_notify(3)``; does nothing unless systemd started the process.
 
-    ``environment``: of the process. The variables of the protocol are removed, so that processes
-    that are started do not report in its place.
+    Its variables are removed from the environment, so that no other process reports in its place.
     """
 
     def __init__(

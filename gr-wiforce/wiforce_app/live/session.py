@@ -39,9 +39,7 @@ def _reported_by_command(sentence: str) -> None:
 class LiveSession:
     """Reads the samples of one device, however often it is lost and found.
 
-    ``request``: what is asked of the device; ``on_reading``: called with every Reading as soon as
-    it is ready, in another thread; ``tracked``: track each press over time; ``recording``: record
-    to this SigMF pair.
+    ``on_reading`` is called with every reading as soon as it is ready, in another thread.
     """
 
     def __init__(
@@ -119,10 +117,7 @@ class LiveSession:
         return dataclasses.replace(request, aligned=self.alignment.offset is not None)
 
     def attach(self, link: RadioLink) -> None:
-        """Read the samples of a device, after those of the devices before.
-
-        ``link``: whose device is open.
-        """
+        """Read the samples of a device that is open, after those of the devices before."""
         for recorder in self.recorders:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
             recorder.describe({"core:hw": link.hardware, **settings})
@@ -224,10 +219,9 @@ class LiveSession:
 
     @property
     def clock(self) -> tuple[float, float] | None:
-        """Offset of UTC from the time of the session and its uncertainty, in s.
+        """Offset of UTC from the time of the session and its uncertainty, in s; None if unknown.
 
-        The session's time is that of its first device, and goes on when the device is lost. None
-        while it is not known.
+        The session's time is that of its first device, and goes on when the device is lost.
         """
         streams, stream_offset_s = self.source.stream_clock
         if self._link is None or self._link.clock is None or streams != self._attached:

@@ -56,11 +56,7 @@ def status(endpoint, as_json, max_age, timeout, zmq_keys):
 
 
 def problems_of(answer: dict, max_age_s: float) -> list[str]:
-    """What is wrong with a reader; empty when it is healthy.
-
-    ``answer``: of the reader to ``status``; ``max_age_s``: oldest last reading that counts as
-    healthy.
-    """
+    """What is wrong with a reader by its answer to ``status``; empty when it is healthy."""
     if answer.get("ok") is False:
         return [f"status refused: {answer['error']}"]
     problems = []

@@ -3,55 +3,39 @@
 
 import contextlib
 import json
-import os
 import select
 import signal
 import socket
 import subprocess
-import sys
-from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceBusy
 
-from .request import (
-    LOST_STATUS,
-    DeviceAbsent,
-    DeviceLost,
-    DeviceUnusable,
-    RadioRequest,
-)
+from ..shell.processes import spawned
+from .request import LOST_STATUS, DeviceAbsent, DeviceLost, DeviceUnusable, RadioRequest
 
 _KINDS = {kind.__name__: kind for kind in (DeviceAbsent, DeviceBusy, DeviceUnusable)}
 _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 
 
 class RadioLink:
-    """A device, opened in a process of its own.
-
-    ``hardware``: kind, daughterboard and serial number of the device; None until it is open;
-    ``settings``: its gains and antennas; ``aligned``: whether the samples begin with a frame;
-    ``unlocked``: directions (``tx``, ``rx``) whose oscillator has not locked; ``started``: whether
-    samples have been received; ``underflows_s``: for how long nothing was transmitted each time
-    that this machine was too slow, to be taken; ``clock``: offset of UTC from the device's clock
-    by the latest comparison, and its uncertainty, in s.
-    """
+    """A device, opened in a process of its own."""
 
     def __init__(self, request: RadioRequest):
-        self.request = request
-        self.hardware: str | None = None
-        self.settings: dict = {}
-        self.aligned = False
-        self.unlocked: list[str] = []
-        self.started = False
+        self.hardware: str | None = None  # kind and serial number, once the device is open
+        self.settings: dict = {}  # gains and antennas
+        self.aligned = False  # whether the samples begin with a frame
+        self.unlocked: list[str] = []  # directions (tx, rx) whose oscillator has not locked
+        self.started = False  # samples have been received
+        # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self.clock: tuple[float, float] | None = None
-        self.underflows_s: list[float] = []
-        self._rest = b""
+        self.underflows_s: list[float] = []  # how long nothing was transmitted; to be taken
+        self._rest, self._stopped = b"", False
         self._samples: socket.socket | None
         self._samples, samples = socket.socketpair()
         self._control, control = socket.socketpair()
         with samples, control:
-            self._process = _spawned(control, samples)
+            self._process = spawned(f"{__package__}.process", control.fileno(), samples.fileno())
         self._send(request.to_json())
 
     @property
@@ -70,11 +54,9 @@ class RadioLink:
         self._send("start")
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Take what the process reports.
+        """Take what the process reports, or raise what it says of a device that is not there:
 
-        ``timeout_s``: how long to wait for a report. Raises DeviceAbsent, DeviceBusy,
-        DeviceUnusable when there is no such device now; DeviceLost when the device, or the
-        process, has gone.
+        DeviceAbsent, DeviceBusy, DeviceUnusable or DeviceLost.
         """
         while select.select([self._control], [], [], timeout_s)[0]:
             try:
@@ -113,8 +95,6 @@ class RadioLink:
         self._process.kill()
         self.close()
 
-    _stopped = False
-
     def _take(self, report):
         event = report.pop("event")
         if event == "opened":
@@ -148,17 +128,3 @@ class RadioLink:
         if status < 0:
             return f"is lost: its process was ended by {signal.Signals(-status).name}"
         return f"is lost: its process ended with status {status}"
-
-
-def _spawned(control, samples):
-    """The process, with its ends of both sockets."""
-    descriptors = control.fileno(), samples.fileno()
-    packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
-    environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", f"{__package__}.process", *map(str, descriptors)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,  # GNU Radio logs there
-        env=os.environ | environment,
-        pass_fds=descriptors,
-    )

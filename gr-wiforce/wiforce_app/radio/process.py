@@ -38,10 +38,7 @@ class _Control:
         self._rest = b""
 
     def line(self, timeout_s):
-        """The next line; None when there is none in time.
-
-        Raises EOFError when the reader has gone.
-        """
+        """The next line; None when there is none in time, EOFError when the reader has gone."""
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
             remaining_s = max(deadline - time.monotonic(), 0)
@@ -61,10 +58,7 @@ class _Control:
 
 
 def run(control: socket.socket, samples: socket.socket) -> None:
-    """Open the device that is asked for, and stream until the reader stops it.
-
-    ``control``, ``samples``: connected to the reader.
-    """
+    """Open the device that is asked for, and stream until the reader stops it."""
     reader = _Control(control)
     try:
         _serve(reader, samples)

@@ -20,13 +20,17 @@ _CARRIER_TOLERANCE_HZ = 10.0
 
 
 class End(ABC):
-    """One direction of a device: its transmitter or its receiver, with all channels in use.
+    """One direction of a device: the driver's source or sink ``block``, with all channels in use.
 
-    ``block``: the driver's source or sink.
+    GNU Radio's drivers call most settings alike; `_set` knows the order of their arguments.
     """
 
-    def __init__(self, block):
-        self.block = block
+    def __init__(self, block, channels=1):
+        self.block, self._channels = block, range(channels)
+
+    @abstractmethod
+    def _set(self, name: str, value: object) -> None:
+        """Set something of all channels by the block's method ``set_NAME``."""
 
     @abstractmethod
     def set_rate(self, rate_hz: float) -> float:
@@ -42,27 +46,27 @@ class End(ABC):
     @abstractmethod
     def gain_limits_db(self) -> tuple[float, float]: ...
 
-    @abstractmethod
-    def set_gain(self, gain_db: float) -> None: ...
+    def set_gain(self, gain_db: float) -> None:
+        self._set("gain", gain_db)
 
-    @abstractmethod
-    def gain_db(self) -> float: ...
+    def gain_db(self) -> float:
+        return self.block.get_gain(0)
 
     @abstractmethod
     def antennas(self) -> list[str]: ...
 
-    @abstractmethod
-    def set_antenna(self, antenna: str) -> None: ...
+    def set_antenna(self, antenna: str) -> None:
+        self._set("antenna", antenna)
 
-    @abstractmethod
-    def antenna(self) -> str: ...
+    def antenna(self) -> str:
+        return self.block.get_antenna(0)
 
     @abstractmethod
     def bandwidth_limits_hz(self) -> tuple[float, float] | None:
         """None where the device's filter cannot be set."""
 
-    @abstractmethod
-    def set_bandwidth(self, bandwidth_hz: float) -> None: ...
+    def set_bandwidth(self, bandwidth_hz: float) -> None:
+        self._set("bandwidth", bandwidth_hz)
 
     @abstractmethod
     def locked(self) -> bool:
@@ -72,19 +76,15 @@ class End(ABC):
 class Radio(ABC):
     """Receiver and transmitter of a device, 16-bit integers both ways.
 
-    A driver is a derived class: it opens the device, and says how time and streams are handled.
-
-    ``source``: with an output for each receive antenna; ``sink``: none where only the receiver is
-    used; ``hardware``: kind and serial number of the device; ``serial``: serial number alone; empty
-    when the device states none; ``has_time``: whether received samples are tagged with the device's
-    time; ``starts_together``: whether both streams start at one device time; ``refusals``:
-    exceptions that mean that a driver refuses a setting, and not that the device has gone. Raises
-    DeviceAbsent when there is no such device.
+    A driver is a derived class: it opens the device, or raises DeviceAbsent, and says how time and
+    streams are handled. ``source`` has an output for each receive antenna, ``sink`` is None where
+    only the receiver is used.
     """
 
-    has_time = starts_together = True
-    serial = hardware = ""
-    # UHD raises RuntimeError when a device does not answer.
+    has_time = True  # received samples are tagged with the device's time
+    starts_together = True  # both streams start at one device time
+    serial = hardware = ""  # serial number; kind and serial number
+    # By which a driver refuses a setting. UHD raises RuntimeError when a device does not answer.
     refusals: tuple[type[Exception], ...] = (ValueError, LookupError, ArithmeticError)
 
     def __init__(self, request: RadioRequest):
@@ -107,26 +107,20 @@ class Radio(ABC):
             gain_option, gain_db, antenna_option, antenna = wanted[direction]
             if gain_db is None:
                 self._set_first_gain(end)
-            else:
-                with self.applying(gain_option, gain_db):
-                    _set_gain(gain_option, end, gain_db)
-            if antenna is not None:
-                with self.applying(antenna_option, antenna):
-                    _require_known(antenna_option, antenna, end.antennas())
-                    end.set_antenna(antenna)
-            if request.bandwidth_hz is not None:
-                with self.applying("--bandwidth", request.bandwidth_hz):
-                    _set_bandwidth(end, request.bandwidth_hz)
+            for option, value, apply in (
+                (gain_option, gain_db, _set_gain),
+                (antenna_option, antenna, _set_antenna),
+                ("--bandwidth", request.bandwidth_hz, _set_bandwidth),
+            ):
+                if value is not None:
+                    with self.applying(option, value):
+                        apply(option, end, value)
 
     @contextlib.contextmanager
     def applying(
         self, where: str, *value: object, rule: str = "must be what the device's driver accepts"
     ) -> Iterator[None]:
-        """While a driver is asked for something that it may refuse.
-
-        ``where``: the option or the key of the scene that asks for it; ``rule``: what is required
-        of it.
-        """
+        """Ask a driver within this for what the option or key ``where`` wants."""
         try:
             yield
         except InputError:
@@ -158,18 +152,11 @@ class Radio(ABC):
 
     @abstractmethod
     def start_together(self, lead_s: float) -> float:
-        """Schedule the start of both streams `lead_s` from now, where the driver can.
-
-        Returns float: time of the start, as ``time_s``.
-        """
+        """Schedule the start of both streams `lead_s` from now, where the driver can; its time."""
 
     @abstractmethod
     def collect(self, samples: int, timeout_s: float) -> None:
-        """Say how samples are handed over.
-
-        ``samples``: number of samples that are handed over together; 0 for single packets;
-        ``timeout_s``: how long to wait for them.
-        """
+        """Say how many samples are handed over together, 0 for packets, and how long to wait."""
 
     @property
     def _ends(self) -> dict[str, End]:
@@ -240,15 +227,20 @@ def _set_gain(option, end, gain_db):
     end.set_gain(gain_db)
 
 
-def _set_bandwidth(end, bandwidth_hz):
+def _set_antenna(option, end, antenna):
+    _require_known(option, antenna, end.antennas())
+    end.set_antenna(antenna)
+
+
+def _set_bandwidth(option, end, bandwidth_hz):
     limits_hz = end.bandwidth_limits_hz()
     if limits_hz is None:
-        raise InputError("--bandwidth", "must not be given: this device's filter is fixed")
-    _require_range("--bandwidth", *limits_hz, bandwidth_hz)
+        raise InputError(option, "must not be given: this device's filter is fixed")
+    _require_range(option, *limits_hz, bandwidth_hz)
     low, high = (limit / 1e6 for limit in limits_hz)
     if not low <= bandwidth_hz / 1e6 <= high:
         rule = f"must be {low:.6g} to {high:.6g} MHz with this device"
-        raise InputError("--bandwidth", rule, bandwidth_hz)
+        raise InputError(option, rule, bandwidth_hz)
     end.set_bandwidth(bandwidth_hz)
 
 

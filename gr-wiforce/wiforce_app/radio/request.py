@@ -72,46 +72,30 @@ class DeviceLost(Exception):
 
 @dataclass(frozen=True)
 class RadioRequest:
-    """A device with its settings, and the signal that it transmits.
+    """A device with its settings, None for its own, and the signal that it transmits."""
 
-    ``args``: device arguments, of the receiver where ``tx_args`` names another transmitter;
-    ``sample_rate_hz``, ``center_frequency_hz``: in both directions; ``amplitude``: root of the mean
-    preamble power of the transmitted signal, over full scale; ``tx_gain_db``, ``rx_gain_db``: none
-    keeps the device's default; ``reference``: clock source: ``internal``, ``external``, ...;
-    ``receive_s``: time for which received samples are collected, in s; ``scene_name``: of the
-    scene's file, for messages; ``driver``: ``uhd`` or ``soapy``; ``bandwidth_hz``: of the filters
-    in both directions; None keeps the device's default; ``tx_args``: device arguments of the
-    transmitter where that is another device; ``receive_only``: the frames are transmitted by
-    something else; ``antennas``: number of receive antennas; ``aligned``: the samples must begin
-    with a frame: of a device that was lost, whose streams may start apart.
-    """
-
-    args: str
+    args: str  # device arguments, of the receiver where tx_args names another transmitter
     sample_rate_hz: float
     center_frequency_hz: float
     sounding: Sounding
-    amplitude: float = 0.5
+    amplitude: float = 0.5  # root of the mean preamble power, over full scale
     tx_gain_db: float | None = None
     rx_gain_db: float | None = None
     tx_antenna: str | None = None
     rx_antenna: str | None = None
-    reference: str | None = None
-    receive_s: float = RECEIVE_S["low"]
-    scene_name: str = "scene"
+    reference: str | None = None  # clock source: internal, external, ...
+    receive_s: float = RECEIVE_S["low"]  # time for which received samples are collected
+    scene_name: str = "scene"  # of its file, for messages
     driver: str = "uhd"
-    bandwidth_hz: float | None = None
+    bandwidth_hz: float | None = None  # of the filters in both directions
     tx_args: str | None = None
-    receive_only: bool = False
+    receive_only: bool = False  # the frames are transmitted by something else
     antennas: int = 1
-    aligned: bool = False
+    aligned: bool = False  # samples must begin with a frame: of a device that was lost
 
     @classmethod
     def of_scene(cls, scene: Scene, args: str, **settings) -> RadioRequest:
-        """The request for a scene.
-
-        ``args``: device arguments; ``**settings``: what the scene does not state, by the names of
-        the attributes.
-        """
+        """The request for a scene, with what it does not state by the names of the attributes."""
         return cls(
             args,
             scene.radio.sample_rate_hz,

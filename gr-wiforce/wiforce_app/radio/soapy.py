@@ -123,26 +123,27 @@ class _SoapyEnd(End):
     """Source or sink of gr-soapy."""
 
     def __init__(self, block, channels=1):
-        super().__init__(block)
-        self._channels = range(channels)
+        super().__init__(block, channels)
         for channel in self._channels:
             # A gain that changes by itself changes the phases as a press does.
             if block.has_gain_mode(channel):
                 block.set_gain_mode(channel, False)
 
+    def _set(self, name, value):
+        for channel in self._channels:
+            getattr(self.block, f"set_{name}")(channel, value)
+
     def set_rate(self, rate_hz):
         nearest = _nearest(self.block.get_sample_rate_range(0), rate_hz)
         if not math.isclose(nearest, rate_hz, rel_tol=1e-6):
             return nearest
-        for channel in self._channels:
-            self.block.set_sample_rate(channel, nearest)
+        self._set("sample_rate", nearest)
         return self.block.get_sample_rate(0)
 
     def set_carrier(self, carrier_hz):
         if _nearest(self.block.get_frequency_range(0), carrier_hz) != carrier_hz:
             return math.inf
-        for channel in self._channels:
-            self.block.set_frequency(channel, carrier_hz)
+        self._set("frequency", carrier_hz)
         return self.block.get_frequency(0)
 
     def carrier_limits_hz(self):
@@ -152,30 +153,12 @@ class _SoapyEnd(End):
         limits = self.block.get_gain_range(0)
         return limits.minimum(), limits.maximum()
 
-    def set_gain(self, gain_db):
-        for channel in self._channels:
-            self.block.set_gain(channel, gain_db)
-
-    def gain_db(self):
-        return self.block.get_gain(0)
-
     def antennas(self):
         return list(self.block.list_antennas(0))
-
-    def set_antenna(self, antenna):
-        for channel in self._channels:
-            self.block.set_antenna(channel, antenna)
-
-    def antenna(self):
-        return self.block.get_antenna(0)
 
     def bandwidth_limits_hz(self):
         ranges = self.block.get_bandwidth_range(0)
         return _limits(ranges) if ranges else None
-
-    def set_bandwidth(self, bandwidth_hz):
-        for channel in self._channels:
-            self.block.set_bandwidth(channel, bandwidth_hz)
 
     def locked(self):
         with contextlib.suppress(*_DRIVER_ERRORS):

@@ -28,12 +28,9 @@ _QUERIES = 3
 class ClockComparison:
     """Compares the clocks of host and device now and then.
 
-    The device is asked for its time, and the host's clock is read before and after. Their mean is
-    the UTC of the answer; half of their difference is the uncertainty, to which that of the host's
-    clock adds.
-
-    ``device_time``: returns the device's time in seconds; may raise RuntimeError; ``utc``, ``now``:
-    return UTC and a steady time in seconds.
+    The host's clock is read before and after the device answers, both in s. Their mean is the UTC
+    of the answer; half of their difference is the uncertainty, to which that of the host's clock
+    adds.
     """
 
     def __init__(
@@ -46,11 +43,9 @@ class ClockComparison:
         self._compared_s = -float("inf")
 
     def look(self) -> tuple[float, float] | None:
-        """Compare the clocks where the last comparison is ten seconds old.
+        """Offset of UTC from the device's clock and its uncertainty, in s, by the quickest answer.
 
-        Returns tuple of (float, float) or None: offset of UTC from the device's clock and its
-        uncertainty, in s, by the quickest of three answers; None where none is due, or the device
-        does not answer.
+        None while the last comparison is not ten seconds old, and where the device does not answer.
         """
         if self._now() - self._compared_s < _EVERY_S:
             return None
@@ -83,15 +78,10 @@ def start_flowgraph(
     args: str,
     limit_s: float = _LIMIT_S,
 ) -> None:
-    """Start a flowgraph, in bounded time.
+    """Start a flowgraph, or raise DeviceUnusable in bounded time, when it cannot be freed any more.
 
-    GNU Radio starts each block in a thread of its own, and waits until all of them have started.
-    The thread of a block that throws while it starts ends before, so that GNU Radio waits for ever.
-    It tells the cause to its log only.
-
-    ``stopped``: whether to give up; ``option``, ``args``: name the device, for the message;
-    ``limit_s``: how long to wait for the driver. Raises DeviceUnusable when a block does not start.
-    The flowgraph can neither be stopped nor freed then.
+    GNU Radio waits for the threads of all blocks, also for that of one which threw while it started
+    and has ended, and tells the cause to its log only.
     """
     started, errors = threading.Event(), []
 
@@ -164,10 +154,7 @@ _SILENCE_S = 5.0
 
 
 class RadioStreams:
-    """Transmits sounding frames with a radio, and sends the samples that it receives.
-
-    ``samples``: where samples are sent. ``aligned``: whether the samples begin with a frame.
-    """
+    """Transmits sounding frames with a radio, and sends the samples that it receives."""
 
     def __init__(self, radio: Radio, request: RadioRequest, samples: socket.socket):
         # GNU Radio reports failures of blocks itself; the reader gets them from here.
@@ -191,7 +178,7 @@ class RadioStreams:
             source = self._transmitted = self._source_of(radio, request)
             self._transmission.connect(source, radio.sink)
         self._alignment = None
-        # Frames of a free-running transmitter are followed by the reader.
+        # Whether the samples begin with a frame. Those of a free transmitter the reader follows.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
         if self.aligned:
             self._alignment = wiforce.frame_alignment(**request.frames)
@@ -232,10 +219,9 @@ class RadioStreams:
         return found and (found[0], found[1] + (0.0 if self._radio.has_time else _UNTIMED_S))
 
     def start(self, stopped: Callable[[], bool]) -> None:
-        """Start both streams, at one device time where the driver can.
+        """Start both streams, at one device time where the driver can, unless ``stopped``.
 
-        ``stopped``: whether to give up. Raises DeviceLost when no samples are received.;
-        DeviceUnusable when a driver does not start to stream.
+        Raises DeviceLost when no samples are received, DeviceUnusable as :func:`start_flowgraph`.
         """
         request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
@@ -270,10 +256,7 @@ class RadioStreams:
         return True
 
     def check(self) -> None:
-        """Find out whether the device is still there.
-
-        Raises DeviceLost when it has gone.
-        """
+        """Raise DeviceLost when the device has gone."""
         if self._ended_before:
             raise DeviceLost("cannot be reached any more")
         self._ended_before = self._sender.ended

@@ -66,55 +66,40 @@ class _UhdEnd(End):
     """Source or sink of gr-uhd."""
 
     def __init__(self, block):
-        super().__init__(block)
-        self._channels = range(block.output_signature().min_streams() or 1)
+        super().__init__(block, block.output_signature().min_streams() or 1)
+
+    def _set(self, name, value):
+        for channel in self._channels:
+            getattr(self.block, f"set_{name}")(value, channel)
 
     def set_rate(self, rate_hz):
         self.block.set_samp_rate(rate_hz)
         return self.block.get_samp_rate()
 
     def set_carrier(self, carrier_hz):
-        for channel in self._channels:
-            self.block.set_center_freq(carrier_hz, channel)
+        self._set("center_freq", carrier_hz)
         return self.block.get_center_freq()
 
     def carrier_limits_hz(self):
-        limits = self.block.get_freq_range()
-        return limits.start(), limits.stop()
+        return _limits(self.block.get_freq_range())
 
     def gain_limits_db(self):
-        limits = self.block.get_gain_range()
-        return limits.start(), limits.stop()
-
-    def set_gain(self, gain_db):
-        for channel in self._channels:
-            self.block.set_gain(gain_db, channel)
-
-    def gain_db(self):
-        return self.block.get_gain()
+        return _limits(self.block.get_gain_range())
 
     def antennas(self):
         return list(self.block.get_antennas())
 
-    def set_antenna(self, antenna):
-        for channel in self._channels:
-            self.block.set_antenna(antenna, channel)
-
-    def antenna(self):
-        return self.block.get_antenna()
-
     def bandwidth_limits_hz(self):
-        limits = self.block.get_bandwidth_range()
-        return limits.start(), limits.stop()
-
-    def set_bandwidth(self, bandwidth_hz):
-        for channel in self._channels:
-            self.block.set_bandwidth(bandwidth_hz, channel)
+        return _limits(self.block.get_bandwidth_range())
 
     def locked(self):
         if "lo_locked" not in self.block.get_sensor_names():
             return True
         return self.block.get_sensor("lo_locked").to_bool()
+
+
+def _limits(values):
+    return values.start(), values.stop()
 
 
 def _block(kind, option, args, channels=1):

@@ -3,18 +3,16 @@
 
 import contextlib
 import json
-import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Output
 
+from ..shell.processes import spawned
 from .address import OPTION, PageAddress
 
 # The process sends viewers the end of the run before it ends itself.
@@ -27,7 +25,7 @@ class LivePage(Output):
     Both processes are connected by ZMQ sockets in a folder that only this user can enter. A process
     that is slow loses messages, and one that ends is reported; the run goes on in both cases.
 
-    ``warn``: takes a line for the user. ``control``: endpoint at which requests of the page arrive.
+    ``warn`` takes a line for the user; ``control`` is where requests of the page arrive.
     """
 
     def __init__(self, address: PageAddress, warn: Callable[[str], None]):
@@ -44,7 +42,9 @@ class LivePage(Output):
                 raise
             sockets = {"readings": readings, "control": self.control, "folder": self._folder}
             settings = {**vars(address), **sockets}
-            self._process = _spawned(listening.fileno())
+            self._process = spawned(
+                f"{__package__}.page_process", listening.fileno(), stdin=subprocess.PIPE
+            )
         self._send_settings(settings)
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -79,16 +79,3 @@ class LivePage(Output):
             self._process.stdin.flush()
         except BrokenPipeError:
             pass  # it has ended already, which is reported
-
-
-def _spawned(descriptor: int) -> "subprocess.Popen[bytes]":
-    """The process, with the port that is open already."""
-    packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
-    environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", f"{__package__}.page_process", str(descriptor)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        env=os.environ | environment,
-        pass_fds=(descriptor,),
-    )
