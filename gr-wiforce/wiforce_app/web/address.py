@@ -23,33 +23,23 @@ _BACKLOG = 128
 
 @dataclass(frozen=True)
 class PageAddress:
-    """An address of the page.
+    """An address of the page."""
 
-    ``host``: address that the port is opened at, without brackets; ``token``: what a browser must
-    present; None where everybody of this machine may look.
-    """
-
-    host: str
+    host: str  # that the port is opened at, without brackets
     port: int
-    token: str | None = None
+    token: str | None = None  # what a browser must present; None: all of this machine may look
 
     @classmethod
     def of(cls, text: str, token: str | None = None) -> "PageAddress":
-        """The address that options ask for.
-
-        ``text``: ``PORT``, on loopback, or ``ADDRESS:PORT``; ``*`` stands for all addresses;
-        ``token``: the user's own; beyond loopback a random one is made by default.
-        """
+        """The address of ``--web``, where beyond loopback a random token is made by default."""
         # Bokeh draws the plots; Tornado, which it brings along, serves the page.
         check_installed(OPTION, ("bokeh", "tornado"))
         host, port = host_and_port(text, OPTION)
         if token is not None and not _TOKEN.fullmatch(token):
-            rule = "must be 16 to 128 letters, digits, - or _"
-            raise InputError("--web-token", rule)
-        address = cls(host, port, token)
-        if token is None and not address.is_loopback:
-            return cls(host, port, secrets.token_urlsafe(_TOKEN_BYTES))
-        return address
+            raise InputError("--web-token", "must be 16 to 128 letters, digits, - or _")
+        if token is None and not cls(host, port).is_loopback:
+            token = secrets.token_urlsafe(_TOKEN_BYTES)
+        return cls(host, port, token)
 
     @property
     def is_loopback(self) -> bool:

@@ -2,7 +2,6 @@
 """Readings of a file that grows, as a source of the page."""
 
 import csv
-import json
 import os
 import time
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from typing import Any
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.formats import format_of
 
-from .page_state import MOST_SENSORS, PageState, page_row
+from .page_state import MOST_SENSORS, PageState, loaded, page_row
 
 # Of a long file only the end is read: as many rows as the page keeps take 5 MB.
 _TAIL_BYTES = 8 << 20
@@ -26,11 +25,9 @@ _NEEDED = ("time_s", "sensor")
 
 
 class FileSource:
-    """Reads a CSV or JSON lines file while another program writes to it.
+    """Reads a CSV or JSON lines file, which may not exist yet, while another program writes to it.
 
     A file that is replaced, as by ``--rotate``, or that becomes shorter is read anew.
-
-    ``path``: ``.csv`` or ``.jsonl``; it may not exist yet; ``now``: steady time in seconds.
     """
 
     can_tare = False
@@ -53,17 +50,15 @@ class FileSource:
 
     def poll(self, page_state: PageState) -> None:
         """Give the state what the file holds by now."""
-        if self._file is None or not (data := self._file.read(_CHUNK_BYTES)):
-            data = b""
-            if self._is_replaced():
-                self._open()
-        if data:
+        if data := b"" if self._file is None else self._file.read(_CHUNK_BYTES):
             self._grown_s = self._now()
             *lines, self._rest = (self._rest + data).split(b"\n")
             if len(self._rest) > _LONGEST_ROW:  # no file of readings
                 self._rest = b""
             for line in lines:
                 self._take(line.decode("utf-8", "replace"), page_state)
+        elif self._is_replaced():
+            self._open()
         page_state.show(self._status())
 
     def close(self) -> None:
@@ -103,20 +98,12 @@ class FileSource:
         if not self._lines and not self._columns:
             self._columns = _fields(line.strip())
             return
-        values = self._values(line)
+        columns = self._columns
+        values = loaded(line) if self._lines else dict(zip(columns, _fields(line), strict=False))
         if (row := page_row(values)) is not None:
             page_state.add(values)
             if len(self._sensors) < MOST_SENSORS:
                 self._sensors.setdefault(row[0], {})
-
-    def _values(self, line: str) -> dict[str, Any]:
-        if not self._lines:
-            return dict(zip(self._columns, _fields(line), strict=False))
-        try:
-            values = json.loads(line)
-        except (ValueError, RecursionError):
-            return {}
-        return values if isinstance(values, dict) else {}
 
     def _is_replaced(self) -> bool:
         try:
@@ -137,8 +124,8 @@ class FileSource:
             state, reason = "waiting", "no readings in the file yet"
         elif idle_s > _PAUSED_S:
             state, reason = "paused", f"the file has not grown for {idle_s:.0f} s"
-        source = {"source": self._path.name, "can_tare": False}
-        return {**source, "state": state, "reason": reason, "sensors": self._sensors}
+        status = {"state": state, "reason": reason, "sensors": self._sensors}
+        return {"source": self._path.name, "can_tare": False, **status}
 
 
 def _fields(line: str) -> list[str]:

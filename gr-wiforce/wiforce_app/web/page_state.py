@@ -20,7 +20,7 @@ LONGEST_TEXT = 2000
 _MOST_ENTRIES = 32  # of tares, group counts and the health of a sensor; the reader sends ten
 
 
-def loaded(data: bytes) -> dict[str, Any]:
+def loaded(data: bytes | str) -> dict[str, Any]:
     """A JSON object; empty where it is none. Numbers that JSON cannot hold become None."""
     try:
         values = json.loads(data, parse_constant=lambda _: None, parse_float=number)
@@ -121,12 +121,9 @@ _TEXTS = ("sensor", "flags")
 
 
 def page_row(values: Mapping[str, Any]) -> list[Any] | None:
-    """A row of the page from a row of a readings file or a message.
+    """A row of the page, in the order of :data:`ROW`, from one of a readings file or a message.
 
-    Returns list or None: values in the order of :data:`ROW`, unknown numbers None; None for what is
-    no reading.
-
-    ``values``: columns by name; numbers may be text, as in CSV.
+    Numbers may be text, as in CSV, and are None where unknown; None for what is no reading.
     """
     row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
     texts = [row[ROW.index(name)] for name in _TEXTS]
@@ -140,9 +137,6 @@ class PageState:
 
     Each viewer remembers how far it has read. A viewer that falls behind catches up from the rows
     that are kept here, so nothing is stored per viewer.
-
-    ``history_s``: seconds of signal that are kept; ``now``: steady time in seconds. ``position``:
-    how far a viewer is that has everything: number of the run, and of the next row.
     """
 
     def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
@@ -157,13 +151,11 @@ class PageState:
 
     @property
     def position(self) -> tuple[int, int]:
+        """How far a viewer is that has everything: number of the run, and of the next row."""
         return self._runs, self._count
 
     def add(self, values: Mapping[str, Any]) -> None:
-        """Add a reading; one of another run, or an earlier one, begins a new history.
-
-        ``values``: as for :func:`page_row`.
-        """
+        """Add a reading; one of another run, or an earlier one, begins a new history."""
         row = page_row(values)
         if row is None:
             return
@@ -182,10 +174,7 @@ class PageState:
         self._texts.clear()
 
     def follow(self, run: Any) -> None:
-        """Begin a new history where another run has begun.
-
-        ``run``: its identifier; anything else where it is not known.
-        """
+        """Begin a new history where another run, if its identifier is known, has begun."""
         if isinstance(run, str) and run and (run := run[:LONGEST_TEXT]) != self._run:
             self._run = run
             self._restart()
@@ -208,11 +197,9 @@ class PageState:
         self._texts.clear()
 
     def message(self, position: tuple[int, int], status: bool) -> str:
-        """What a viewer lacks, or the first part of it; made once for all that are equally far.
+        """What a viewer lacks, or the first part of it, as JSON; made once for all equally far.
 
-        Returns str: A JSON object; ``restart`` is true where former rows are to be forgotten.
-
-        ``position``: how far the viewer is; ``(-1, 0)`` for a new one.
+        ``restart`` is true where former rows are to be forgotten, as by a new viewer at (-1, 0).
         """
         key = (position, status)
         if key not in self._texts:

@@ -58,10 +58,7 @@ class LimitedServer(tornado.httpserver.HTTPServer):
 
 
 def in_turn(read: Callable[[int], Awaitable[bytes]]) -> Callable[[int], Awaitable[bytes]]:
-    """Read only after all others had their turn.
-
-    ``read``: reads so many bytes of a stream.
-    """
+    """Read so many bytes only after all others had their turn."""
 
     async def paced(length: int) -> bytes:
         await asyncio.sleep(0)
@@ -109,12 +106,7 @@ class Source(Protocol):
 
 
 class PageServer:
-    """Serves one source.
-
-    ``listening``: of :meth:`PageAddress.listen`; ``history_s``: seconds of signal that are kept;
-    ``length_mm``: length of sensors whose source does not state it. ``viewers``: browsers that are
-    connected.
-    """
+    """Serves one source; ``length_mm`` is the length of sensors whose source does not state it."""
 
     def __init__(
         self,
@@ -129,7 +121,8 @@ class PageServer:
         self.viewers: set[_Viewer] = set()
         self._listening = listening
         self._status_s = -math.inf
-        self._settings = {
+        # What the page has to know before the first message.
+        self.settings = {
             "history_s": history_s if math.isfinite(history_s) else None,
             "length_mm": length_mm,
         }
@@ -138,11 +131,7 @@ class PageServer:
         self._asking: dict[bool, set[_Viewer]] = {}
 
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
-        """Serve until `end` is called.
-
-        ``ended``: asked now and then; the page also ends when this is true, after everything was
-        sent.
-        """
+        """Serve until `end` is called, or ``ended`` is true and everything was sent."""
         server = LimitedServer(
             self._application(),
             idle_connection_timeout=_IDLE_S,
@@ -171,10 +160,7 @@ class PageServer:
         self._ending.set()
 
     def tare(self, viewer: "_Viewer", force: bool = False) -> None:
-        """Request a tare; viewers who do so meanwhile get the same answer.
-
-        ``force``: also while a sensor seems touched.
-        """
+        """Request a tare; viewers who do so meanwhile get the same answer."""
         ask = getattr(self.source, "tare", None)
         if ask is None:
             return
@@ -226,29 +212,22 @@ class PageServer:
             await asyncio.wait(waiting, timeout=limit_s)
 
     def _application(self) -> tornado.web.Application:
-        scripts = [f"bokeh/{path.name}" for path in bokeh_scripts()]
-        shown = {"page": self, "scripts": scripts}
-        static = {"page": self}
+        own, bokeh = {"page": self}, str(bokeh_scripts()[0].parent)
         return tornado.web.Application(
             [
-                ("/", _Page, shown),
-                ("/figures.json", _Figures, shown),
-                ("/readings", _Viewer, {"page": self}),
-                ("/bokeh/(.*)", _File, {**static, "path": str(bokeh_scripts()[0].parent)}),
-                ("/assets/(.*)", _File, {**static, "path": str(_ASSETS)}),
+                ("/", _Page, own),
+                ("/figures.json", _Figures, own),
+                ("/readings", _Viewer, own),
+                ("/bokeh/(.*)", _File, {**own, "path": bokeh}),
+                ("/assets/(.*)", _File, {**own, "path": str(_ASSETS)}),
             ],
             default_handler_class=_Missing,
-            default_handler_args={"page": self},
+            default_handler_args=own,
             websocket_ping_interval=_PING_S,
             websocket_max_message_size=_LONGEST_REQUEST,
             template_path=str(_ASSETS),
             log_function=lambda handler: None,
         )
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What the page has to know before the first message."""
-        return self._settings
 
     @property
     def cookie(self) -> str:
@@ -259,8 +238,8 @@ class PageServer:
 class _Guarded(tornado.web.RequestHandler):
     """A handler that answers only those who may look."""
 
-    def initialize(self, page: PageServer, scripts: Any = ()) -> None:
-        self.page, self.scripts = page, scripts
+    def initialize(self, page: PageServer) -> None:
+        self.page = page
 
     def set_default_headers(self) -> None:
         self.set_header("Server", "gr-wiforce")
@@ -297,7 +276,7 @@ class _Missing(_Guarded):
 class _Page(_Guarded):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
-        self.render("page.html", scripts=self.scripts)
+        self.render("page.html", scripts=[f"bokeh/{path.name}" for path in bokeh_scripts()])
 
 
 class _Figures(_Guarded):
@@ -399,11 +378,7 @@ def serve_until_signal(
     ended: Callable[[], bool] = lambda: False,
     signals: Iterable[int] = (signal.SIGINT, signal.SIGTERM),
 ) -> None:
-    """Serve in this thread, until the process is asked to end.
-
-    ``make``: makes the server, within the loop; ``signals``: signals that end it.
-    """
-
+    """Serve in this thread until a signal; ``make`` makes the server, within the loop."""
     # Refused requests are the browser's business, and would fill a journal.
     logging.getLogger("tornado").setLevel(logging.CRITICAL)
 

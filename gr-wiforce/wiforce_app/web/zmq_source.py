@@ -34,12 +34,9 @@ class _Request:
 
 
 class ZmqSource:
-    """Subscribes to a live reader, and passes tares on to it.
+    """Subscribes to a live reader at ``readings``, and passes tares on to it at ``control``.
 
-    ``readings``, ``control``: endpoints of ``live --zmq`` and ``live --control``; without
-    ``control`` there is no tare; ``keys``: where the reader has keys; ``name``: of the source, on
-    the page. The endpoint by default; ``now``: steady time in seconds. ``ended``: whether the
-    reader has said that its run is over.
+    ``name`` is shown on the page, ``ended`` says that the reader's run is over.
     """
 
     def __init__(
@@ -81,10 +78,9 @@ class ZmqSource:
         page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare; a request during another one of its kind shares its answer.
+        """Request a tare; ``answer`` takes ``ok`` and, where the reader refuses, ``error``.
 
-        ``answer``: takes what the reader answers: ``ok`` and, where it refuses, ``error``;
-        ``force``: also while a sensor seems touched.
+        A request during another one of its kind shares its answer.
         """
         import zmq
 
