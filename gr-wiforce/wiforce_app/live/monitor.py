@@ -103,7 +103,8 @@ class SessionMonitor:
         parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets if ppm is not None]
         if not offsets and session.alignment.offset is None:
             parts.append("no frames yet")
-        return ", ".join(parts + [_short(reading) for reading in self._last.values()])
+        presses = [f"{name}: {last.press(bounds=False)}" for name, last in self._last.items()]
+        return ", ".join(parts + presses)
 
     def status(self) -> dict:
         """State of the session as plain values."""
@@ -167,14 +168,3 @@ def _buffer_advice():
     if limit >= _WANTED_BUFFER:
         return ""
     return f"; larger socket buffers may help: sysctl -w net.core.rmem_max={_WANTED_BUFFER}"
-
-
-def _short(reading):
-    if reading.touch is None:
-        return f"{reading.sensor}: ?"
-    if not reading.touch:
-        return f"{reading.sensor}: no touch"
-    if reading.force_n is None:
-        return f"{reading.sensor}: touched"
-    location = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
-    return f"{reading.sensor}: {reading.force_n:.2f} N{location}"

@@ -8,7 +8,7 @@ from PyQt5.QtWidgets import QWidget
 
 from ..io.readings import Reading
 from .style import BEAM, FAINT, GROUND, INK, WARNING
-from .words import notes, values, warning_flags
+from .words import notes, warning_flags
 
 _MARGIN = 16
 _GAP = 14
@@ -71,9 +71,9 @@ class SensorView(QWidget):
         painter.setPen(FAINT if self._stale else self._color)
         painter.drawText(4, line, name)
         used = metrics.horizontalAdvance(name) + _GAP
-        text = "no readings" if self._stale else values(reading)
+        text = "no readings" if self._stale else reading.press()
         if used + metrics.horizontalAdvance(text) > width and not self._stale:
-            text = values(reading, bounds=False)
+            text = reading.press(bounds=False)
         text = metrics.elidedText(text, Qt.ElideRight, max(0, width - used))
         painter.setPen(FAINT if self._stale or reading.touch != 1 else INK)
         painter.drawText(4 + used, line, text)

@@ -1,32 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings as short texts."""
+"""What stands beside the press of a reading."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from ..io.readings import Reading, SurfaceReading
-
-
-def values(reading: Reading, bounds: bool = True) -> str:
-    """Force and location, with two standard deviations if ``bounds``, or why there are none."""
-    if reading.touch is None:
-        return "no reading"
-    if reading.touch == 0:
-        return "not touched"
-    force_std_n, location_std_mm = reading.force_std_n, reading.location_std_mm
-    force = _value(reading.force_n, force_std_n if bounds else None, 2, "N")
-    location = _value(reading.location_mm, location_std_mm if bounds else None, 1, "mm")
-    if isinstance(reading, SurfaceReading):
-        across = _value(reading.y_mm, reading.y_std_mm if bounds else None, 1, "mm")
-        return f"{force}   x {location}   y {across}"
-    return f"{force}   {location}"
-
-
-def _value(value: float | None, std: float | None, decimals: int, unit: str) -> str:
-    if value is None:
-        return f"? {unit}"
-    spread = f" \u00b1 {2 * std:.{decimals}f}" if std else ""
-    return f"{value:.{decimals}f}{spread} {unit}"
+from ..io.readings import Reading
 
 
 def warning_flags(reading: Reading) -> list[str]:

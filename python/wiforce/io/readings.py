@@ -132,15 +132,18 @@ class Reading:
     interference: float | None = None
 
     def __str__(self) -> str:
-        state = {0: "untouched", 1: "touched", None: "touch unknown"}[self.touch]
-        if self.force_n is not None or self.location_mm is not None:
-            force = _with_std(self.force_n, self.force_std_n, "N")
-            state = f"{force} at {self._place()}"
         flags = f" ({' '.join(self.flags)})" if self.flags else ""
-        return f"{self.time_s:.3f} s {self.sensor}: {state}{flags}"
+        return f"{self.time_s:.3f} s {self.sensor}: {self.press()}{flags}"
 
-    def _place(self) -> str:
-        return _with_std(self.location_mm, self.location_std_mm, "mm")
+    def press(self, bounds: bool = True) -> str:
+        """Touch, or force and location, with two standard deviations if ``bounds``."""
+        if self.force_n is None and self.location_mm is None:
+            return {0: "untouched", 1: "touched", None: "touch unknown"}[self.touch]
+        force = _with_std(self.force_n, self.force_std_n, "N", bounds)
+        return f"{force} at {self._place(bounds)}"
+
+    def _place(self, bounds: bool) -> str:
+        return _with_std(self.location_mm, self.location_std_mm, "mm", bounds)
 
     def row(self) -> dict[str, Any]:
         """The reading as a row of a file, by column.
@@ -154,11 +157,11 @@ class Reading:
         return row
 
 
-def _with_std(value: float | None, std: float | None, unit: str) -> str:
-    """A value with two standard deviations, as displays and plots show it."""
+def _with_std(value: float | None, std: float | None, unit: str, bounds: bool) -> str:
     if value is None:
         return f"unknown {unit}"
-    return f"{value:.2f} {unit}" if std is None else f"{value:.2f} +- {2 * std:.2f} {unit}"
+    spread = "" if std is None or not bounds else f" +- {2 * std:.2f}"
+    return f"{value:.2f}{spread} {unit}"
 
 
 @dataclass(frozen=True)
@@ -187,8 +190,9 @@ class SurfaceReading(Reading):
     cov_force_y: float | None = None
     cov_x_y: float | None = None
 
-    def _place(self) -> str:
-        return f"x {super()._place()}, y {_with_std(self.y_mm, self.y_std_mm, 'mm')}"
+    def _place(self, bounds: bool) -> str:
+        across = _with_std(self.y_mm, self.y_std_mm, "mm", bounds)
+        return f"x {super()._place(bounds)}, y {across}"
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)

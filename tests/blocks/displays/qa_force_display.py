@@ -92,16 +92,16 @@ def test_display_press_is_drawn_at_location_with_length_of_force(display, qt):
 
 def test_values_have_two_standard_deviations_and_units():
     reading = Reading(**PRESSED | {"flags": ()})
-    assert words.values(reading) == "4.00 \u00b1 0.20 N   40.0 \u00b1 1.0 mm"
-    assert words.values(reading, bounds=False) == "4.00 N   40.0 mm"
+    assert reading.press() == "4.00 +- 0.20 N at 40.00 +- 1.00 mm"
+    assert reading.press(bounds=False) == "4.00 N at 40.00 mm"
     assert words.notes(reading) == "SNR 12.0 dB"
 
 
 def test_values_unknown_are_not_numbers():
-    assert words.values(Reading(1.0, "arm")) == "no reading"
-    assert words.values(Reading(1.0, "arm", touch=0)) == "not touched"
+    assert Reading(1.0, "arm").press() == "touch unknown"
+    assert Reading(1.0, "arm", touch=0).press() == "untouched"
     lost = Reading(1.0, "arm", touch=1, location_mm=30.0, flags=("force-unobservable",))
-    assert words.values(lost) == "? N   30.0 mm"
+    assert lost.press() == "unknown N at 30.00 mm"
     assert words.warning_flags(lost) == ["force-unobservable"]
     assert words.warning_flags(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
 
