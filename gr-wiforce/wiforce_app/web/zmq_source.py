@@ -3,7 +3,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
@@ -22,15 +21,6 @@ _MOST_MESSAGES = 2000
 _LONGEST_POLL_S = 0.05
 # ZMQ keeps up to 1000 messages that wait. A heartbeat has 150 bytes for each sensor.
 _LONGEST_MESSAGE = 64 << 10
-
-
-@dataclass
-class _Request:
-    """A request for a tare, and who takes its answer."""
-
-    socket: Any
-    sent_s: float
-    answers: list[Callable[[dict[str, Any]], None]] = field(default_factory=list)
 
 
 class ZmqSource:
@@ -53,7 +43,8 @@ class ZmqSource:
         self._context = zmq.Context()
         self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
         self._subscriber.subscribe("")
-        self._asked: dict[bool, _Request] = {}  # pending tares, plain (False) or forced
+        # Pending tares, plain (False) or forced: socket, time, and what takes the answer.
+        self._asked: dict[bool, tuple[Any, float, Callable[[dict[str, Any]], None]]] = {}
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
@@ -78,20 +69,15 @@ class ZmqSource:
         page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare; ``answer`` takes ``ok`` and, where the reader refuses, ``error``.
-
-        A request during another one of its kind shares its answer.
-        """
+        """Request a tare, one of its kind at a time; ``answer`` takes ``ok`` and ``error``."""
         import zmq
 
         if self._control is None:
             answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
             return
-        if force not in self._asked:
-            asked = _Request(self._connected(zmq.REQ, self._control, "--control"), self._now())
-            asked.socket.send_string("tare force" if force else "tare")
-            self._asked[force] = asked
-        self._asked[force].answers.append(answer)
+        socket = self._connected(zmq.REQ, self._control, "--control")
+        socket.send_string("tare force" if force else "tare")
+        self._asked[force] = socket, self._now(), answer
 
     def give_up(self, reason: str) -> None:
         """Expect no more messages."""
@@ -101,8 +87,8 @@ class ZmqSource:
     def close(self) -> None:
         """Give the sockets back."""
         self._subscriber.close(linger=0)
-        for asked in self._asked.values():
-            asked.socket.close(linger=0)
+        for socket, *_ in self._asked.values():
+            socket.close(linger=0)
         self._context.term()
 
     def _connected(self, kind: int, endpoint: str, option: str) -> Any:
@@ -133,18 +119,17 @@ class ZmqSource:
         self._shown = status_of(message)
 
     def _take_answers(self) -> None:
-        for force, asked in list(self._asked.items()):
-            if asked.socket.poll(0):
-                taken = loaded(asked.socket.recv())
+        for force, (socket, sent_s, take) in list(self._asked.items()):
+            if socket.poll(0):
+                taken = loaded(socket.recv())
                 answer = {"ok": taken.get("ok") is True, "error": text(taken.get("error"))}
-            elif self._now() - asked.sent_s > _ANSWER_S:
+            elif self._now() - sent_s > _ANSWER_S:
                 answer = {"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"}
             else:
                 continue
-            asked.socket.close(linger=0)
+            socket.close(linger=0)
             del self._asked[force]
-            for take in asked.answers:
-                take(answer)
+            take(answer)
 
     def _status(self) -> dict[str, Any]:
         status = {**self._shown, "source": self._name, "can_tare": self.can_tare}
