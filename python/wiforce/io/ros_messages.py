@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from functools import cache
 from typing import Any
 
 from ..errors import InputError
@@ -69,16 +70,11 @@ uint32 flag_bits
 string[] flags
 """
 
-_HEADER = """\
-builtin_interfaces/Time stamp
-string frame_id
-"""
-
 # By package and name.
 _DEFINITIONS = {
     "wiforce_msgs/PressReading": PRESS_READING,
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
-    "std_msgs/Header": _HEADER,
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "geometry_msgs/WrenchStamped": "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n",
@@ -103,10 +99,14 @@ _FIELD = re.compile(r"^([\w/]+)(\[\])? (\w+)$", re.MULTILINE)
 _SEPARATOR = "=" * 80 + "\n"
 
 
+@cache
 def fields_of(type_name: str) -> dict[str, tuple[str, bool]]:
     """Type of each field of a message ``PACKAGE/NAME`` by its name, and whether it is an array."""
     text = _DEFINITIONS[type_name.replace("/msg/", "/")]
     return {name: (kind, bool(array)) for kind, array, name in _FIELD.findall(text)}
+
+
+NUMBERS_OF_READING = [name for name, (kind, _) in fields_of(READING).items() if kind == "float64"]
 
 
 def complete_definition(type_name: str) -> str:
@@ -186,12 +186,9 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     stamp_ns = _nanoseconds(row.get("time_utc"))
     header = _header(stamp_ns, sensor)
     touch, group = row.get("touch"), row.get("group")
+    numbers = {name: row.get(name) for name in NUMBERS_OF_READING}
     fields: dict[str, Any] = {
-        name: _number(row.get(name))
-        for name, (kind, _) in fields_of(READING).items()
-        if kind == "float64"
-    }
-    fields |= {
+        **{name: math.nan if n is None else float(n) for name, n in numbers.items()},
         "header": header,
         "run": row.get("run") or "",
         "sensor": sensor,
@@ -294,10 +291,6 @@ def _nanoseconds(time_utc: str | None) -> int | None:
     if not time_utc:
         return None
     return (parsed_utc(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
 
 
 def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> dict[str, float]:

@@ -14,11 +14,11 @@ from ..optional import optional_module, optional_modules
 from ..readings import NUMBERS, written_utc
 from ..ros_messages import (
     DIAGNOSTICS,
+    NUMBERS_OF_READING,
     READING,
     WRENCH,
     RosMessage,
     complete_definition,
-    fields_of,
     health_message,
     reading_messages,
     topics_of,
@@ -27,12 +27,6 @@ from .output_file import EndedOutput, OutputFile
 
 _MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
-# Numbers that not every reading has: y of a surface, and the time of a device.
-_FURTHER = tuple(
-    name
-    for name, (kind, _) in fields_of(READING).items()
-    if kind == "float64" and name not in NUMBERS
-)
 
 
 def mcap_is_cut(path: str | Path) -> bool:
@@ -82,7 +76,8 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
 
 
 def _row(message: Any) -> dict[str, Any]:
-    numbers = {name: getattr(message, name) for name in (*NUMBERS, *_FURTHER)}
+    numbers = {name: getattr(message, name) for name in NUMBERS_OF_READING}
+    # Not every reading has the y of a surface, and the time of a device.
     row: dict[str, Any] = {
         name: None if math.isnan(value) else value
         for name, value in numbers.items()

@@ -49,10 +49,9 @@ class ReadingsFile:
             ".parquet": self._parquet,
             ".mcap": partial(mcap_rows, path),
         }
-        kind = form.suffix
-        self._read = readers[kind]
-        names = self._columns(kind)
-        self.note, self._cut = "", kind == ".mcap" and mcap_is_cut(path)
+        self._read = readers[form.suffix]
+        names = self._columns(form.suffix)
+        self.note, self._cut = "", form.suffix == ".mcap" and mcap_is_cut(path)
         if self._cut and names is None:
             raise InputError(path, "is cut off before its first reading is complete")
         for name in _NEEDED:
@@ -63,8 +62,8 @@ class ReadingsFile:
     def _columns(self, kind: str) -> tuple[str, ...] | None:
         """Names of the columns; None of a file that has no names, since it has no readings."""
         if kind == ".csv":
-            with self._opened() as file:
-                return self._header(csv.reader(file, strict=True))
+            with self._csv_lines() as lines:
+                return self._header(lines)
         if kind == ".parquet":
             with self._parquet_file() as file:
                 return self._distinct(file.schema_arrow.names)
@@ -72,11 +71,7 @@ class ReadingsFile:
         return tuple({name: None for row in self._read() for name in row}) or None
 
     def _header(self, lines: Iterator[list[str]]) -> tuple[str, ...]:
-        names: list[str] = []
-        try:
-            names = next(lines, names)
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise InputError(self._path, f"is not a CSV file ({error})") from error
+        names = next(lines, [])
         if not any(names):
             raise InputError(self._path, "must have a first row with the names of its columns")
         return self._distinct(names)
@@ -97,9 +92,8 @@ class ReadingsFile:
             try:
                 yield self._typed(row)
             except (TypeError, ValueError) as error:
-                raise InputError(
-                    f"{self._path}: row {number}", f"is no reading ({error})"
-                ) from None
+                where = f"{self._path}: row {number}"
+                raise InputError(where, f"is no reading ({error})") from None
         if self._cut:
             self.note = (
                 f"ends behind reading {number} without a regular end: it is still being written, "
@@ -129,17 +123,21 @@ class ReadingsFile:
         return typed
 
     def _csv(self) -> Iterator[Mapping[str, Any]]:
-        with self._opened() as file:
-            lines = csv.reader(file, strict=True)
+        with self._csv_lines() as lines:
             names = self._header(lines)
+            for fields in lines:
+                if len(fields) == len(names):
+                    yield dict(zip(names, fields, strict=True))
+                elif fields:
+                    where = f"{self._path}: line {lines.line_num}"
+                    rule = f"must have as many fields as there are columns, {len(names)}"
+                    raise InputError(where, rule, len(fields))
+
+    @contextmanager
+    def _csv_lines(self) -> Iterator[Any]:
+        with self._opened() as file:
             try:
-                for fields in lines:
-                    if len(fields) == len(names):
-                        yield dict(zip(names, fields, strict=True))
-                    elif fields:
-                        where = f"{self._path}: line {lines.line_num}"
-                        rule = f"must have as many fields as there are columns, {len(names)}"
-                        raise InputError(where, rule, len(fields))
+                yield csv.reader(file, strict=True)
             except (csv.Error, UnicodeDecodeError) as error:
                 raise InputError(self._path, f"is not a CSV file ({error})") from error
 
@@ -212,14 +210,8 @@ def _number(name: str, value: Any) -> float | None:
 
 def _integer(name: str, value: Any) -> int | None:
     """An integer, also one written as 1.0, as pandas does in a column that has empty fields."""
-    try:
-        plain = isinstance(value, str | int) and "_" not in str(value)
-        return int(value) if plain else _whole(name, value)
-    except ValueError:
-        return _whole(name, value)
-
-
-def _whole(name: str, value: Any) -> int | None:
+    if isinstance(value, int) or isinstance(value, str) and value.strip().lstrip("+-").isdecimal():
+        return int(value)
     number = _number(name, value)
     if number is None:
         return None
