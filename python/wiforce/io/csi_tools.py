@@ -193,7 +193,7 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Packets:
     lengths = Counter(len(row["values"]) for row in own)
     length = lengths.most_common(1)[0][0]
     kept = [row for row in own if len(row["values"]) == length]
-    left_out: tuple[tuple[str, int], ...] = (
+    left_out = (
         ("line that is incomplete or of another kind", odd),
         ("packet of another sender", len(rows) - len(own)),
         ("packet with another number of subcarriers", len(own) - len(kept)),
@@ -206,8 +206,8 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Packets:
     if all("id" in row and re.fullmatch(r"\d+", row["id"]) for row in kept):
         identifier = np.array([int(row["id"]) for row in kept])
     stamps = np.array([int(row["local_timestamp"]) for row in kept])
-    left_out = tuple(each for each in left_out if each[1])
-    return Packets(_unwrapped_s(stamps), channel, subcarriers, left_out, identifier)
+    lost = tuple(each for each in left_out if each[1])
+    return Packets(_unwrapped_s(stamps), channel, subcarriers, lost, identifier)
 
 
 def _unwrapped_s(microseconds: np.ndarray) -> np.ndarray:
@@ -217,18 +217,13 @@ def _unwrapped_s(microseconds: np.ndarray) -> np.ndarray:
 
 
 def together(first: Packets, second: Packets, path: Path) -> Packets:
-    """Two ESP32 on one crystal as two antennas (n, K, 2): packets that both have received.
-
-    ``path`` is that of the second one. InputError where lines do not number the packets, or
-    subcarriers differ.
-    """
+    """Two ESP32 on one crystal as two antennas (n, K, 2): packets that both have received."""
     if first.identifier is None or second.identifier is None:
         rule = "must number the packets (column id), so that those of two devices can be matched"
         raise InputError(path, rule)
     if not np.array_equal(first.subcarriers, second.subcarriers):
-        raise InputError(
-            path, "must have the subcarriers of the other file", len(second.subcarriers)
-        )
+        count = len(second.subcarriers)
+        raise InputError(path, "must have the subcarriers of the other file", count)
     _, one, other = np.intersect1d(first.identifier, second.identifier, return_indices=True)
     order = np.argsort(one)
     one, other = one[order], other[order]
@@ -293,6 +288,8 @@ def _layout(count: int) -> tuple[np.ndarray, np.ndarray]:
     return count - last + sent % last, sent
 
 
+# Linux 802.11n CSI Tool (Intel 5300); Atheros CSI Tool; ESP32-CSI-Tool, esp-csi or esp-crab;
+# nexmon_csi, as nexmon/43455c0/80.
 TOOLS = ("intel", "atheros", "esp32", "nexmon/CHIP/MHZ")
 _SPACING_HZ = 312.5e3
 # Reported subcarriers of the Intel 5300, in 20 and 40 MHz (D. Halperin et al., "Tool release:
@@ -318,13 +315,9 @@ def open_csi(
 ) -> ChannelSnapshots:
     """Read a file of a CSI tool: the first spatial stream, without antennas that it does not use.
 
-    ``tool`` is ``intel`` (Linux 802.11n CSI Tool, Intel 5300), ``atheros`` (Atheros CSI Tool),
-    ``esp32`` (ESP32-CSI-Tool, esp-csi or esp-crab) or ``nexmon/CHIP/MHZ`` (nexmon_csi, such as
-    ``nexmon/43455c0/80``), by default found by the first bytes of the file; ``mac`` the address of
-    the sender whose packets are wanted, for ``esp32`` and ``nexmon``, by default the most frequent
-    one; ``second`` the file of a second ESP32 on the same crystal, as on an esp-crab: the second
-    antenna. InputError for another tool, a file that is missing or broken, and when ``csiread`` is
-    not installed.
+    ``tool`` is one of :data:`TOOLS`, by default found by the first bytes of the file; ``mac`` the
+    sender, by default the most frequent one; ``second`` the file of a second ESP32 on the same
+    crystal, as on an esp-crab: the second antenna.
     """
     path = Path(path)
     if tool is not None:
@@ -354,26 +347,17 @@ def open_csi(
             raise InputError(path, f"cannot be read by csiread as a file of {tool} ({reason})")
         with np.load(output, allow_pickle=False) as arrays:
             counts = zip(arrays["reasons"].tolist(), arrays["counts"].tolist(), strict=True)
-            return checked_snapshots(
-                path,
-                arrays["time_s"],
-                arrays["channel"],
-                arrays["subcarrier_hz"],
-                left_out=tuple((reason, count) for reason, count in counts if count),
-            )
+            lost = tuple((reason, count) for reason, count in counts if count)
+            time_s, channel, hertz = (arrays[n] for n in ("time_s", "channel", "subcarrier_hz"))
+            return checked_snapshots(path, time_s, channel, hertz, left_out=lost)
 
 
 def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnapshots:
     packets = read_esp32(path, mac)
     if second is not None:
         packets = together(packets, read_esp32(second, mac), second)
-    return checked_snapshots(
-        path,
-        packets.time_s,
-        packets.channel,
-        packets.subcarriers * _SPACING_HZ,
-        left_out=packets.left_out,
-    )
+    hertz, lost = packets.subcarriers * _SPACING_HZ, packets.left_out
+    return checked_snapshots(path, packets.time_s, packets.channel, hertz, left_out=lost)
 
 
 def check_tool(tool: str, mac: str | None = None, second: str | Path | None = None) -> None:
@@ -383,9 +367,8 @@ def check_tool(tool: str, mac: str | None = None, second: str | Path | None = No
         raise InputError("--csi-tool", f"must be one of {', '.join(TOOLS)}", tool)
     if mac is not None:
         if tool in ("intel", "atheros"):
-            raise InputError(
-                "--mac", f"must not be given for {tool}, which records no senders", mac
-            )
+            rule = f"must not be given for {tool}, which records no senders"
+            raise InputError("--mac", rule, mac)
         if not re.fullmatch(r"[0-9a-fA-F]{2}(:[0-9a-fA-F]{2}){5}", mac):
             raise InputError("--mac", "must be like 11:22:33:44:55:66", mac)
     if second is not None and tool != "esp32":

@@ -113,14 +113,14 @@ def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene
 def test_live_page_whose_process_ends_is_reported_once(early, monkeypatch):
     """A run of weeks must not end with its page, nor repeat that it has gone."""
 
-    def ends_at_once(descriptor):
+    def ends_at_once(*_, **__):
         return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(3)"], stdin=-1)
 
     def send_late(self, settings):
         self._process.wait()
         send(self, settings)
 
-    monkeypatch.setattr(live_page, "_spawned", ends_at_once)
+    monkeypatch.setattr(live_page, "spawned", ends_at_once)
     send = live_page.LivePage._send_settings
     if early:
         monkeypatch.setattr(live_page.LivePage, "_send_settings", send_late)
