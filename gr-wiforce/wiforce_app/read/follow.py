@@ -23,11 +23,7 @@ _END = None
 
 
 class GrowingCapture:
-    """Reads a capture while it grows, until interrupted; iterating gives readings as they come.
-
-    ``datatype``: see ``open_capture``; ``frame_offset``: samples before the first frame; searched
-    when None.
-    """
+    """Reads a capture while it grows, until interrupted; iterating gives readings as they come."""
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):
         recording = _once_long_enough(capture, datatype, plan.waveform)

@@ -19,16 +19,10 @@ from .reading_job import RECORD, Journal, ReadingJob, read_capture_file, remove_
 
 
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):
-    """Read captures into a folder, or into one Parquet file.
+    """Read captures, patterns and folders into a folder, or into one Parquet file.
 
-    Returns int: exit status: 2 when captures failed by their own fault only, 1 when any failed
+    Returns the exit status: 2 when captures failed by their own fault only, 1 when any failed
     otherwise.
-
-    ``given``: captures, patterns and folders; ``scene``: scene file or name; None for each
-    capture's own; ``output``: folder, or a path that ends in ``.parquet``; ``form``: suffix of the
-    files in the folder, without dot; ``csv`` by default; ``again``: read captures that have not
-    changed since they were read; ``jobs``: number of processes; one per core by default;
-    ``settings``: ``datatype``, ``frame_offset`` and ``tracked``.
     """
     if scene is not None:
         from gnuradio.wiforce.scene import load_scene

@@ -24,38 +24,26 @@ _PROBE_BYTES = 65536
 
 @dataclass(frozen=True)
 class ReadingJob:
-    """A capture to be read into a file.
+    """A capture to be read into a file."""
 
-    ``name``, ``path``: of the capture: what its readings are called, and its absolute path;
-    ``output``: absolute path of its readings; ``scene``: scene file or name of a shipped scene;
-    None for the capture's own; ``settings``: ``datatype``, ``frame_offset`` and ``tracked``;
-    ``fingerprint``: of the readings that exist already.
-    """
-
-    name: str
-    path: str
+    name: str  # what its readings are called
+    path: str  # absolute, as that of its readings
     output: str
-    scene: str | None
-    settings: dict
-    fingerprint: str | None = None
+    scene: str | None  # file or name of a shipped scene; None for the capture's own
+    settings: dict  # datatype, frame_offset and tracked
+    fingerprint: str | None = None  # of the readings that exist already
 
 
 @dataclass(frozen=True)
 class ReadingReport:
-    """What became of a capture.
+    """What became of a capture."""
 
-    ``fingerprint``: hash of all that its readings depend on; ``unchanged``: it was not read, since
-    readings with this fingerprint exist; ``messages``: warnings, without the program's name;
-    ``partial``: where the readings are, until whoever asked for them renames them to the job's
-    output.
-    """
-
-    fingerprint: str
-    unchanged: bool
+    fingerprint: str  # hash of all that its readings depend on
+    unchanged: bool  # it was not read, since readings with this fingerprint exist
     rows: int = 0
     counts: GroupCounts = field(default_factory=GroupCounts)
-    messages: list = field(default_factory=list)
-    partial: str | None = None
+    messages: list = field(default_factory=list)  # warnings, without the program's name
+    partial: str | None = None  # where the readings are, until the run renames them
 
 
 def read_capture_file(job):
@@ -144,11 +132,9 @@ RECORD = "captures.jsonl"
 
 
 class Journal:
-    """Which captures were read into a folder, with which result.
+    """Which captures were read into a folder, which it makes, with which result.
 
     As a context manager it holds the folder, so that no other run writes to it.
-
-    ``folder``: where the readings are; created if missing.
     """
 
     def __init__(self, folder):
@@ -192,18 +178,13 @@ class Journal:
         entry = self.entries.get(name, {})
         try:
             found = output.stat()
-            whole = (found.st_size, found.st_mtime_ns) == (
-                *(entry.get("size_bytes"), entry.get("time_ns")),
-            )
         except OSError:
             return None
-        return entry.get("fingerprint") if whole else None
+        stated = entry.get("size_bytes"), entry.get("time_ns")
+        return entry.get("fingerprint") if stated == (found.st_size, found.st_mtime_ns) else None
 
     def note(self, name, **values):
-        """Append what became of a capture.
-
-        Raises OutputError on a full disk.
-        """
+        """Append what became of a capture; raises OutputError on a full disk."""
         entry = {"capture": name, **values}
         self._write(json.dumps(entry) + "\n")
         self.entries[name] = entry
@@ -227,12 +208,10 @@ def check_whole(path):
 
 
 def join_parts(path, parts):
-    """Write one file from those of the captures; it appears when it is complete.
+    """Write one file from the names of captures and the Parquet files of their readings.
 
-    Returns int: number of readings. The file's metadata hold those of each capture under
-    ``wiforce:captures``, as JSON.
-
-    ``parts``: name of a capture and the Parquet file of its readings.
+    It appears when it is complete; its metadata hold those of each capture under
+    ``wiforce:captures``, as JSON. Returns the number of readings.
     """
     import pyarrow
     from pyarrow import parquet

@@ -21,10 +21,9 @@ SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"
 
 
 def open_recording(path, datatype, csi=None):
-    """A capture of samples, or a file of channel snapshots.
+    """A capture of samples, or a file of channel snapshots, of a CSI tool by its first bytes.
 
-    ``datatype``: of raw samples, whatever the name of their file is; ``csi``: arguments of
-    ``open_csi``; by default, files of CSI tools are found by their first bytes.
+    A ``datatype`` of raw samples or the arguments ``csi`` of ``open_csi`` count whatever the name.
     """
     if datatype is None and csi is None and is_snapshots(path):
         return open_snapshots(path)
@@ -37,10 +36,7 @@ def open_recording(path, datatype, csi=None):
 
 
 def open_reader(recording, settings, frame_offset, tracked):
-    """The reader of a recording, after warnings of what was left out and of what is in the room.
-
-    ``frame_offset``: samples before the first frame; searched when None.
-    """
+    """The reader of a recording, after warnings of what was left out and of what is in the room."""
     if isinstance(recording, ChannelSnapshots):
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
@@ -60,9 +56,7 @@ def open_reader(recording, settings, frame_offset, tracked):
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
     """Read a whole recording for another command, and warn of what was wrong with it.
 
-    ``on_reading``: called with every Reading, in order; ``frame_offset``: samples before the first
-    frame; searched when None; ``on_groups``: called with every batch of Groups that has been read,
-    with the ratios R.
+    ``on_reading`` is called with every reading, ``on_groups`` with every batch of groups.
     """
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_unequal_antennas(reader)

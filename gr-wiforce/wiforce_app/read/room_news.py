@@ -8,20 +8,14 @@ from gnuradio.wiforce.planning.room.report import finding_line
 
 
 class RoomNews:
-    """What each survey of a run has found that the one before had not.
-
-    ``say``: takes a line for the user; `report_room` by default.
-    """
+    """What each survey of a run has found that the one before had not."""
 
     def __init__(self, say=None):
         self._say = say or report_room
         self._latest, self._known = None, []
 
     def report(self, found):
-        """Print the findings that matter, where they differ from those printed before.
-
-        ``found``: of the latest survey; the same list until there is another one.
-        """
+        """Print the findings that matter, where they differ from those printed before."""
         if found is None or found is self._latest:
             return
         self._latest = found
@@ -49,13 +43,7 @@ def describe_loss(gaps: int, samples_lost: int) -> str:
 
 
 def describe_events(frames_moved: int, times_ignored: int = 0) -> list[str]:
-    """Events that make times uncertain, although no loss of samples was counted.
-
-    Returns list of str: one phrase for each kind of event that occurred.
-
-    ``frames_moved``: times that the frame timing shifted without an ``rx_time`` tag;
-    ``times_ignored``: implausible ``rx_time`` tags.
-    """
+    """A phrase for each kind of event that makes times uncertain without a loss of samples."""
     phrases = []
     if frames_moved:
         times = "once" if frames_moved == 1 else f"{frames_moved} times"

@@ -10,12 +10,10 @@ from gnuradio.wiforce.errors import InputError, gnuradio_rule
 
 
 class LazyGroup(click.Group):
-    """A group of commands, each a function of the same name in a module.
+    """A group of commands, each a function of the same name in a module of ``package``.
 
-    ``package``: package that relative names of modules refer to; ``commands``: module and one line
-    of help by command, so that showing them imports none of the modules; ``groups``: names of
-    commands by heading, separated by spaces. One group of all by default; ``examples``: command
-    lines without the name of the program.
+    ``commands`` has module and one line of help of each, so that showing them imports no module;
+    ``groups`` their names by heading, ``examples`` command lines without the program's name.
     """
 
     def __init__(self, *arguments, package, commands, groups=None, examples=(), **options):
@@ -76,10 +74,8 @@ _HELP = ("--help-all", "--help")
 class GroupedHelp(click.Command):
     """A command whose help fits on a screen; ``--help-all`` explains every option.
 
-    ``groups``: names of options by heading, separated by spaces. Those of the first group, and
-    options in none of them, are explained by ``--help``; of the others it lists the names. One
-    group of all options by default;
-    ``examples``: command lines without the name of the program.
+    ``groups`` has names of options by heading. Those of the first group, and options in none of
+    them, are explained by ``--help``; of the others it lists the names.
     """
 
     def __init__(self, *arguments, groups=None, examples=(), **options):

@@ -19,10 +19,7 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interrupted(Exception):
-    """A command was interrupted after it had written something.
-
-    ``partial``: what has been written, for the message.
-    """
+    """A command was interrupted after it had written what the message says."""
 
 
 class _Signals:
@@ -61,10 +58,9 @@ _signals = _Signals()
 
 
 def interrupt_by_exception():
-    """Let Ctrl-C and SIGTERM raise an exception in the main thread.
+    """Let Ctrl-C and SIGTERM raise KeyboardInterrupt or :class:`Terminated` in the main thread.
 
-    It is KeyboardInterrupt or :class:`Terminated`. A second SIGTERM ends the process at once. A
-    shell's background command ignores Ctrl-C, and goes on doing so.
+    A shell's background command ignores Ctrl-C, and goes on doing so.
     """
     signal.signal(signal.SIGTERM, _signals.receive)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:

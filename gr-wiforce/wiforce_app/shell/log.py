@@ -14,22 +14,14 @@ FORMATS = ("auto", "plain", "journal")
 
 
 class Log:
-    """Writes messages, one line each.
+    """Writes messages, one line each."""
 
-    ``level``: messages below this level are not written; ``journal``: begin lines with the number
-    of their level, as ``<4>``, instead of the program's name; ``line_in_use``: a status line is on
-    the terminal, which a message replaces.
-    """
-
-    def __init__(self):
-        self.level, self.journal, self.line_in_use = "info", False, False
+    level = "info"  # below which messages are not written
+    journal = False  # lines begin with the number of their level, as <4>
+    line_in_use = False  # a status line is on the terminal, which a message replaces
 
     def set_up(self, level: str = "info", form: str = "auto") -> None:
-        """Choose what is written, and how.
-
-        ``level``: one of ``LEVELS``; ``form``: one of ``FORMATS``; ``auto`` detects whether
-        standard error is the journal.
-        """
+        """Choose the least level of ``LEVELS``, and one of ``FORMATS``."""
         self.level = level
         self.journal = form == "journal" or form == "auto" and is_journal()
 

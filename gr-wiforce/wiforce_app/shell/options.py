@@ -252,20 +252,14 @@ def web_options(required=False):
 
 
 def refuse(options, rule):
-    """Refuse options that were given without reason.
-
-    ``options``: values by the names of the options; false where one was not given.
-    """
+    """Refuse those options, values by name, that were given."""
     for option, value in options.items():
         if value:
             raise click.UsageError(f"{option} {rule}")
 
 
 def refuse_scenes(given):
-    """Refuse the name of a shipped scene where a capture is meant.
-
-    ``given``: captures, patterns and folders.
-    """
+    """Refuse the name of a shipped scene where a capture is meant."""
     for name in given:
         if os.path.exists(name) or os.path.exists(name + ".sigmf-meta"):
             continue

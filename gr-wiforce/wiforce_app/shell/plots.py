@@ -12,10 +12,7 @@ _PANEL_IN = 2.1  # height of a panel
 
 
 def check_picture(path, inputs=()):
-    """Check the path of a picture, or None, before any work is done for it.
-
-    ``inputs``: files that the picture is made from.
-    """
+    """Check the path of a picture, or None, before any work is done for it."""
     if path is None:
         return
     path = Path(path)
@@ -57,10 +54,7 @@ def save_picture(canvas, path, dpi=110):
 
 
 def plot_readings(readings, path, title="", truth=None, length_mm=None):
-    """Write the picture that :func:`gnuradio.wiforce.plot` draws.
-
-    ``truth``: rows of a truth file; ``length_mm``: length of the sensors.
-    """
+    """Write the picture that :func:`gnuradio.wiforce.plot` draws."""
     from gnuradio.wiforce.receiver.plotting import PANELS, plot  # needs NumPy and pandas
 
     canvas, axes = figure(PANELS, title)

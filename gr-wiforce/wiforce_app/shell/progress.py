@@ -14,10 +14,7 @@ def rows_on_terminal(output):
 
 @contextmanager
 def progress(label, length, shown=True):
-    """Give a function to call with the number of steps done since the last call.
-
-    It draws a bar of ``length`` steps on standard error if that is a terminal.
-    """
+    """Give a function that takes the steps done since its last call, and draws a bar of them."""
     if not (shown and sys.stderr.isatty()):
         yield lambda steps: None
         return

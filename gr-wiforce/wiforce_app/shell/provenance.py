@@ -8,11 +8,7 @@ from gnuradio.wiforce._config import VERSION
 
 
 def provenance(scene):
-    """Version, scene and sensor models, for the metadata of a file.
-
-    Returns dict of str to str: ``wiforce:version``; ``wiforce:scene``, JSON with all defaults
-    filled in; ``wiforce:sensors``, JSON with the model of each sensor by name.
-    """
+    """Version, scene with all defaults and sensor models by name, for the metadata of a file."""
     models = {each.name: _plain(each.load_model(scene)) for each in scene.sensors}
     return {
         "wiforce:version": VERSION,
@@ -22,10 +18,7 @@ def provenance(scene):
 
 
 def fingerprint(scene, *others, simulated=False):
-    """Hash of this version, a scene, the models of its sensors and what else is given.
-
-    ``simulated``: the result depends on the truth models of the scene's tags as well.
-    """
+    """Hash of this version, a scene, its models, where simulated the true ones too, and others."""
     models = {sensor.model for sensor in scene.sensors}
     if simulated and scene.simulation:
         models |= {tag.truth_model for tag in scene.simulation.tags}

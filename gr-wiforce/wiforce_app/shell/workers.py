@@ -32,10 +32,7 @@ _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task.
-
-    ``result``: what the function returned; ``error``: why there is no result.
-    """
+    """What became of a task: what the function returned, or why there is no result."""
 
     index: int
     result: Any = None
@@ -53,16 +50,10 @@ class WorkerLost(Exception):
 
 
 def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[Outcome]:
-    """Call a function with each task, in other processes.
+    """Call a function of a module with each task, in other processes; yields outcomes as they end.
 
     A task whose worker disappears is repeated, at most twice. On a cluster any task that fails is
     repeated on another worker, if there is one: its files may be out of reach for the first.
-
-    Yields Outcome: one per task, as they end.
-
-    ``function``: of one argument; a function of a module that workers can import; ``tasks``:
-    arguments, which are pickled; ``jobs``: number of processes; one per core by default. A cluster
-    has its own number.
     """
     if scheduler is not None:
         return _on_cluster(function, tasks, scheduler)
@@ -129,11 +120,7 @@ def _prepare_worker():
 
 
 def _outcome_of(function, task):
-    """Call a function and return what can be sent to another process, whatever happens.
-
-    Returns kind: ``result`` or ``error``; value: what the function returned, or the exception that
-    it raised.
-    """
+    """``result`` or ``error`` of a call, and its value, as they can be sent to another process."""
     try:
         return "result", function(task)
     except Exception as error:
@@ -146,11 +133,9 @@ def _outcome_of(function, task):
 
 
 def _end_with(gone: Callable[[], object]) -> None:
-    """End this process when the one that it works for has ended.
+    """End this process, as SIGTERM does, when that it works for has: ``gone`` returns then.
 
-    It ends by SIGTERM as well. In both cases it removes what it has not completed.
-
-    ``gone``: returns when the other process has ended.
+    In both cases it removes what it has not completed.
     """
 
     def watch():
@@ -250,10 +235,9 @@ def _in_child(payload):
 
 
 def run_in_child(payload: bytes) -> tuple[int, bytes, bytes]:
-    """Run a task in a process of its own, which ends with this one.
+    """Run a pickled function and argument in a process of its own, which ends with this one.
 
-    Returns status: exit status of the process; answer: the pickled outcome, where the status is 0;
-    errors: what it has printed. ``payload``: pickled function and argument.
+    Returns its exit status, the pickled outcome, where that is 0, and what it has printed.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-m", __spec__.name]

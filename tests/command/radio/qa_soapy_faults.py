@@ -132,11 +132,10 @@ def test_check_driver_that_does_not_start_to_stream_is_refused(scene):
 
 @pytest.mark.parametrize("readings", [0, 3])
 def test_live_lost_device_promises_only_readings_that_exist(scene, monkeypatch, capsys, readings):
-    def lose(session, request, outputs, *_):
-        outputs.readings = readings
+    def lose(scene, request, outputs, *_, **__):
+        outputs.rows = readings
         raise DeviceLost("the device is lost")
 
-    monkeypatch.setattr(live, "_make_session", lambda *_: None)
     monkeypatch.setattr(live, "_run", lose)
     assert main(["live", "--scene", str(scene), "--args", "addr=1"]) == 1
     end = "all readings until then are kept" if readings else "there are no readings"
