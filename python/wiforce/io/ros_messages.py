@@ -14,13 +14,14 @@ from functools import cache
 from typing import Any
 
 from ..errors import InputError
-from .readings import flag_bits, parsed_utc
+from .readings import Flag, flag_bits, parsed_utc
 
 READING = "wiforce_msgs/msg/PressReading"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
-PRESS_READING = """\
+_FLAGS = "".join(f"uint32 FLAG_{flag.name}={flag.value}\n" for flag in Flag)
+PRESS_READING = f"""\
 # Force and location on one sensor in one phase group, as measured by gr-wiforce.
 # Unknown numbers are NaN.
 
@@ -29,17 +30,7 @@ int8 UNTOUCHED=0
 int8 TOUCHED=1
 
 # Conditions that qualify a reading; docs/sensors.md explains them.
-uint32 FLAG_REFERENCE=1
-uint32 FLAG_GAP=2
-uint32 FLAG_TRANSITION=4
-uint32 FLAG_WEAK=8
-uint32 FLAG_AMBIGUOUS=16
-uint32 FLAG_FORCE_UNOBSERVABLE=32
-uint32 FLAG_INCONSISTENT=64
-uint32 FLAG_EXTRAPOLATED=128
-uint32 FLAG_MOVED=256
-uint32 FLAG_SATURATED=512
-
+{_FLAGS}
 # stamp: UTC at the centre of the group, zero when unknown. frame_id: the sensor's frame.
 std_msgs/Header header
 # Identifier of the run, empty for a recording.

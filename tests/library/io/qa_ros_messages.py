@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from gnuradio.wiforce.io.readings import Flag, Reading
+from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.ros_messages import (
     DIAGNOSTICS,
     PRESS_READING,
@@ -50,11 +50,6 @@ def test_common_definitions_have_the_type_hash_of_ros(name):
     own = get_typestore(Stores.EMPTY)
     own.register(get_types_from_msg(complete_definition(name), name))
     assert own.hash_rihs01(name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(name)
-
-
-def test_flag_constants_are_those_of_readings():
-    constants = dict(re.findall(r"^uint32 FLAG_(\w+)=(\d+)$", PRESS_READING, re.MULTILINE))
-    assert constants == {flag.name: str(flag.value) for flag in Flag}
 
 
 def test_package_of_messages_holds_the_same_definition():
