@@ -152,7 +152,7 @@ def test_process_of_a_radio_loads_no_other_part_of_the_command():
         for module in modules
         if module[0] != "radio"
     }
-    assert others == {("shell", "log")}
+    assert others == {("shell", "log"), ("shell", "processes")}
 
 
 def test_no_module_holds_a_few_stray_lines():

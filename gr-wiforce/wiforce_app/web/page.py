@@ -27,6 +27,16 @@ _SOURCES = {
     "points": ("x", "y", "color"),
 }
 _STRIP_PX = 30
+# Nothing takes touches, so that a phone can scroll over the plots.
+_PLAIN = {
+    "sizing_mode": "stretch_width",
+    "tools": "",
+    "toolbar_location": None,
+    "outline_line_color": GRID,
+    "min_border_left": _LEFT_PX,
+    "min_border_right": _RIGHT_PX,
+    "lod_threshold": None,
+}
 
 
 def bokeh_scripts() -> list[Path]:
@@ -48,21 +58,9 @@ def figures() -> dict[str, Any]:
 
 def _strip(time_axis: Range1d) -> figure:
     """Times of readings with a flag, a row for each sensor: their values are not to be used."""
-    plot = figure(
-        name="strip-plot",
-        height=_STRIP_PX,
-        sizing_mode="stretch_width",
-        tools="",
-        toolbar_location=None,
-        x_range=time_axis,
-        y_range=Range1d(-1, 1, name="strip-range"),
-        outline_line_color=GRID,
-        min_border_left=_LEFT_PX,
-        min_border_right=_RIGHT_PX,
-        min_border_top=4,
-        min_border_bottom=2,
-        lod_threshold=None,
-    )
+    ranges = {"x_range": time_axis, "y_range": Range1d(-1, 1, name="strip-range")}
+    borders = {"min_border_top": 4, "min_border_bottom": 2}
+    plot = figure(name="strip-plot", height=_STRIP_PX, **ranges, **borders, **_PLAIN)
     data = ColumnDataSource({key: [] for key in ("x", "y", "color")}, name="strip-marks")
     plot.scatter("x", "y", source=data, marker="dash", angle=_UPRIGHT, size=8, line_color="color")
     plot.axis.visible = False
@@ -71,22 +69,10 @@ def _strip(time_axis: Range1d) -> figure:
 
 
 def _plot(name: str, label: str, time_axis: Range1d) -> figure:
-    """One quantity over time; nothing in it takes touches, so that a phone can scroll over it."""
-    plot = figure(
-        name=f"{name}-plot",
-        height=_HEIGHT_PX,
-        sizing_mode="stretch_width",
-        tools="",
-        toolbar_location=None,
-        x_range=time_axis,
-        y_range=Range1d(0, 1, name=f"{name}-range"),
-        y_axis_label=label,
-        outline_line_color=GRID,
-        min_border_left=_LEFT_PX,
-        min_border_right=_RIGHT_PX,
-        min_border_top=8,
-        lod_threshold=None,
-    )
+    """One quantity over time."""
+    ranges = {"x_range": time_axis, "y_range": Range1d(0, 1, name=f"{name}-range")}
+    shape = {"height": _HEIGHT_PX, "min_border_top": 8}
+    plot = figure(name=f"{name}-plot", y_axis_label=label, **ranges, **shape, **_PLAIN)
     data = {
         kind: ColumnDataSource({key: [] for key in keys}, name=f"{name}-{kind}")
         for kind, keys in _SOURCES.items()
