@@ -55,10 +55,7 @@ class Malformed(ValueError):
 
 
 def words(datagram, count):
-    """The first `count` 32-bit words of a datagram.
-
-    Raises Malformed when it is shorter.
-    """
+    """The first `count` 32-bit words of a datagram; raises Malformed when it is shorter."""
     if len(datagram) < 4 * count:
         raise Malformed(f"{len(datagram)} bytes, at least {4 * count} required")
     return struct.unpack_from(f">{count}I", datagram)

@@ -123,10 +123,7 @@ class I2cBus:
         self._pointers = dict.fromkeys(images, 0)
 
     def write(self, address, data):
-        """The first byte sets the pointer.
-
-        Raises Malformed when bytes to be stored follow.
-        """
+        """The first byte sets the pointer; raises Malformed when bytes to be stored follow."""
         if address not in self._images or not data:
             return
         if len(data) > 1:
