@@ -95,8 +95,9 @@ class ClientKeys:
                 rule = f"must hold one client's NAME{_SECRET}, but holds {len(found)}"
                 raise InputError(path, f"{rule}; name the file")
             path = found[0]
+        public, secret = _load(path, secret=True)
         server, _ = _load(path.with_name(f"{SERVER}{_PUBLIC}"))
-        return cls(*_load(path, secret=True), server)
+        return cls(public, secret, server)
 
     def apply(self, socket: Any) -> None:
         """Let a socket, before it is connected, prove who it is and check the server's key."""
