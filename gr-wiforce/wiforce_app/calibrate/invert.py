@@ -59,115 +59,98 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     writer = open_writer(output, (phases, model))
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
+    measured = np.array([[row[column] for column in _NEEDED] for row in rows])
     known = np.array([row["location_mm"] for row in rows])
     try:
-        for text in phase_suspicions(sensor, _phases(rows), std, known, frequency_hz):
+        for text in phase_suspicions(sensor, measured, std, known, frequency_hz):
             log.warning(f"{phases}: {text}")
+        touch = touch_of(sensor, measured, std, frequency_hz)
         if tracked or smoothed:
-            readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
+            follow = _smoothed if smoothed else _tracked
+            found = _over_time(phases, rows, follow, sensor, measured, std, touch, frequency_hz)
         else:
-            readings = _one_by_one(rows, sensor, frequency_hz, std)
+            pressed = np.flatnonzero(touch == 1)
+            found = [None] * len(rows)
+            if len(pressed):
+                read = sensor.invert(measured[pressed], std, known[pressed], frequency_hz)
+                for index, values in zip(pressed, _values(read), strict=True):
+                    found[index] = values
     except InputError as error:
         raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
     with writer:
-        writer.write_all(readings)
+        writer.write_all(
+            _reading(row, sensor, std, state, values)
+            for row, state, values in zip(rows, touch.tolist(), found, strict=True)
+        )
 
 
 def _read(path):
-    header, rows = read_csv(path)
+    """Sensor, group, phases, and time and location or NaN of each row."""
+    header, lines = read_csv(path)
     if "y_mm" in header:
         rule = "holds readings of a surface, which are not computed from one sensor's phases: "
         raise InputError(path, f"{rule}`gr-wiforce read` computes them from the capture")
     for column in _NEEDED:
         if column not in header:
             raise InputError(path, f"must have a column {column}", ", ".join(header))
-    return [_numbers(path, number, row) for number, row in rows]
+    empty = dict.fromkeys(("time_s", "location_mm", "location_std_mm"), math.nan)
+    rows = []
+    for number, line in lines:
+        where, group = f"{path}: row {number}", (line.get("group") or "").strip()
+        row = {
+            column: cell_number(line, column, where, empty.get(column), _LARGEST)
+            for column in (*_NEEDED, *empty)
+        }
+        if row["location_std_mm"] > 0:
+            row["location_mm"] = math.nan
+        group = int(group) if group.isdigit() else None
+        rows.append(row | {"sensor": line.get("sensor") or "", "group": group})
+    return rows
 
 
-def _numbers(path, number, row):
-    group = (row.get("group") or "").strip()
-    parsed = {"sensor": row.get("sensor") or "", "group": int(group) if group.isdigit() else None}
-    where = f"{path}: row {number}"
-    for column in _NEEDED:
-        parsed[column] = cell_number(row, column, where, largest=_LARGEST)
-    for column in ("time_s", "location_mm", "location_std_mm"):
-        parsed[column] = cell_number(row, column, where, empty=math.nan, largest=_LARGEST)
-    if parsed["location_std_mm"] > 0:
-        parsed["location_mm"] = math.nan
-    return parsed
-
-
-def _phases(rows):
-    """Phases of both ports, in degrees; (n, 2)."""
-    return np.array([[row[column] for column in _NEEDED] for row in rows])
-
-
-def _one_by_one(rows, sensor, frequency_hz, std):
-    """A reading per row, each by itself."""
-    phases = _phases(rows)
-    known = np.array([row["location_mm"] for row in rows])
-    touch = touch_of(sensor, phases, std, frequency_hz)
-    readings = [
-        _reading(row, sensor, std, state) for row, state in zip(rows, touch.tolist(), strict=True)
-    ]
-    for given in (True, False):
-        chosen = np.flatnonzero((np.isfinite(known) == given) & (touch == 1))
-        if len(chosen):
-            places = known[chosen] if given else None
-            result = sensor.invert(phases[chosen], std, places, frequency_hz)
-            for i, index in enumerate(chosen):
-                readings[index] = _reading(rows[index], sensor, std, 1, _values(result, i))
-    return readings
-
-
-def _over_time(path, rows, sensor, frequency_hz, std, smoothed):
-    """A reading per row, every sensor's presses followed from touch to release."""
-    readings = [None] * len(rows)
-    for name in dict.fromkeys(row["sensor"] for row in rows):
-        own = [i for i, row in enumerate(rows) if row["sensor"] == name]
-        period = _period(path, [rows[i]["time_s"] for i in own])
-        phases = _phases([rows[i] for i in own])
-        touch = touch_of(sensor, phases, std, frequency_hz)
-        follow = _smoothed if smoothed else _tracked
-        values = follow(sensor, phases, std, touch == 1, period, frequency_hz)
-        for i, found, state in zip(own, values, touch.tolist(), strict=True):
-            readings[i] = _reading(rows[i], sensor, std, state, found)
-    return readings
-
-
-def _period(path, times):
-    steps = np.diff(times)
-    if not (len(steps) and np.all(np.isfinite(steps)) and np.all(steps > 0)):
-        rule = "must be given and increase from row to row, for --tracked and --smoothed"
-        raise InputError(f"{path}: time_s", rule)
-    return float(np.median(steps))
+def _over_time(path, rows, follow, sensor, phases, std, touch, frequency_hz):
+    """What was found for each row, every sensor's presses followed from touch to release."""
+    found = np.full(len(rows), None)
+    names, times = (np.array([row[key] for row in rows]) for key in ("sensor", "time_s"))
+    for name in dict.fromkeys(names.tolist()):
+        own = np.flatnonzero(names == name)
+        steps = np.diff(times[own])
+        if not (len(steps) and np.all(np.isfinite(steps)) and np.all(steps > 0)):
+            rule = "must be given and increase from row to row, for --tracked and --smoothed"
+            raise InputError(f"{path}: time_s", rule)
+        period = float(np.median(steps))
+        for index, values in follow(
+            sensor, phases[own], std, touch[own] == 1, period, frequency_hz
+        ):
+            found[own[index]] = values
+    return found
 
 
 def _tracked(sensor, phases, std, touched, period, frequency_hz):
+    """Rows that are touched, and what a tracker that sees all rows says of them."""
     tracker = sensor.tracker(period, frequency_hz)
-    found = [
-        tracker.update(pair, std, bool(touch)) for pair, touch in zip(phases, touched, strict=True)
-    ]
-    return [values if touch else None for values, touch in zip(found, touched, strict=True)]
+    for index, (pair, touch) in enumerate(zip(phases, touched, strict=True)):
+        values = tracker.update(pair, std, bool(touch))
+        if touch:
+            yield index, values
 
 
 def _smoothed(sensor, phases, std, touched, period, frequency_hz):
+    """Rows that are touched, and what whole presses say of them."""
     from gnuradio.wiforce.sensor import smooth_press
 
-    values = [None] * len(phases)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], touched.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2):
-        result = smooth_press(sensor, phases[start:stop], std, period, frequency_hz)
-        values[start:stop] = [_values(result, i) for i in range(stop - start)]
-    return values
+        read = smooth_press(sensor, phases[start:stop], std, period, frequency_hz)
+        yield from enumerate(_values(read), start)
 
 
-def _values(result, i):
-    """Force, its std, location, its std and flags of one reading."""
-    return (*(float(getattr(result, name)[i]) for name in ESTIMATES), result.flags[i])
+def _values(read):
+    """Force, its std, location, its std and flags of each reading."""
+    return zip(*(getattr(read, name).tolist() for name in ESTIMATES), read.flags, strict=True)
 
 
-def _reading(row, sensor, std, touch, found=None):
+def _reading(row, sensor, std, touch, found):
     """A row's reading; ``touch`` is -1 where it is unknown, ``found`` None where not touched."""
     common = {
         "time_s": row["time_s"],

@@ -231,21 +231,22 @@ class Inverter:
             rule = f"must have {self.forward.size} columns"
             raise InputError("phases_deg", rule, np.shape(phases_deg))
         std = _standard_deviations(std_deg, phases.shape)
-        if location_mm is not None:
-            location_mm = self._known_location(location_mm, len(phases))
-        values, codes = self.posterior.invert(phases, std, location_mm)
         if location_mm is None:
+            values, codes = self.posterior.invert(phases, std, None)
             values[:, -1] += self.ruler_mm2
-        return inversion_of(values, codes)
-
-    def _known_location(self, location_mm: ArrayLike, count: int) -> Array:
-        location = np.broadcast_to(np.asarray(location_mm, float), count)
+            return inversion_of(values, codes)
+        location = np.broadcast_to(np.asarray(location_mm, float), len(phases))
         first, last = self.forward.location_mm[[0, -1]]
         outside = location[(location < first) | (location > last)]
         if outside.size:
             rule = f"must lie from {first:g} to {last:g} mm"
             raise InputError("location_mm", rule, float(outside[0]))
-        return location
+        known = ~np.isnan(location)
+        values, codes = np.empty((len(phases), 6)), np.empty(len(phases), np.uint8)
+        for rows, at in ((known, location[known]), (~known, None)):
+            values[rows], codes[rows] = self.posterior.invert(phases[rows], std[rows], at)
+        values[~known, -1] += self.ruler_mm2
+        return inversion_of(values, codes)
 
     def unobservable(self, force: ArrayLike, location: ArrayLike, std: ArrayLike = 1.0) -> Array:
         """Whether force and location cannot be distinguished with this noise (deg); broadcast."""

@@ -232,7 +232,7 @@ class SensorModel:
         std_deg : array_like, optional
             Standard deviation of each phase's noise; broadcast. 1 deg by default.
         location_mm : array_like, optional
-            Location, where it is known; broadcast over n.
+            Location, where it is known, NaN elsewhere; broadcast over n.
         frequency_hz : float, optional
             Carrier at which the phases were measured.
 

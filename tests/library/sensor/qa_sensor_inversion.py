@@ -220,6 +220,10 @@ def test_invert_known_location_is_kept(model):
     phases = model.phases_deg(force, place) + rng.normal(0, 0.3, (400, 2))
     known = model.invert(phases, 0.3, location_mm=place)
     free = model.invert(phases, 0.3)
+    some = model.invert(phases, 0.3, location_mm=np.where(np.arange(400) % 2, place, np.nan))
+    for name in ("force_n", "force_std_n", "location_mm", "location_std_mm"):
+        expected = np.where(np.arange(400) % 2, getattr(known, name), getattr(free, name))
+        assert np.array_equal(getattr(some, name), expected)
     assert known.location_mm == pytest.approx(place) and np.all(known.location_std_mm == 0)
     # the two ends tell force and place nearly apart here: knowing the place gains some per cent
     assert np.mean(known.force_std_n / free.force_std_n) < 1.0
