@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Likely mistakes of calibration tables, of the assumed line, and of phases for a model.
 
-The line's length and permittivity are estimated from the data. Along the line the phase falls by
-2 beta per millimetre at port 1 and rises by as much at port 2. At light forces the short is narrow,
-so that both slopes give the permittivity. The changes against the untouched line, D1 = 180 deg +
-2 beta (L - l + a1) and D2 = 180 deg + 2 beta (l + a2), give its length L, since the extents a1 and
-a2 of the short are alike on average along the line (line.py).
+Along the line the phase falls by 2 beta per millimetre at port 1 and rises by as much at port 2,
+which shows swapped ports, signs and units, and its permittivity. The changes against the untouched
+line, D1 = 180 deg + 2 beta (L - l + a1) and D2 = 180 deg + 2 beta (l + a2), give its length L,
+since the extents a1 and a2 of the short are alike on average along the line (line.py). Light
+presses are taken, whose short is narrow.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ from .validation import shift_per_degree
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
 # offsets of their own, as when cables were moved, and nothing follows. The slope is only
 # determined by several locations.
-ON_A_LINE, ENOUGH_LOCATIONS = 0.97, 3
+_ON_A_LINE, _ENOUGH_LOCATIONS = 0.97, 3
 _SLOPES = np.linspace(0.6, 1.8, 241)
 # The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
 # the slope by up to 25 %, more for wide contacts: the permittivity by its square.
@@ -35,6 +35,22 @@ _SLOPE_LIMITS = (0.7, 1.5)
 _EXTENTS_MM = (-10.0, 15.0)
 # Share of the rows, those with the lightest forces, in which the short is taken to be narrow.
 _LIGHT = 0.4
+# Phases in radians lie within a turn, 6.28; those of a press and of the untouched line in degrees
+# are further apart.
+_TURN_RAD = 2 * np.pi + 0.01
+# No tactile sensor is pressed with as much; 8 N are 816 g.
+_LARGEST_FORCE_N = 100.0
+# A change is none if its standard deviation times this exceeds it.
+_SIGNIFICANT = 3.0
+# Presses within a tenth of the line are not a calibration, but one in other units. Phases that
+# move by a tenth of what the line does from location to location are of no line.
+_SMALLEST_SHARE = 0.1
+# A direction is reversed if it leaves so much less scatter.
+_REVERSED = 0.25
+_DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
+# Readings of which so many are unexplained are suspicious, and explained if so few are.
+_MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
+_UNEXPLAINED = {"inconsistent", "extrapolated"}
 
 
 @dataclass(frozen=True)
@@ -64,151 +80,161 @@ class LineEstimate:
         return f"the data suggest {length} and a permittivity between {low:.2g} and {high:.2g}"
 
 
+@dataclass(frozen=True)
+class _Presses:
+    """The touched rows of one carrier, summed up for both ports at J locations.
+
+    ``untouched_deg``: of both ports, None without such rows; ``known`` (2, J): where a port was
+    measured; ``direction`` (2, J): of the mean phasor of the lightest presses, else 0;
+    ``change_deg``, ``std_deg`` (2, J): change of the phase over the forces by a straight line, and
+    its standard deviation, else 0.
+    """
+
+    frequency_hz: float
+    rows: CalibrationTable
+    untouched_deg: tuple[float, float] | None
+    location_mm: np.ndarray
+    known: np.ndarray
+    direction: np.ndarray
+    change_deg: np.ndarray
+    std_deg: np.ndarray
+
+    def concentrations(self, slopes: np.ndarray) -> np.ndarray:
+        """How well each port follows slopes (n,) of port 2 in deg/mm over location; (2, n).
+
+        Length of the mean phasor about the slope: 1 without scatter, 0 at fewer than two locations.
+        """
+        turns = np.exp(1j * np.radians(slopes)[:, None] * self.location_mm)
+        count = self.known.sum(axis=1)[:, None]
+        both = np.stack([turns @ self.direction[0], turns.conj() @ self.direction[1]])
+        return np.where(count > 1, np.abs(both) / np.maximum(count, 1), 0.0)
+
+    def on_lines(self, slopes: np.ndarray) -> np.ndarray:
+        """Mean concentration of both ports (n,); 0 where one was not measured along the line."""
+        both = self.concentrations(slopes)
+        return np.where(both.all(axis=0), both.mean(axis=0), 0.0)
+
+    def scatter(self, slopes: np.ndarray) -> float:
+        """1 less the concentration about the best of some lines.
+
+        A port at which force moves the short inward follows none.
+        """
+        limit = -_SIGNIFICANT * np.linalg.norm(self.std_deg, axis=1)
+        outward = self.change_deg.sum(axis=1) >= limit
+        return float(1 - (outward @ self.concentrations(slopes) / 2).max())
+
+    def mirrored(self, ports: Sequence[int], force_too: bool) -> "_Presses":
+        """With locations of some ports from the other end, or also phases of the other sign."""
+        direction, change = self.direction.copy(), self.change_deg.copy()
+        direction[ports] = direction[ports].conj()
+        if force_too:
+            change[ports] *= -1
+        return replace(self, direction=direction, change_deg=change)
+
+    def swapped(self, index: int) -> "_Presses":
+        """With the ports swapped at one location."""
+        ports = np.tile([[0], [1]], len(self.location_mm))
+        ports[:, index] = 1, 0
+        known, direction, change, std = (
+            np.take_along_axis(values, ports, axis=0)
+            for values in (self.known, self.direction, self.change_deg, self.std_deg)
+        )
+        return replace(self, known=known, direction=direction, change_deg=change, std_deg=std)
+
+
+def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
+    for frequency in carriers_of(table):
+        own = table.take(same_carrier(table.frequency_hz, frequency))
+        untouched = untouched_phases(own)
+        rows, _ = touched_rows(own, untouched)
+        places = np.unique(rows.location_mm)
+        shape = (2, len(places))
+        known, direction = np.zeros(shape, bool), np.zeros(shape, complex)
+        change, std = np.zeros(shape), np.zeros(shape)
+        for at in np.ndindex(shape):
+            here = rows.take((rows.port == at[0] + 1) & (rows.location_mm == places[at[1]]))
+            known[at] = here.row.size
+            if known[at]:
+                light = here.force_n <= np.quantile(here.force_n, _LIGHT)
+                mean = np.mean(np.exp(1j * np.radians(here.phase_deg[light])))
+                direction[at] = mean / max(abs(mean), 1e-12)
+                change[at], std[at] = _line_over_force(here)
+        yield _Presses(frequency, rows, untouched, places, known, direction, change, std)
+
+
+def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
+    """Change of the phase of one port and location over its forces, in deg, and its deviation.
+
+    Both are of a straight line; what lies beside it, such as an onset, widens the deviation, which
+    is infinite where too few forces state it.
+    """
+    order = np.argsort(here.force_n, kind="stable")
+    centred = here.force_n[order] - here.force_n.mean()
+    phase = np.unwrap(here.phase_deg[order], period=360.0)
+    spread, span = float(centred @ centred), float(np.ptp(centred))
+    slope = float(centred @ phase) / spread if spread else 0.0
+    if len(order) < 3 or not spread:
+        return slope * span, np.inf
+    residual = phase - phase.mean() - slope * centred
+    variance = float(residual @ residual) / (len(order) - 2)
+    return slope * span, span * float(np.sqrt(variance / spread))
+
+
 def estimate_line(
     table: CalibrationTable, length_mm: float, permittivity: float
 ) -> list[LineEstimate]:
-    """Estimate length and permittivity of the line from the data of each carrier.
+    """Length and permittivity of the line by each carrier's data, within 10 mm and 60 %.
 
-    Returns list of LineEstimate: rough ones, within 10 mm and 60 %, since the contact law is not
-    known.
+    They are as rough since the contact law is not known.
     """
-    return [
-        _estimate(table.take(same_carrier(table.frequency_hz, f)), f, length_mm, permittivity)
-        for f in carriers_of(table)
-    ]
+    return [_estimate(own, length_mm, permittivity) for own in _by_carrier(table)]
 
 
-def concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
-    """How well the phases of light presses follow each of some slopes over location.
-
-    Returns ndarray, shape (n,): length of the mean phasor about the slope, mean of both ports: 1
-    without scatter, 0 where fewer than two locations were pressed.
-
-    ``rows``: touched rows of one carrier; ``slopes`` (n,): of port 2, in deg/mm; port 1 has the
-    opposite one.
-    """
-    values = [_port_concentrations(rows, port, slopes) for port in (1, 2)]
-    return np.mean(values, axis=0) if np.all(values) else np.zeros(len(slopes))
-
-
-def _port_concentrations(rows: CalibrationTable, port: int, slopes: np.ndarray) -> np.ndarray:
-    """The same of one port; shape (n,)."""
-    places, phasors = _mean_phasors(rows, port)
-    if len(places) < 2:
-        return np.zeros(len(slopes))
-    turns = np.exp(1j * np.radians((slopes if port == 1 else -slopes)[:, None] * places))
-    return np.asarray(np.abs(np.mean(phasors * turns, axis=1)))
-
-
-def _mean_phasors(rows: CalibrationTable, port: int) -> tuple[np.ndarray, np.ndarray]:
-    """Locations of a port, and the direction of the mean phasor of the lightest presses at each."""
-    own = rows.take(rows.port == port)
-    places = np.unique(own.location_mm)
-    means = []
-    for place in places:
-        here = own.take(own.location_mm == place)
-        light = here.force_n <= np.quantile(here.force_n, _LIGHT)
-        means.append(np.mean(np.exp(1j * np.radians(here.phase_deg[light]))))
-    phasors = np.array(means)
-    return places, phasors / np.maximum(np.abs(phasors), 1e-12)
-
-
-def _estimate(
-    rows: CalibrationTable, frequency_hz: float, length_mm: float, permittivity: float
-) -> LineEstimate:
-    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    ambiguity_mm = float(360.0 / slope)
-    untouched = untouched_phases(rows)
-    touched, _ = touched_rows(rows, untouched)
-    scores = concentrations(touched, _SLOPES * slope)
+def _estimate(own: _Presses, length_mm: float, permittivity: float) -> LineEstimate:
+    slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
+    scores = own.on_lines(_SLOPES * slope)
     best = int(np.argmax(scores))
-    places = np.unique(touched.location_mm)
-    if scores[best] < ON_A_LINE or len(places) < ENOUGH_LOCATIONS:
-        return LineEstimate(frequency_hz, None, None, ambiguity_mm)
+    if scores[best] < _ON_A_LINE or len(own.location_mm) < _ENOUGH_LOCATIONS:
+        return LineEstimate(own.frequency_hz, None, None, float(360.0 / slope))
+    found = None
+    if own.untouched_deg is not None:
+        change = np.degrees(np.angle(own.direction)) - np.array(own.untouched_deg)[:, None]
+        extent = wrap_deg(change[1] - 180.0 - slope * own.location_mm) / slope
+        lengths = (change[0] - 180.0) / slope + own.location_mm - extent
+        turns = np.exp(1j * np.radians(slope * lengths[own.known.all(axis=0)]))
+        beyond = wrap_deg(np.degrees(np.angle(np.mean(turns))) - slope * length_mm) / slope
+        found = float(length_mm + beyond)
     own_permittivity = float(permittivity * _SLOPES[best] ** 2)
-    if untouched is None:
-        return LineEstimate(frequency_hz, own_permittivity, None, ambiguity_mm)
-    lengths = _lengths_mm(touched, untouched, slope)
-    turns = np.mean(np.exp(1j * np.radians(slope * lengths)))
-    beyond = wrap_deg(np.degrees(np.angle(turns)) - slope * length_mm) / slope
-    return LineEstimate(frequency_hz, own_permittivity, float(length_mm + beyond), ambiguity_mm)
-
-
-def _lengths_mm(
-    touched: CalibrationTable, untouched_deg: tuple[float, float], slope: float
-) -> np.ndarray:
-    """Length of the line from the light presses at each location, modulo half a wavelength."""
-    places, first = _mean_phasors(touched, 1)
-    others, second = _mean_phasors(touched, 2)
-    common, rows, columns = np.intersect1d(places, others, return_indices=True)
-    changes = [
-        np.degrees(np.angle(phasors)) - start
-        for phasors, start in zip((first[rows], second[columns]), untouched_deg, strict=True)
-    ]
-    extent = wrap_deg(changes[1] - 180.0 - slope * common) / slope
-    return np.asarray((changes[0] - 180.0) / slope + common - extent)
-
-
-# Phases in radians lie within a turn, 6.28; those of a press and of the untouched line in degrees
-# are further apart.
-TURN_RAD = 2 * np.pi + 0.01
-# No tactile sensor is pressed with as much; 8 N are 816 g.
-_LARGEST_FORCE_N = 100.0
-# A change is none if its standard deviation times this exceeds it.
-_SIGNIFICANT = 3.0
-# Presses within a tenth of the line are not a calibration, but one in other units. Phases that
-# move by a tenth of what the line does from location to location are of no line.
-_SMALLEST_SHARE = 0.1
-# A direction is reversed if it leaves so much less scatter.
-_REVERSED = 0.25
-_DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
-# Readings of which so many are unexplained are suspicious, and explained if so few are.
-_MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
-_UNEXPLAINED = {"inconsistent", "extrapolated"}
+    return LineEstimate(own.frequency_hz, own_permittivity, found, float(360.0 / slope))
 
 
 def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
-    """Likely mistakes in the units, ports and signs of a table, or in the line that is assumed.
-
-    Returns list of str: a sentence each; empty when nothing is suspicious.
-    """
+    """Likely mistakes in units, ports and signs of a table, or in the line; a sentence each."""
     touched = table.take(~table.untouched)
     if not touched.row.size:
         return []
     found = _units(table, touched, length_mm)
     if found:
         return found
-    for frequency in carriers_of(table):
-        own = table.take(same_carrier(table.frequency_hz, frequency))
-        if own.untouched.all():
-            continue
-        rows, _ = touched_rows(own, untouched_phases(own))
-        slope = line.round_trip_deg_per_mm(frequency, permittivity)
-        found += _explained(rows, slope) or _unconnected(rows, slope) or _unpressed(rows, slope)
+    carriers = list(_by_carrier(table))
+    for own in carriers:
+        slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
+        found += _explained(own, slope) or _unconnected(own, slope) or _unpressed(own, slope)
     if found:
         return list(dict.fromkeys(found))
-    for estimate in estimate_line(table, length_mm, permittivity):
-        rows = table.take(same_carrier(table.frequency_hz, estimate.frequency_hz))
-        found += _other_line(estimate, length_mm, permittivity) or _other_untouched(
-            rows, estimate, length_mm, permittivity
-        )
-    return found
+    return [text for own in carriers for text in _other_line(own, length_mm, permittivity)]
 
 
 def untouched_assumed(table: CalibrationTable, model: SensorModel) -> list[str]:
-    """What follows where a table has no untouched rows, for each such carrier.
-
-    Returns list of str: a sentence each, with the change of readings per degree of error.
-
-    ``model``: of this table.
-    """
+    """What follows where the table of a model has no untouched rows; a sentence per carrier."""
     found = []
-    for frequency in carriers_of(table):
-        if untouched_phases(table.take(same_carrier(table.frequency_hz, frequency))) is not None:
+    for own in _by_carrier(table):
+        if own.untouched_deg is not None:
             continue
-        force, location = shift_per_degree(model, frequency)
+        force, location = shift_per_degree(model, own.frequency_hz)
+        at = f"{own.frequency_hz / 1e6:g} MHz"
         found.append(
-            f"no rows of the untouched sensor (force_n 0, no location) at {frequency / 1e6:g} MHz: "
+            f"no rows of the untouched sensor (force_n 0, no location) at {at}: "
             f"its phases are taken to be those of a line of {model.length_mm:g} mm, and each "
             f"degree that one of them is off shifts forces by some {force:.2g} N and locations by "
             f"some {location:.2g} mm"
@@ -217,197 +243,26 @@ def untouched_assumed(table: CalibrationTable, model: SensorModel) -> list[str]:
 
 
 def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
-    """What the provenance of a model says of likely mistakes in its data.
-
-    Returns dict: empty where there are none.
-
-    ``found``: as :func:`suspicions` gives them.
-    """
+    """What the provenance of a model says of likely mistakes; empty where there are none."""
     return {"suspicions": list(dict.fromkeys(found))} if found else {}
 
 
 def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:
     found = []
     widest = float(np.max(np.abs(table.phase_deg)))
-    if widest <= TURN_RAD:
+    if widest <= _TURN_RAD:
         found.append(
             f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
         )
-    found += location_suspicions(float(np.max(touched.location_mm)), length_mm)
+    found += _unit_of_locations(float(np.max(touched.location_mm)), length_mm)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
     return found
 
 
-def _explained(rows: CalibrationTable, slope: float) -> list[str]:
-    """The mistake of ports, signs, locations or units without which all phases follow a line.
-
-    Returns list of str: a sentence; none where the phases follow a line as they are, or where two
-    mistakes explain them alike, such as swapped ports at either of two locations.
-    """
-    if len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
-        return []
-    given = 1 - float(concentrations(rows, slope * _SLOPES).max())
-    if given <= 1 - ON_A_LINE:
-        return []
-    found = [(given, 0.0, "")] * 2
-    found += [
-        (_scatter(changed, slope * _DIRECTION_SLOPES), share, text)
-        for text, share, changed in _without_mistakes(rows)
-    ]
-    (best, share, text), (other, *_) = sorted(found)[:2]
-    on_a_line = share == 1 or best <= 1 - ON_A_LINE
-    return [text] if on_a_line and best <= share * other else []
-
-
-def _scatter(rows: CalibrationTable, slopes: np.ndarray) -> float:
-    """1 less the concentration about the best of some lines, of slopes (n,) in deg/mm.
-
-    A port at which force moves the short inward follows none.
-    """
-    total = np.zeros(len(slopes))
-    for port in (1, 2):
-        own = rows.take(rows.port == port)
-        moves = [_line_over_force(own, place) for place in np.unique(own.location_mm)]
-        change, std = np.reshape(moves, (-1, 2)).T
-        if change.sum() >= -_SIGNIFICANT * np.linalg.norm(std):
-            total += _port_concentrations(own, port, slopes) / 2
-    return float(1 - total.max())
-
-
-def _without_mistakes(rows: CalibrationTable) -> Iterator[tuple[str, float, CalibrationTable]]:
-    """For each mistake: a sentence, the share of the scatter that may be left, and the rows."""
-    for ports in ((1,), (2,), (1, 2)):
-        chosen = np.isin(rows.port, ports)
-        turned = replace(rows, location_mm=np.where(chosen, -rows.location_mm, rows.location_mm))
-        inverted = replace(rows, phase_deg=np.where(chosen, -rows.phase_deg, rows.phase_deg))
-        if len(ports) == 1:
-            alone = f"the phase of port {ports[0]} alone moves with location in the wrong direction"
-            end = "are its locations measured from the other end than those of the other port?"
-            yield f"{alone}: {end}", _REVERSED, turned
-            yield f"{alone}: is its sign inverted?", _REVERSED, inverted
-        else:
-            yield (
-                "the phase of port 1 rises with location and that of port 2 falls: are the ports "
-                "swapped, or is location measured from port 2?",
-                _REVERSED,
-                turned,
-            )
-            yield (
-                "phases move with location and with force in the wrong direction: is their sign "
-                "inverted (they must be those of arg S11 and arg S22)?",
-                _REVERSED,
-                inverted,
-            )
-    for place in np.unique(rows.location_mm):
-        here = rows.location_mm == place
-        yield (
-            f"the phases at location {place:g} mm would fit the others with the ports swapped: "
-            "are they swapped there, or is location measured from port 2?",
-            _REVERSED,
-            replace(rows, port=np.where(here, 3 - rows.port, rows.port)),
-        )
-        widest = float(np.max(np.abs(rows.phase_deg[here])))
-        if widest <= TURN_RAD:
-            # In degrees, those of presses are hardly ever all so small.
-            yield (
-                f"all phases at location {place:g} mm lie within +-{widest:.1f}: are they in "
-                "radians there instead of degrees?",
-                1.0,
-                replace(rows, phase_deg=np.where(here, np.degrees(rows.phase_deg), rows.phase_deg)),
-            )
-
-
-def _unconnected(rows: CalibrationTable, slope: float) -> list[str]:
-    """Ports whose phases are alike at all locations and forces, as without a sensor."""
-    dead = []
-    for port in (1, 2):
-        own = rows.take(rows.port == port)
-        places = np.unique(own.location_mm)
-        if len(places) < 2:
-            continue
-        mean = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(own.phase_deg)))))
-        about = wrap_deg(own.phase_deg - mean)
-        means = [np.mean(about[own.location_mm == place]) for place in places]
-        lines = np.array([_line_over_force(own, place) for place in places])
-        moves = np.any(np.abs(lines[:, 0]) > _SIGNIFICANT * lines[:, 1])
-        if np.ptp(means) <= _SMALLEST_SHARE * slope * np.ptp(places) and not moves:
-            dead.append(f"{port} ({mean:.0f} deg)")
-    return dead and [
-        f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
-        "forces: is the sensor connected?"
-    ]
-
-
-def _unpressed(rows: CalibrationTable, slope: float) -> list[str]:
-    """Whether no force changes the phases, everywhere or at some locations.
-
-    A line without a soft beam is shorted alike by all forces, but its phases follow location.
-    """
-    places = np.unique(rows.location_mm)
-    moved = np.array([_movement(rows, place) for place in places])
-    known = np.isfinite(moved[:, 1])
-    places, moved = places[known], moved[known]
-    if not len(moved):
-        return []
-    change, std = np.abs(moved[:, 0].mean()), np.sqrt(np.sum(moved[:, 1] ** 2)) / len(moved)
-    if change <= _SIGNIFICANT * std:
-        if float(concentrations(rows, slope * _SLOPES).max()) >= ON_A_LINE:
-            return []
-        return [
-            f"phases do not change with force (by {change:.2g} deg, uncertain by {std:.2g} deg): "
-            "was the sensor pressed while they were measured?"
-        ]
-    # Both ends together move alike at all locations (line.py).
-    most = np.abs(moved[:, 0]) + _SIGNIFICANT * moved[:, 1]
-    return [
-        f"phases do not change with force at location {place:g} mm (by {own[0]:.2g} deg, elsewhere "
-        f"by {np.median(moved[:, 0]):.2g} deg): was the sensor pressed while they were measured?"
-        for place, own, limit in zip(places, moved, most, strict=True)
-        if limit < 0.5 * np.abs(np.median(moved[:, 0]))
-    ]
-
-
-def _movement(rows: CalibrationTable, place: float) -> tuple[float, float]:
-    """Change of both ports' phases over the forces of a location, and its standard deviation."""
-    found = [
-        _line_over_force(own, place)
-        for own in (rows.take(rows.port == port) for port in (1, 2))
-        if np.any(own.location_mm == place)
-    ]
-    change, std = np.array(found).T
-    return float(change.sum()), float(np.sqrt(np.sum(std**2)))
-
-
-def _line_over_force(own: CalibrationTable, place: float) -> tuple[float, float]:
-    """Change of the phase of one port and location over its forces, in deg, and its deviation.
-
-    Both are of a straight line; what lies beside it, such as an onset, widens the deviation, which
-    is infinite where too few forces state it.
-    """
-    here = own.take(own.location_mm == place)
-    order = np.argsort(here.force_n, kind="stable")
-    centred = here.force_n[order] - here.force_n.mean()
-    phase = np.unwrap(here.phase_deg[order], period=360.0)
-    spread, span = float(centred @ centred), float(np.ptp(centred))
-    if not spread:
-        return 0.0, np.inf
-    slope = float(centred @ phase) / spread
-    if len(order) < 3:
-        return slope * span, np.inf
-    residual = phase - phase.mean() - slope * centred
-    variance = float(residual @ residual) / (len(order) - 2)
-    return slope * span, span * float(np.sqrt(variance / spread))
-
-
-def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
-    """The unit that locations may have been given in instead of millimetres.
-
-    Returns list of str: one sentence, or none.
-
-    ``farthest_mm``: location that is farthest from port 1, as given.
-    """
+def _unit_of_locations(farthest_mm: float, length_mm: float) -> list[str]:
+    """The unit that locations may have been given in instead of millimetres."""
     if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
         return []
     unit = "metres" if farthest_mm < 1 else "centimetres"
@@ -417,8 +272,98 @@ def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
     ]
 
 
-def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -> list[str]:
-    at = f"{estimate.frequency_hz / 1e6:g} MHz: "
+def _explained(own: _Presses, slope: float) -> list[str]:
+    """The mistake of ports, signs or locations without which all phases follow a line.
+
+    None where they do as they are, or where two mistakes explain them alike, such as swapped ports
+    at either of two locations.
+    """
+    if len(own.location_mm) < _ENOUGH_LOCATIONS:
+        return []
+    given = 1 - float(own.on_lines(slope * _SLOPES).max())
+    if given <= 1 - _ON_A_LINE:
+        return []
+    mistakes = _without_mistakes(own)
+    found = [(right.scatter(slope * _DIRECTION_SLOPES), text) for text, right in mistakes]
+    (best, text), (other, _) = sorted(found)[:2]
+    return [text] if best <= min(1 - _ON_A_LINE, _REVERSED * min(other, given)) else []
+
+
+def _without_mistakes(own: _Presses) -> Iterator[tuple[str, _Presses]]:
+    """A sentence for each mistake, and what the table would be without it."""
+    for port in (0, 1):
+        alone = f"the phase of port {port + 1} alone moves with location in the wrong direction"
+        end = "are its locations measured from the other end than those of the other port?"
+        yield f"{alone}: {end}", own.mirrored([port], False)
+        yield f"{alone}: is its sign inverted?", own.mirrored([port], True)
+    yield (
+        "the phase of port 1 rises with location and that of port 2 falls: are the ports "
+        "swapped, or is location measured from port 2?",
+        own.mirrored([0, 1], False),
+    )
+    yield (
+        "phases move with location and with force in the wrong direction: is their sign "
+        "inverted (they must be those of arg S11 and arg S22)?",
+        own.mirrored([0, 1], True),
+    )
+    for index, place in enumerate(own.location_mm):
+        yield (
+            f"the phases at location {place:g} mm would fit the others with the ports swapped: "
+            "are they swapped there, or is location measured from port 2?",
+            own.swapped(index),
+        )
+
+
+def _unconnected(own: _Presses, slope: float) -> list[str]:
+    """Ports whose phases are alike at all locations and forces, as without a sensor."""
+    dead = []
+    moves = np.any(np.abs(own.change_deg) > _SIGNIFICANT * own.std_deg, axis=1)
+    for port in np.flatnonzero(~moves & (own.known.sum(axis=1) > 1)):
+        rows = own.rows.take(own.rows.port == port + 1)
+        mean = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(rows.phase_deg)))))
+        about, places = wrap_deg(rows.phase_deg - mean), own.location_mm[own.known[port]]
+        means = [np.mean(about[rows.location_mm == place]) for place in places]
+        if np.ptp(means) <= _SMALLEST_SHARE * slope * np.ptp(places):
+            dead.append(f"{port + 1} ({mean:.0f} deg)")
+    return dead and [
+        f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
+        "forces: is the sensor connected?"
+    ]
+
+
+def _unpressed(own: _Presses, slope: float) -> list[str]:
+    """Whether no force changes the phases, everywhere or at some locations.
+
+    A line without a soft beam is shorted alike by all forces, but its phases follow location.
+    """
+    # Both ends together move alike at all locations (line.py).
+    moved = own.change_deg.sum(axis=0)
+    moved_std = np.linalg.norm(own.std_deg, axis=0)
+    stated = np.isfinite(moved_std)
+    places, moved, moved_std = own.location_mm[stated], moved[stated], moved_std[stated]
+    if not len(moved):
+        return []
+    change, std = abs(moved.mean()), np.linalg.norm(moved_std) / len(moved)
+    if change <= _SIGNIFICANT * std:
+        if float(own.on_lines(slope * _SLOPES).max()) >= _ON_A_LINE:
+            return []
+        return [
+            f"phases do not change with force (by {change:.2g} deg, uncertain by {std:.2g} deg): "
+            "was the sensor pressed while they were measured?"
+        ]
+    elsewhere = np.median(moved)
+    still = np.abs(moved) + _SIGNIFICANT * moved_std < 0.5 * abs(elsewhere)
+    return [
+        f"phases do not change with force at location {place:g} mm (by {by:.2g} deg, elsewhere "
+        f"by {elsewhere:.2g} deg): was the sensor pressed while they were measured, in degrees?"
+        for place, by in zip(places[still], moved[still], strict=True)
+    ]
+
+
+def _other_line(own: _Presses, length_mm: float, permittivity: float) -> list[str]:
+    """Whether the phases are those of a line of another permittivity, length or far end."""
+    estimate = _estimate(own, length_mm, permittivity)
+    at = f"{own.frequency_hz / 1e6:g} MHz: "
     if estimate.permittivity is None:
         return []
     ratio = np.sqrt(estimate.permittivity / permittivity)
@@ -428,42 +373,26 @@ def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -
             f"{estimate.permittivity:.2g}, not {permittivity:g}: check --permittivity, and that "
             "locations are in mm"
         ]
-    if estimate.length_mm is not None and abs(estimate.length_mm - length_mm) > _LENGTH_MM:
+    if estimate.length_mm is None:
+        return []
+    if abs(estimate.length_mm - length_mm) > _LENGTH_MM:
         return [
             f"{at}touched and untouched phases are those of a line of about "
             f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes and "
             "the open far end (50 ohm reflects nothing) the same for all rows, does the ruler "
             "begin at port 1, and is --length-mm right?"
         ]
-    return []
-
-
-def _other_untouched(
-    rows: CalibrationTable, estimate: LineEstimate, length_mm: float, permittivity: float
-) -> list[str]:
-    """Whether untouched phases are off by as much at both ports, which the length does not show.
-
-    ``rows``: of one carrier.
-    """
-    untouched = untouched_phases(rows)
-    if untouched is None or estimate.length_mm is None:
-        return []
-    touched, _ = touched_rows(rows, untouched)
-    slope = line.round_trip_deg_per_mm(estimate.frequency_hz, permittivity)
-    phasors = []
-    for port, start_deg in zip((1, 2), untouched, strict=True):
-        places, means = _mean_phasors(touched, port)
-        # D = 180 deg + 2 beta (L - l + a1), and 180 deg + 2 beta (l + a2) at port 2.
-        open_mm = length_mm - places if port == 1 else places
-        phasors.append(means * np.exp(-1j * np.radians(start_deg + 180.0 + slope * open_mm)))
-    extent_deg = float(np.degrees(np.angle(np.mean(np.concatenate(phasors)))))
-    low, high = _EXTENTS_MM
-    if low <= extent_deg / slope <= high:
+    # What is off by as much at both ports does not show in the length.
+    slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
+    open_mm = np.stack([length_mm - own.location_mm, own.location_mm])
+    expected = np.array(own.untouched_deg)[:, None] + 180.0 + slope * open_mm
+    beyond = (own.direction * np.exp(-1j * np.radians(expected)))[own.known]
+    extent_deg = float(np.degrees(np.angle(np.mean(beyond))))
+    if _EXTENTS_MM[0] <= extent_deg / slope <= _EXTENTS_MM[1]:
         return []
     return [
-        f"{estimate.frequency_hz / 1e6:g} MHz: untouched phases are off by some "
-        f"{-extent_deg:+.0f} deg at both ports: was the far end open while untouched (not shorted, "
-        "nor 50 ohm), with the cables of the presses?"
+        f"{at}untouched phases are off by some {-extent_deg:+.0f} deg at both ports: was the far "
+        "end open while untouched (not shorted, nor 50 ohm), with the cables of the presses?"
     ]
 
 
@@ -474,57 +403,39 @@ def phase_suspicions(
     location_mm: np.ndarray | None = None,
     frequency_hz: float | None = None,
 ) -> list[str]:
-    """Likely mistakes in the units, ports and signs of phases that a model does not explain.
+    """Likely mistakes in units, ports and signs of phases (n, 2) that a model does not explain.
 
-    Returns list of str: a sentence each, if most readings are inconsistent with the model, or if
-    they are small and would be consistent in radians. A mistake is named if nearly all would be
-    consistent without it.
+    A sentence each, if most readings are inconsistent with the model, or if they are small and
+    would be consistent in radians. A mistake is named if nearly all would be consistent without it.
 
-    ``phases_deg`` (n, 2); ``location_mm`` (n,): known locations, NaN where unknown;
-    ``frequency_hz``: carrier; the model's only one by default.
+    ``location_mm`` (n,): known locations, NaN where unknown.
     """
-    known = np.full(len(phases_deg), np.nan) if location_mm is None else np.asarray(location_mm)
     rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
-    phases, known = np.asarray(phases_deg, float)[rows], known[rows]
-    found = []
-    if np.isfinite(known).any() and (farthest := float(np.nanmax(known))) > 0:
-        found += location_suspicions(farthest, model.length_mm)
-
-    def share(changed: np.ndarray) -> float:
-        return _unexplained(model, changed, std_deg, known, frequency_hz)
-
-    if found:
+    phases = np.asarray(phases_deg, float)[rows]
+    known = np.full(len(rows), np.nan) if location_mm is None else np.asarray(location_mm)[rows]
+    if found := _unit_of_locations(float(np.nanmax(known, initial=0.0)), model.length_mm):
         return found
+
+    def unexplained(changed: np.ndarray) -> float:
+        """Share of touched readings that the model does not explain; 1 where none is touched."""
+        touched = ~model.is_untouched(changed, std_deg, frequency_hz)
+        if not touched.any():
+            return 1.0
+        read = model.invert(changed[touched], std_deg, known[touched], frequency_hz)
+        return float(np.mean([bool(_UNEXPLAINED & set(flags)) for flags in read.flags]))
+
     # Phases in degrees are hardly ever all so small; a press may explain those of a row or two.
-    if np.max(np.abs(phases)) <= TURN_RAD and share(np.degrees(phases)) <= _FEW:
+    if np.max(np.abs(phases)) <= _TURN_RAD and unexplained(np.degrees(phases)) <= _FEW:
         return ["the phases would fit the sensor in radians: are they not in degrees?"]
-    if share(phases) <= _MOST:
+    if unexplained(phases) <= _MOST:
         return []
-    for changed, text in (
-        (phases[:, ::-1], "with the ports swapped the phases would fit the sensor"),
-        (-phases, "with the opposite sign the phases would fit the sensor (arg S11, arg S22)"),
-    ):
-        if share(changed) <= _FEW:
-            found.append(f"{text}; now most of them do not")
+    mistakes = (
+        ("with the ports swapped the phases would fit the sensor", phases[:, ::-1]),
+        ("with the opposite sign the phases would fit the sensor (arg S11, arg S22)", -phases),
+    )
+    found = [
+        f"{text}; now most of them do not" for text, right in mistakes if unexplained(right) <= _FEW
+    ]
     if not found and (~model.is_untouched(phases, std_deg, frequency_hz)).any():
         found = ["most phases do not fit the sensor: are they of another line or carrier?"]
     return found
-
-
-def _unexplained(
-    model: SensorModel,
-    phases: np.ndarray,
-    std_deg: float,
-    known: np.ndarray,
-    frequency_hz: float | None,
-) -> float:
-    """Share of touched readings that the model does not explain; 1 where none is touched."""
-    touched = ~model.is_untouched(phases, std_deg, frequency_hz)
-    bad = []
-    for given in (True, False):
-        chosen = touched & (np.isfinite(known) == given)
-        if chosen.any():
-            places = known[chosen] if given else None
-            result = model.invert(phases[chosen], std_deg, places, frequency_hz)
-            bad += [bool(_UNEXPLAINED & set(flags)) for flags in result.flags]
-    return float(np.mean(bad)) if bad else 1.0

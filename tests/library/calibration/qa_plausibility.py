@@ -342,7 +342,11 @@ def at_location(place, **change):
         (lambda t: {}, "", ""),
         (at_location(15.0, location_mm=lambda mm: mm + 3), "18", "see such phases at 15 mm"),
         long=(
-            (at_location(35.0, phase_deg=np.radians), "35", "are they in radians there"),
+            (
+                at_location(35.0, phase_deg=np.radians),
+                "35",
+                "pressed while they were measured, in degrees?",
+            ),
             (at_location(35.0, location_mm=lambda mm: mm + 3), "38", "see such phases at 35 mm"),
             (at_location(35.0, location_mm=lambda mm: mm / 10), "3.5", "see such phases at 35 mm"),
         ),
