@@ -172,12 +172,10 @@ def compare_with_gauge(
     if not np.any(readings.clear):
         raise InputError("readings", "must hold some without flags to be compared")
     average = _Average(gauge, readings.period_s)
-    other = None
+    other, std_s = None, 0.0
     if offset_s is None:
         offset_s, other = _coarse_offset(readings, gauge, average)
         offset_s, std_s = _fine_offset(readings, average, offset_s)
-    else:
-        std_s = 0.0
     expected = average.at(readings.time_s + offset_s)
     correlation = _correlation(readings.force_n, expected, readings.clear)
     if not abs(correlation) >= _LEAST_CORRELATION:
@@ -224,10 +222,10 @@ def _check_times(readings: TimedForces, gauge: GaugeRecord) -> None:
     """Refuse what would take minutes and gigabytes, and gauges that cannot show a press."""
     if len(readings.time_s) < 2:
         raise InputError("readings", "must be two or more", len(readings.time_s))
-    span_s = readings.time_s[-1] - readings.time_s[0]
+    span_s = np.ptp(readings.time_s)
     most_s = _MOST_STEPS * readings.period_s / 2
-    for name, time_s in (("readings", readings.time_s), ("gauge", gauge.time_s)):
-        if time_s[-1] - time_s[0] > most_s:
+    for name, each_s in (("readings", span_s), ("gauge", np.ptp(gauge.time_s))):
+        if each_s > most_s:
             raise InputError(name, f"must span at most {most_s:.0f} s")
     interval_s = float(np.median(np.diff(gauge.time_s)))
     if interval_s > span_s:
@@ -241,7 +239,7 @@ class _Average:
     def __init__(self, gauge: GaugeRecord, window_s: float) -> None:
         self._time_s, self._half_s = gauge.time_s, window_s / 2
         steps = np.diff(gauge.time_s) * (gauge.force_n[1:] + gauge.force_n[:-1]) / 2
-        self._integral = np.concatenate([[0.0], np.cumsum(steps)])
+        self._integral = np.cumsum(np.append(0.0, steps))
         interval_s = np.diff(gauge.time_s)
         # Over less than a window, what was not recorded hardly changes the mean.
         hole = interval_s > max(_HOLE * float(np.median(interval_s)), window_s)
@@ -250,7 +248,8 @@ class _Average:
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """Means around times of the gauge's clock; NaN where it did not record all of a window."""
         first, last = time_s - self._half_s, time_s + self._half_s
-        values = (self._upto(last) - self._upto(first)) / (2 * self._half_s)
+        upto = (np.interp(at, self._time_s, self._integral) for at in (last, first))
+        values = np.subtract(*upto) / (2 * self._half_s)
         inside = (first >= self._time_s[0]) & (last <= self._time_s[-1]) & ~self.in_hole(time_s)
         return np.where(inside, values, np.nan)
 
@@ -261,9 +260,6 @@ class _Average:
         ended = np.searchsorted(ends, time_s - self._half_s, side="right")
         return begun > ended
 
-    def _upto(self, time_s: np.ndarray) -> np.ndarray:
-        return np.interp(time_s, self._time_s, self._integral)
-
 
 def _coarse_offset(
     readings: TimedForces, gauge: GaugeRecord, average: _Average
@@ -272,14 +268,10 @@ def _coarse_offset(
     step_s = readings.period_s / 2
     start_s = readings.time_s[0]
     places = np.round((readings.time_s - start_s) / step_s).astype(int)
-    ours, known = np.zeros(places[-1] + 1), np.zeros(places[-1] + 1)
-    used = readings.clear & np.isfinite(readings.force_n)
-    ours[places[used]], known[places[used]] = readings.force_n[used], 1.0
+    ours = np.full(places[-1] + 1, np.nan)
+    ours[places] = np.where(readings.clear, readings.force_n, np.nan)
     grid_s = np.arange(gauge.time_s[0], gauge.time_s[-1], step_s)
-    theirs = average.at(grid_s)
-    present = np.isfinite(theirs)
-    theirs = np.where(present, theirs, 0.0)
-    lags, correlation, explained = _masked_correlation(ours, known, theirs, present.astype(float))
+    lags, correlation, explained = _masked_correlation(ours, average.at(grid_s))
     best = int(np.argmax(explained))
     offsets = grid_s[0] + lags * step_s - start_s
     away = np.abs(offsets - offsets[best]) > _ELSEWHERE_S
@@ -289,14 +281,14 @@ def _coarse_offset(
     return float(offsets[best]), float(offsets[rival]) if ambiguous else None
 
 
-def _masked_correlation(
-    a: np.ndarray, a_known: np.ndarray, b: np.ndarray, b_known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lags, Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is known of both, and how
+def _masked_correlation(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags, Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is no NaN in both, and how
     much of the sum of squares of ``a`` it explains: where they overlap in part, the begin of a
     press is the inverse of its end.
     """
     size = next_fast_len(len(a) + len(b))
+    a_known, b_known = (np.isfinite(each).astype(float) for each in (a, b))
+    a, b = np.where(a_known, a, 0.0), np.where(b_known, b, 0.0)
 
     def products(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return irfft(rfft(x, size).conj() * rfft(y, size), size)

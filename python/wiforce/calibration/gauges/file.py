@@ -44,11 +44,7 @@ _KEPT = 4096
 
 
 def unit_n(unit: str, where: object = "unit") -> float:
-    """Newtons of one unit of force, or of the weight of one unit of mass.
-
-    ``unit``: N, mN, kN, g, gf, kg, kgf, lb, lbf, oz or ozf, in any case; ``where``: option or
-    prompt, for the message.
-    """
+    """Newtons of one unit of force or weight, in any case; ``where``: option or prompt."""
     try:
         return UNITS_N[unit.lower()]
     except KeyError:
@@ -56,12 +52,7 @@ def unit_n(unit: str, where: object = "unit") -> float:
 
 
 def parse_force(text: str) -> float:
-    """Read a force that a person typed.
-
-    Returns float: in N.
-
-    ``text``: a number, with ``.`` or ``,`` as decimal sign, in N unless a unit follows.
-    """
+    """Force in N of a number that a person typed, with ``.`` or ``,``, and perhaps a unit."""
     match = _TYPED.fullmatch(text.strip())
     if match is None:
         raise InputError("force", "must be a number such as 2.5, or with a unit as in 250 g", text)
@@ -70,11 +61,7 @@ def parse_force(text: str) -> float:
 
 
 class GaugeForce(NamedTuple):
-    """Mean force over an interval.
-
-    ``force_n``, ``std_n``: mean and standard deviation, in N; the latter NaN for a single value;
-    ``values``: number of values.
-    """
+    """Mean force over an interval, its standard deviation, NaN for one value, and their number."""
 
     force_n: float
     std_n: float
@@ -96,11 +83,8 @@ class ForceGauge:
         self._unread = ""
 
     def note(self, time_s: float, line: str) -> None:
-        """Take a line.
-
-        The last number in it that is followed by a unit counts, or else the last number.
-        """
-        found = [match.groups() for match in _SENT.finditer(line)]
+        """Take a line: its last number that is followed by a unit, or else the last number."""
+        found = _SENT.findall(line)
         named = [each for each in found if each[2].lower() in UNITS_N]
         if not found:
             self._unread = line.strip() or self._unread

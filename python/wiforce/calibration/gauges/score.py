@@ -90,8 +90,7 @@ def timed_forces(
 ) -> TimedForces:
     """Forces of one sensor, or the sum of those that are named, from rows of readings.
 
-    Unknown values are None or NaN, flags one text. InputError when there are no readings, several
-    sensors or several runs, or a column is missing.
+    Unknown values are None or NaN, flags one text. Errors of different sensors are independent.
     """
     for name in ("time_s", "sensor", "touch", "force_n", "force_std_n", "flags"):
         if len(rows) and name not in rows[0]:
@@ -107,42 +106,27 @@ def timed_forces(
             raise InputError("sensor", f"must be one of {', '.join(names)}", name)
         if wanted.count(name) > 1:
             raise InputError("sensor", "must not be named twice", name)
-    return _sum([_forces_of([row for row in rows if row["sensor"] == name]) for name in wanted])
-
-
-def _forces_of(own: Sequence[Mapping[str, Any]]) -> TimedForces:
-    times = _column(own, "time_s")
-    if not np.all(np.diff(times) > 0):
-        first = times[1:][np.diff(times) <= 0][0]
-        raise InputError("readings", "time_s must increase: score one run at a time", first)
-    touch = _column(own, "touch")
-    touched, known = touch == 1, np.isfinite(touch)
-    force = np.where(touched, _column(own, "force_n"), 0.0)
-    return TimedForces(
-        times,
-        np.where(known, force, np.nan),
-        _column(own, "force_std_n"),
-        touched,
-        known & np.isfinite(force) & np.array([not row["flags"] for row in own]),
-    )
-
-
-def _sum(sensors: Sequence[TimedForces]) -> TimedForces:
-    """Sum of the forces of sensors that are read at the same times; errors are independent."""
-    first, *others = sensors
-    if not others:
-        return first
-    if not all(np.array_equal(first.time_s, other.time_s) for other in others):
+    sensors = [_forces_of([row for row in rows if row["sensor"] == name]) for name in wanted]
+    time_s = sensors[0].time_s
+    if not all(np.array_equal(time_s, other.time_s) for other in sensors):
         raise InputError("readings", "must have the sensors that are added at the same times")
-    stds = [np.where(each.touched, each.force_std_n, 0.0) for each in sensors]
     return TimedForces(
-        first.time_s,
+        time_s,
         np.sum([each.force_n for each in sensors], axis=0),
-        np.sqrt(np.sum(np.square(stds), axis=0)),
+        np.linalg.norm([np.where(s.touched, s.force_std_n, 0.0) for s in sensors], axis=0),
         np.any([each.touched for each in sensors], axis=0),
         np.all([each.clear for each in sensors], axis=0),
     )
 
 
-def _column(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray:
-    return np.array([np.nan if row[name] is None else row[name] for row in rows], float)
+def _forces_of(own: Sequence[Mapping[str, Any]]) -> TimedForces:
+    times, touch, force, std = (
+        np.array([row[name] for row in own], float)  # of None: NaN
+        for name in ("time_s", "touch", "force_n", "force_std_n")
+    )
+    if not np.all(np.diff(times) > 0):
+        first = times[1:][np.diff(times) <= 0][0]
+        raise InputError("readings", "time_s must increase: score one run at a time", first)
+    force = np.where(touch == 1, force, np.where(np.isfinite(touch), 0.0, np.nan))
+    unflagged = np.array([not row["flags"] for row in own])
+    return TimedForces(times, force, std, touch == 1, np.isfinite(force) & unflagged)
