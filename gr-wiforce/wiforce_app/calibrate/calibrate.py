@@ -177,11 +177,9 @@ def calibrate(
     data = _read(sensor, table, kind, frequency_hz)
     data = data if guided is None else _without_incomplete(data)
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
-    line = (
-        (settings["length_mm"], settings["permittivity"])
-        if bench is None
-        else (bench.length_mm, bench.permittivity)
-    )
+    line = {key: settings[key] for key in ("length_mm", "permittivity")}
+    if bench is not None:
+        line = {"length_mm": bench.length_mm, "permittivity": bench.permittivity}
     try:
         model = (
             sensor.calibrate(data, name, **settings)
@@ -190,7 +188,11 @@ def calibrate(
         )
         verdicts = sensor.verdict(model)  # refuses a model that cannot be inverted
     except InputError as error:
-        raise _with_suspicions(table, error, sensor.suspicions(data, *line)) from None
+        # With the mistake in the table that may be its cause.
+        rule = "; ".join([error.rule, *sensor.suspicions(data, **line)])
+        where = _OPTION_OF.get(error.where, error.where)
+        not_written = where.startswith("sensor")
+        raise InputError(f"{table}: {where}" if not_written else where, rule) from None
     suspected = model.provenance.get("suspicions", [])
     if bench is None and (assumed := sensor.untouched_assumed(data, model)):
         suspected = [*assumed, *suspected]
@@ -201,8 +203,12 @@ def calibrate(
     sensor.write_sensor(model, output)
     for text in [*_verdict(sensor, model, verdicts, suspected), *_report(model)]:
         click.echo(text)
-    for text in _line_assumed(sensor, data, *line):
-        click.echo(text)
+    click.echo(
+        f"\nline: {line['length_mm']:g} mm, effective permittivity {line['permittivity']:g} "
+        "(--length-mm, --permittivity)"
+    )
+    for found in sensor.estimate_line(data, **line):
+        click.echo(f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}")
     if plot_path is not None:
         from .plot import plot_calibration
 
@@ -217,15 +223,15 @@ def calibrate(
 
 def _without_incomplete(data):
     """The table without locations that were left before they had enough forces."""
-    from gnuradio.wiforce.calibration.data import LEAST_FORCES, complete_locations
+    from gnuradio.wiforce.calibration.data import LEAST_FORCES, without_incomplete
 
-    complete = complete_locations(data)
-    places = sorted(set(data.location_mm[~data.untouched].tolist()) - set(complete))
-    if len(complete) < 2 or not places:
+    complete = without_incomplete(data)
+    places, rest = (np.unique(each.location_mm[~each.untouched]) for each in (data, complete))
+    if len(rest) < 2 or len(rest) == len(places):
         return data
-    listed = ", ".join(f"{place:g}" for place in places)
+    listed = ", ".join(f"{place:g}" for place in np.setdiff1d(places, rest))
     click.echo(f"left out: {listed} mm, with fewer than {LEAST_FORCES} forces")
-    return data.take(data.untouched | np.isin(data.location_mm, complete))
+    return complete
 
 
 def _verdict(sensor, model, verdicts, suspected):
@@ -241,33 +247,16 @@ def _verdict(sensor, model, verdicts, suspected):
         else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, "
         f"unnoticed at {span} mm"
     )
-    for each in verdicts:
-        at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
+    for found in verdicts:
+        at = f" at {found.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
         yield f"verdict{at}, as standard deviations:"
-        force_n, location_mm = shift_per_degree(model, each.frequency_hz)
+        force_n, location_mm = shift_per_degree(model, found.frequency_hz)
         shift = f"each degree that one is off shifts readings by {force_n:.2g} N"
         untouched = f"untouched phases: {shift} and {location_mm:.2g} mm"
-        lines = [*str(each).splitlines(), untouched, f"ruler: {ruler}"]
+        lines = [*str(found).splitlines(), untouched, f"ruler: {ruler}"]
         yield from (f"  {line}" for line in lines)
     yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))
     yield ""
-
-
-def _with_suspicions(table, error, suspected):
-    """The error of a table, with the mistake in the table that may be its cause."""
-    rule = str(error).removeprefix(f"{error.where}: ")
-    where = _OPTION_OF.get(error.where, error.where)
-    where = f"{table}: {where}" if where.startswith("sensor") else where  # not written yet
-    return InputError(where, "; ".join([rule, *suspected]))
-
-
-def _line_assumed(sensor, data, length_mm, permittivity):
-    """What is assumed of the line, beside what the data say of it."""
-    yield ""
-    given = f"{length_mm:g} mm, effective permittivity {permittivity:g}"
-    yield f"line: {given} (--length-mm, --permittivity)"
-    for found in sensor.estimate_line(data, length_mm, permittivity):
-        yield f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}"
 
 
 def _read(sensor, table, stated_kind, frequency_hz):
@@ -283,61 +272,44 @@ def _read(sensor, table, stated_kind, frequency_hz):
 
 def _report(model):
     """Lines that say what a calibrated model holds and how far it can be trusted."""
-    lines = [
+    yield (
         f"sensor {model.name}: {model.form} curves of force, first shorted at "
-        f"{model.onset_force_n:.3g} N",
-        f"calibrated {model.force_span_n[0]:g}..{model.force_span_n[1]:g} N, "
-        f"{model.location_span_mm[0]:g}..{model.location_span_mm[1]:g} mm",
-    ]
-    for carrier in model.carriers:
-        lines += [
-            "",
-            f"{carrier.frequency_hz / 1e6:g} MHz, locations "
-            + ", ".join(f"{location:g}" for location in carrier.location_mm)
-            + " mm",
-            "  noise of the phases "
-            + " / ".join(f"{value:.2f}" for value in carrier.noise_deg)
-            + " deg, misfit of the curves "
-            + " / ".join(f"{value:.2f}" for value in carrier.misfit_deg)
-            + " deg (port 1 / 2)",
-            *_hysteresis(carrier),
-        ]
-    lines += _cross_validation(model.cross_validation)
-    lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
-    return lines
-
-
-def _hysteresis(carrier):
-    if carrier.hysteresis_n is None:
-        return []
-    half_n = carrier.hysteresis_n
-    if not half_n:
-        return ["  loading and unloading do not differ by more than noise"]
-    return [
-        f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; the "
-        f"curves lie between, and force_std_n covers {half_n:.2f} N"
-    ]
-
-
-def _cross_validation(validation):
-    if not validation:
-        return []
-    lines = [
-        "",
-        f"cross-validation, phase error where the fit has not seen the data (left out: "
-        f"{validation['left_out']}):",
-    ]
-    for form, row in validation["forms"].items():
-        lines.append(f"  {form:7s} {row['inside_deg']:.2f} deg within the span")
-    for row in validation.get("locations", []):
-        lines.append(
-            f"  location {row['location_mm']:g} mm left out, port {row['port']}: "
-            f"{row['rms_deg']:.2f} deg (the model says {row['expected_deg']:.2f})"
-        )
-    if not validation.get("locations"):
-        lines.append("  too few locations to leave one out: between them nothing is tested")
-    lines.append(
-        "  no other location checks the outermost ones: an error of the ruler there shifts the "
-        "readings near them by as much"
+        f"{model.onset_force_n:.3g} N"
     )
-    return lines
+    (least_n, most_n), (first_mm, last_mm) = model.force_span_n, model.location_span_mm
+    yield f"calibrated {least_n:g}..{most_n:g} N, {first_mm:g}..{last_mm:g} mm"
+    for carrier in model.carriers:
+        places = ", ".join(f"{location:g}" for location in carrier.location_mm)
+        noise, misfit = (
+            " / ".join(f"{value:.2f}" for value in both)
+            for both in (carrier.noise_deg, carrier.misfit_deg)
+        )
+        yield f"\n{carrier.frequency_hz / 1e6:g} MHz, locations {places} mm"
+        yield f"  noise of the phases {noise} deg, misfit of the curves {misfit} deg (port 1 / 2)"
+        half_n = carrier.hysteresis_n
+        if half_n:
+            yield (
+                f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; "
+                f"the curves lie between, and force_std_n covers {half_n:.2f} N"
+            )
+        elif half_n is not None:
+            yield "  loading and unloading do not differ by more than noise"
+    if validation := model.cross_validation:
+        yield (
+            "\ncross-validation, phase error where the fit has not seen the data (left out: "
+            f"{validation['left_out']}):"
+        )
+        for form, row in validation["forms"].items():
+            yield f"  {form:7s} {row['inside_deg']:.2f} deg within the span"
+        for row in validation.get("locations", []):
+            yield (
+                f"  location {row['location_mm']:g} mm left out, port {row['port']}: "
+                f"{row['rms_deg']:.2f} deg (the model says {row['expected_deg']:.2f})"
+            )
+        if not validation.get("locations"):
+            yield "  too few locations to leave one out: between them nothing is tested"
+        yield (
+            "  no other location checks the outermost ones: an error of the ruler there shifts "
+            "the readings near them by as much"
+        )
+    yield from (f"assumed: {line}" for line in model.provenance.get("assumed", []))

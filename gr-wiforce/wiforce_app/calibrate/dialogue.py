@@ -173,7 +173,7 @@ class GuidedCalibration:
 
     def _store(self, press):
         self._session.add(press)
-        done, wanted = self._session.coverage().done
+        done, wanted = self._session.done()
         self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
 
     def _keep(self, target):
@@ -216,14 +216,13 @@ class GuidedCalibration:
 
     def show_progress(self):
         """Show which measurements are taken, and how well they fit."""
-        coverage = self._session.coverage()
-        done, wanted = coverage.done
-        self._echo(f"\n{done} of {wanted} measurements")
-        self._echo("  at mm  " + "".join(f"{force:>5g}" for force in coverage.force_n) + "  N")
-        for place, counts in zip(coverage.location_mm, coverage.counts, strict=True):
+        session = self._session
+        self._echo("\n{} of {} measurements".format(*session.done()))
+        self._echo("  at mm  " + "".join(f"{force:>5g}" for force in session.plan.force_n) + "  N")
+        for place, counts in session.counts().items():
             self._echo(f"  {place:5g}  " + "".join(f"{n or '.':>5}" for n in counts.tolist()))
         try:
-            rows = self._session.residuals()
+            rows, doubts = session.fit()
         except InputError as error:
             self._echo(f"  these measurements do not make a sensor: {error}")
             return
@@ -233,8 +232,8 @@ class GuidedCalibration:
                 f"  {row.location_mm:5g} mm: residual {first:.2f} / {second:.2f} deg rms (port 1 / "
                 f"2), largest {row.largest_deg:.2f} deg at {row.force_n:.2f} N"
             )
-        for warning in self._session.location_warnings():
-            self._echo(f"  doubtful: {warning}")
+        for doubt in doubts:
+            self._echo(f"  doubtful: {doubt}")
 
     def _refuse(self, error):
         self._echo(f"  not stored: {error.renamed(_WORDS)}")

@@ -7,7 +7,7 @@ import os
 import select
 import time
 from collections import deque
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -29,7 +29,7 @@ _KEPT = 4096
 class LivePresses:
     """Collects readings of one sensor, made without its model (see `uncalibrated_readings`).
 
-    ``keeper``: notices when the device is gone.
+    ``keeper`` notices when the device is gone; ``idle``, everywhere, is called while waiting.
     """
 
     def __init__(self, session, keeper, sensor, scene):
@@ -50,64 +50,63 @@ class LivePresses:
         self._readings.extend(uncalibrated_readings(groups, *self._made_of))
 
     def idle(self):
-        """Check that the session goes on.
-
-        Raises DeviceLost when the device is gone.
-        """
+        """Check that the session goes on; DeviceLost when the device is gone."""
         self._keeper.look()
         if self._session.failure is not None:
             raise self._session.failure
 
     def collect(self, idle):
-        """Readings of groups that begin after this call.
-
-        ``idle``: called while waiting.
-        """
+        """Readings of groups that begin after this call."""
         return self._after(self._session.time_s, self.groups, idle)
 
     def _after(self, begin_s, groups, idle):
         """Readings of the first groups that begin after a time of the run."""
+
+        def found():
+            begun_s = begin_s + self._period_s / 2
+            return [each for each in list(self._readings) if each.time_s >= begun_s]
+
         wait_s = begin_s - self._session.time_s + 4 * groups * self._period_s
-        end = time.monotonic() + _PATIENCE_S + 2 * wait_s
-        while True:
-            found = [
-                each for each in list(self._readings) if each.time_s - self._period_s / 2 >= begin_s
-            ]
-            if len(found) >= groups:
-                return found[:groups]
+        if not self._wait(lambda: len(found()) >= groups, _PATIENCE_S + 2 * wait_s, idle):
+            rule = f"must give {groups} readings; is its tag on, and in reach?"
+            raise InputError(f"sensor '{self._sensor}'", rule, len(found()))
+        return found()[:groups]
+
+    @staticmethod
+    def _wait(come, patience_s, idle):
+        """Whether something has come before the patience ends."""
+        end = time.monotonic() + patience_s
+        while not come():
             if time.monotonic() > end:
-                rule = f"must give {groups} readings; is its tag on, and in reach?"
-                raise InputError(f"sensor '{self._sensor}'", rule, len(found))
+                return False
             idle()
             time.sleep(_LOOK_S)
+        return True
 
     def wait_for_reference(self, idle):
         """Wait until readings come that are not part of the untouched reference."""
-        end = time.monotonic() + _START_PATIENCE_S
-        while not self._readings or "reference" in self._readings[-1].flags:
-            if time.monotonic() > end:
-                rule = "must give readings; run `gr-wiforce check` with the same scene and gains"
-                raise InputError(f"sensor '{self._sensor}'", rule)
-            idle()
-            time.sleep(_LOOK_S)
+
+        def measured():
+            return self._readings and "reference" not in self._readings[-1].flags
+
+        if not self._wait(measured, _START_PATIENCE_S, idle):
+            rule = "must give readings; run `gr-wiforce check` with the same scene and gains"
+            raise InputError(f"sensor '{self._sensor}'", rule)
 
     def tare(self, idle, force=False):
         """Measure the untouched reference again.
 
-        ``idle``: called while waiting; ``force``: even if readings say that the sensor is touched,
-        as they do when it was touched during the last reference.
+        ``force``: even if readings say that the sensor is touched, as they do when it was touched
+        during the last reference.
         """
         touched = sum(reading.touch == 1 for reading in self.collect(idle))
         if touched and not force:
             raise InputError("tare", "must be of the untouched sensor; release it")
         outcomes = SimpleQueue()
         self._session.reader.tare(force, outcomes.put)
-        end = time.monotonic() + _PATIENCE_S + 2 * self._reference_s
-        while outcomes.empty():
-            if time.monotonic() > end:
-                self._session.reader.cancel_tare("no groups are received")
-            idle()
-            time.sleep(_LOOK_S)
+        patience_s = _PATIENCE_S + 2 * self._reference_s
+        while not self._wait(lambda: not outcomes.empty(), patience_s, idle):
+            self._session.reader.cancel_tare("no groups are received")
         outcome = outcomes.get()
         if outcome.state != "complete":
             raise InputError("tare", f"{outcome.state}: {outcome.reason}")
@@ -121,22 +120,14 @@ _CHUNK_BYTES = 4096
 
 
 class OperatorLines:
-    """Reads lines of a terminal or a pipe without blocking other work.
-
-    ``descriptor``: standard input by default.
-    """
+    """Reads lines of a terminal or a pipe, by default standard input, without blocking others."""
 
     def __init__(self, descriptor=0):
         self._descriptor = descriptor
         self._rest, self._ended = b"", False
 
     def next(self, idle):
-        """Wait for a line.
-
-        Returns str or None: without its end; None at the end of input.
-
-        ``idle``: called about 20 times per second meanwhile.
-        """
+        """Wait for a line, and return it without its end; None at the end of input."""
         while b"\n" not in self._rest:
             if self._ended:
                 return None
@@ -246,27 +237,24 @@ def table_of(table, output, guided):
 
 def complete_settings(settings, guided):
     """Settings of the calibration with those that have another default with ``--live``."""
+    from gnuradio.wiforce.calibration.guided.session import RULER_STD_MM
+
     if settings["ruler_std_mm"] is not None:
         return settings
-    if guided is None:
-        return settings | {"ruler_std_mm": 0.0}
-    from gnuradio.wiforce.calibration.guided.session_file import RULER_STD_MM
-
-    return settings | {"ruler_std_mm": RULER_STD_MM}
+    return settings | {"ruler_std_mm": 0.0 if guided is None else RULER_STD_MM}
 
 
 def guide(table, guided, settings):
-    """Lead a person through the measurements of a sensor.
+    """Lead a person through the measurements of a sensor, stored in the file ``table``.
 
-    Returns float or None: carrier in Hz when the table is to be calibrated; None when the person
-    quit before.
+    Returns the carrier in Hz when it is to be calibrated; None when the person quit before.
 
-    ``table``: file of the session; ``guided``: values of the options of ``--live``; ``settings``:
-    arguments of ``sensor.calibrate``.
+    ``guided``: values of the options of ``--live``; ``settings``: those of ``sensor.calibrate``.
     """
-    from gnuradio.wiforce.calibration.guided.session import CalibrationSession
-    from gnuradio.wiforce.calibration.guided.session_file import SessionPlan
+    from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan
     from gnuradio.wiforce.scene import load_scene
+
+    from .scales import open_scale
 
     for name, option in (("scene_path", "--scene"), ("args", "--args")):
         if guided[name] is None:
@@ -294,31 +282,21 @@ def guide(table, guided, settings):
     with CalibrationSession(plan, table, settings) as session, ExitStack() as opened:
         finished = False
         try:
-            finished = _measure(session, scene, _open_scale(opened, *scale), **guided)
+            gauge = None if scale[0] is None else opened.enter_context(closing(open_scale(*scale)))
+            finished = _measure(session, scene, gauge, **guided)
         finally:
             if not finished and session.presses:
-                click.echo(f"\n{_stored(session)}; the same command continues.")
+                stored = f"presses stored in {session.path}: {len(session.presses)}"
+                click.echo(f"\n{stored}; the same command continues.")
     return plan.frequency_hz if finished else None
 
 
-def _open_scale(opened, text, unit, baud):
-    from .scales import open_scale
-
-    if text is None:
-        return None
-    scale = open_scale(text, unit, baud)
-    opened.callback(scale.close)
-    return scale
-
-
 def _sensor_named(scene, name):
-    known = [each.name for each in scene.sensors]
-    if name is None and len(known) > 1:
-        raise InputError("--sensor", f"must be one of the scene's: {', '.join(known)}")
-    for each in scene.sensors:
-        if name in (None, each.name):
-            return each
-    raise InputError("--sensor", f"must be one of the scene's: {', '.join(known)}", name)
+    meant = [each for each in scene.sensors if name in (None, each.name)]
+    if len(meant) == 1:
+        return meant[0]
+    rule = f"must be one of the scene's: {', '.join(scene.sensor_names)}"
+    raise InputError("--sensor", rule, *([] if name is None else [name]))
 
 
 def _measure(session, scene, scale, args, **radio):
@@ -348,7 +326,3 @@ def _measure(session, scene, scale, args, **radio):
     finally:
         keeper.stop()
         live.stop()
-
-
-def _stored(session):
-    return f"presses stored in {session.path}: {len(session.presses)}"

@@ -29,51 +29,50 @@ def plot_calibration(table, model, path):
     canvas.suptitle(f"{model.name}: points measured, lines model, dashed untouched")
     for (index, port), axes in zip(rows, panels, strict=True):
         frequency_hz = model.carriers[index].frequency_hz
-        own = table.take((table.port == port) & same_carrier(table.frequency_hz, frequency_hz))
+        own = (table.port == port) & same_carrier(table.frequency_hz, frequency_hz)
         axes[0].set_title(f"{frequency_hz / 1e6:g} MHz, port {port}", fontsize=10)
-        _plot_port(_Port(own, model, index, port), axes)
+        _plot_port(table.take(own & (table.force_n > 0)), model, index, port, axes)
     save_picture(canvas, path)
 
 
-class _Port:
-    """What was measured at one carrier and port, and the model of it."""
+def _plot_port(pressed, model, index, port, axes):
+    """The three panels of the rows of one carrier and port."""
+    locations = model.carriers[index].location_mm
 
-    def __init__(self, own, model, index, port):
-        self._model, self._index, self._port = model, index, port
-        self.pressed = own.take(own.force_n > 0)
-        self.force_span_n = model.force_span_n
-        self.locations = model.carriers[index].location_mm
-        self.length_mm = model.length_mm
-
-    def curve(self, force_n, location_mm):
+    def curve(force_n, location_mm):
         """The model's phases, not wrapped."""
         both = np.broadcast_arrays(np.asarray(force_n, float), np.asarray(location_mm, float))
-        return self._model.short_deg(*both, self._index)[..., self._port - 1]
+        return model.short_deg(*both, index)[..., port - 1]
 
-    def residuals(self, rows):
-        """Measured minus modelled phases of some rows."""
-        return wrap_deg(rows.phase_deg - self.curve(rows.force_n, rows.location_mm))
-
-    def untouched_near(self, phase_deg):
-        """The untouched phase of the model at the turn that is closest to another phase."""
-        untouched = self._model.untouched_deg(self._model.frequencies_hz[self._index])
-        return phase_deg + wrap_deg(untouched[self._port - 1] - phase_deg)
-
-
-def _plot_port(port, axes):
-    forces = np.linspace(*port.force_span_n, _POINTS)
-    for number, location in enumerate(port.locations):
+    residuals = wrap_deg(pressed.phase_deg - curve(pressed.force_n, pressed.location_mm))
+    forces = np.linspace(*model.force_span_n, _POINTS)
+    for number, location in enumerate(locations):
         style = series_style(number)
-        here = port.pressed.take(port.pressed.location_mm == location)
-        residuals = port.residuals(here)
-        axes[0].plot(forces, port.curve(forces, location), color=style["color"])
-        measured = port.curve(here.force_n, location) + residuals
-        axes[0].plot(here.force_n, measured, ls="", ms=2.5, **style)
-        axes[2].plot(here.force_n, residuals, ls="", ms=3, label=f"{location:g} mm", **style)
-    _plot_over_location(port, axes[1])
+        at = pressed.location_mm == location
+        force_n, beside = pressed.force_n[at], residuals[at]
+        axes[0].plot(forces, curve(forces, location), color=style["color"])
+        axes[0].plot(force_n, curve(force_n, location) + beside, ls="", ms=2.5, **style)
+        axes[2].plot(force_n, beside, ls="", ms=3, label=f"{location:g} mm", **style)
+    # Over location, at the least and greatest force measured and at some between. The points are
+    # the measurements at the next force, shifted along their curve.
+    every = np.unique(pressed.force_n)
+    shown = every[np.unique(np.linspace(0, len(every) - 1, _FORCES_SHOWN).round().astype(int))]
+    places = np.linspace(min(locations), max(locations), _POINTS)
+    for number, force_n in enumerate(shown):
+        style, label = series_style(number), f"{force_n:g} N"
+        axes[1].plot(places, curve(force_n, places), color=style["color"], label=label)
+        for location in locations:
+            away = np.where(
+                pressed.location_mm == location, np.abs(pressed.force_n - force_n), np.inf
+            )
+            near = away == away.min()
+            measured = curve(force_n, pressed.location_mm[near]) + residuals[near]
+            axes[1].plot(pressed.location_mm[near], measured, ls="", ms=3, **style)
+    untouched = model.untouched_deg(model.frequencies_hz[index])[port - 1]
     for axis in axes[:2]:
         middle = np.mean(axis.get_ylim())
-        axis.axhline(port.untouched_near(middle), color=FAINT, ls="--", lw=1, label="untouched")
+        nearest = middle + wrap_deg(untouched - middle)
+        axis.axhline(nearest, color=FAINT, ls="--", lw=1, label="untouched")
     axes[2].axhline(0.0, color=FAINT, lw=0.8)
     labels = ("phase (deg)", "phase (deg)", "measured - model (deg)")
     for axis, across, up in zip(
@@ -82,25 +81,6 @@ def _plot_port(port, axes):
         axis.set_xlabel(across)
         axis.set_ylabel(up)
         axis.grid(alpha=0.3)
-    axes[1].set_xlim(0, port.length_mm)
+    axes[1].set_xlim(0, model.length_mm)
     legend_beside(axes[1], "these lines")
     legend_beside(axes[2], "left and right")
-
-
-def _plot_over_location(port, axis):
-    """Curves at the least and greatest force measured and at some between.
-
-    The points are the measurements at the next force, shifted along their curve.
-    """
-    every = np.unique(port.pressed.force_n)
-    shown = every[np.unique(np.linspace(0, len(every) - 1, _FORCES_SHOWN).round().astype(int))]
-    locations = np.linspace(min(port.locations), max(port.locations), _POINTS)
-    for number, force_n in enumerate(shown):
-        style, label = series_style(number), f"{force_n:g} N"
-        axis.plot(locations, port.curve(force_n, locations), color=style["color"], label=label)
-        for location in port.locations:
-            here = port.pressed.take(port.pressed.location_mm == location)
-            away = np.abs(here.force_n - force_n)
-            here = here.take(away == away.min())
-            measured = port.curve(force_n, here.location_mm) + port.residuals(here)
-            axis.plot(here.location_mm, measured, ls="", ms=3, **style)

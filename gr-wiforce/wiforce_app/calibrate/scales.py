@@ -15,11 +15,7 @@ _SERIAL = "serial:"
 
 
 def open_scale(text, unit, baud):
-    """Open the source of forces that ``--scale`` names.
-
-    ``text``: ``serial:DEVICE``, or the path of a CSV file or pipe; ``unit``: unit of serial lines
-    that contain none; ``baud``: of a serial gauge.
-    """
+    """Open ``serial:DEVICE`` of a rate, or a CSV file or pipe; ``unit``: of lines without one."""
     unit_n(unit, "--scale-unit")
     if text.startswith(_SERIAL):
         return SerialScale(text.removeprefix(_SERIAL), unit, baud)

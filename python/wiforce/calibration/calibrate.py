@@ -2,30 +2,25 @@
 """Calibration: from a table of known presses to a sensor model that states its own errors."""
 
 import datetime
-from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import InputError
 from ..sensor import curves
 from ..sensor.model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, check_onset
-from .data import (
-    CarrierData,
-    anchor_force,
-    carrier_data,
-    carriers_of,
-    check_table,
-    with_location_steps,
-)
-from .fit import contact_values, fit_carrier
+from .data import anchor_force, carrier_data, carriers_of, check_table
+from .fit import fit_carrier
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import validate_forms
-from .wrong_locations import find_wrong_location, leave_locations_out, wrong_location_text
-from .wrong_rows import find_untouched_scatter, find_wrong_rows
+from .wrong_entries import (
+    contradicting_locations,
+    find_untouched_scatter,
+    find_wrong_rows,
+    wrong_location_text,
+)
 
-LOCATION_STEPS = ("nearest", "given", "line")
-FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)
+_LOCATION_STEPS = ("nearest", "given", "line")
 
 
 def calibrate(
@@ -102,46 +97,73 @@ def calibrate(
     >>> bool(np.all(np.abs(error_deg) < 2.0))
     True
     """
-    _check_settings(length_mm, form, onset_force_n, location_steps, permittivity)
-    if not 0 <= ruler_std_mm <= length_mm:
-        raise InputError("ruler_std_mm", f"must be 0 to {length_mm:g}", ruler_std_mm)
+    form_choices = ("auto", "auto-beyond", *curves.FORMS)
+    positive = "must be positive and at most {:g}".format
+    onset_n = MAX_FORCE_N if onset_force_n is None else onset_force_n
+    _check(
+        ("length_mm", length_mm, 0 < length_mm <= MAX_LENGTH_MM, positive(MAX_LENGTH_MM)),
+        ("onset_force_n", onset_n, 0 < onset_n <= MAX_FORCE_N, positive(MAX_FORCE_N)),
+        (
+            "permittivity",
+            permittivity,
+            1 <= permittivity <= MAX_PERMITTIVITY,
+            f"must be at least 1 and at most {MAX_PERMITTIVITY:g}",
+        ),
+        ("form", form, form in form_choices, f"must be one of {', '.join(form_choices)}"),
+        (
+            "location_steps",
+            location_steps,
+            location_steps in _LOCATION_STEPS,
+            f"must be one of {', '.join(_LOCATION_STEPS)}",
+        ),
+        (
+            "ruler_std_mm",
+            ruler_std_mm,
+            0 <= ruler_std_mm <= length_mm,
+            f"must be 0 to {length_mm:g}",
+        ),
+    )
     check_table(table, length_mm)
     assumed: list[str] = []
     data = [
-        carrier_data(table, frequency, length_mm, permittivity, mirror, assumed)
+        carrier_data(table, frequency, length_mm, permittivity, mirror, location_steps, assumed)
         for frequency in carriers_of(table)
     ]
-    data = [with_location_steps(d, location_steps) for d in data]
-    assumed += _assumed_steps(location_steps, data)
+    if location_steps == "line":
+        assumed.append(
+            "movement with force as measured, location steps those of the line: at "
+            f"{anchor_force(data[0]):.3g} N each end sees a short right at the press"
+        )
+    elif location_steps == "given":
+        assumed.append("phases of different locations as given, multiples of 360 deg included")
     validation = validate_forms(data)
     form = validation["best"].get(form, form)
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = curves.force_knots(form, forces)
-    carriers = [fit_carrier(d, form, knots) for d in data]
-    validation["locations"], wrong, rows_wrong = [], [], []
-    for each, carrier in zip(data, carriers, strict=True):
-        contact = contact_values(
-            each, carrier.coefficients_deg, carrier.covariance_deg2, form, knots
-        )
-        rows = leave_locations_out(each, contact, ruler_std_mm)
-        validation["locations"] += rows
-        if row := find_wrong_location(each, carrier, contact, rows, ruler_std_mm):
-            wrong.append(row)
-        rows_wrong += find_untouched_scatter(each, carrier)
-        rows_wrong += find_wrong_rows(each, form, knots)
-    suspected = suspicions(table, length_mm, permittivity)
-    if wrong:
-        validation["wrong"] = wrong
-    suspected = suspected or [*map(wrong_location_text, wrong), *rows_wrong]
+    fits = [fit_carrier(d, form, knots) for d in data]
+    validation |= contradicting_locations(fits, ruler_std_mm)
+    suspected = suspicions(table, length_mm, permittivity) or [
+        *map(wrong_location_text, validation.get("wrong", ())),
+        *(text for fit in fits for text in find_untouched_scatter(fit) + find_wrong_rows(fit)),
+    ]
     if ruler_std_mm:
         assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")
-    onset = _onset(data, forces, onset_force_n, assumed)
+    seen = [d.onset for d in data if d.onset is not None]
+    if onset_force_n is not None:
+        check_onset("onset_force_n", onset_force_n, np.max(forces))
+    elif seen:
+        onset_n = float(np.mean(seen))
+    else:
+        onset_n = 0.5 * float(np.min(forces))
+        half = f"{onset_n:.3g} N, half the least calibrated force"
+        assumed.append(f"the line is first shorted at {half}")
+    carriers = [fit.carrier() for fit in fits]
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     return curves.CurveModel(
         name=name,
         length_mm=float(length_mm),
         frequencies_hz=tuple(d.frequency_hz for d in data),
-        onset_force_n=onset,
+        onset_force_n=float(onset_n),
         force_span_n=(float(spans[:, 0].min()), float(spans[:, 1].max())),
         location_span_mm=(
             float(max(d.location_mm[0] for d in data)),
@@ -162,53 +184,8 @@ def calibrate(
     )
 
 
-def _assumed_steps(location_steps: str, data: Sequence[CarrierData]) -> list[str]:
-    if location_steps == "line":
-        return [
-            f"movement with force as measured, location steps those of the line: at "
-            f"{anchor_force(data[0]):.3g} N each end sees a short right at the press"
-        ]
-    if location_steps == "given":
-        return ["phases of different locations as given, multiples of 360 deg included"]
-    return []
-
-
-def _check_settings(
-    length_mm: float,
-    form: str,
-    onset_force_n: float | None,
-    location_steps: str,
-    permittivity: float,
-) -> None:
-    limits = (
-        ("length_mm", length_mm, MAX_LENGTH_MM),
-        ("onset_force_n", onset_force_n, MAX_FORCE_N),
-    )
-    for name, value, high in limits:
-        if value is not None and not 0 < value <= high:
-            raise InputError(name, f"must be positive and at most {high:g}", value)
-    if not 1 <= permittivity <= MAX_PERMITTIVITY:
-        rule = f"must be at least 1 and at most {MAX_PERMITTIVITY:g}"
-        raise InputError("permittivity", rule, permittivity)
-    if form not in FORM_CHOICES:
-        raise InputError("form", f"must be one of {', '.join(FORM_CHOICES)}", form)
-    if location_steps not in LOCATION_STEPS:
-        rule = f"must be one of {', '.join(LOCATION_STEPS)}"
-        raise InputError("location_steps", rule, location_steps)
-
-
-def _onset(
-    data: Sequence[CarrierData],
-    forces: np.ndarray,
-    onset_force_n: float | None,
-    assumed: list[str],
-) -> float:
-    seen = [d.onset for d in data if d.onset is not None]
-    if onset_force_n is not None:
-        check_onset("onset_force_n", onset_force_n, np.max(forces))
-        return float(onset_force_n)
-    if seen:
-        return float(np.mean(seen))
-    onset = 0.5 * float(np.min(forces))
-    assumed.append(f"the line is first shorted at {onset:.3g} N, half the least calibrated force")
-    return onset
+def _check(*settings: tuple[str, object, bool, str]) -> None:
+    """Refuse the first setting, by name and value, that does not hold its rule."""
+    for name, value, holds, rule in settings:
+        if not holds:
+            raise InputError(name, rule, value)

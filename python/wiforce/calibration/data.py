@@ -32,47 +32,49 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
     touched = ~table.untouched
     if not np.any(touched):
         raise InputError(table.source, "has no row with a force")
-    for index in np.flatnonzero(touched & (table.force_n < LEAST)):
-        rule = f"must be at least {LEAST:g}, as the others are"
-        raise InputError(f"{table.at(index)}: force_n", rule, float(table.force_n[index]))
-    outside = touched & ~((table.location_mm > 0) & (table.location_mm < length_mm))
-    for index in np.flatnonzero(outside):
-        rule = f"must lie within the line, 0 to {length_mm:g} mm"
-        raise InputError(f"{table.at(index)}: location_mm", rule, float(table.location_mm[index]))
+    rules = (
+        ("force_n", table.force_n >= LEAST, f"must be at least {LEAST:g}, as the others are"),
+        (
+            "location_mm",
+            (table.location_mm > 0) & (table.location_mm < length_mm),
+            f"must lie within the line, 0 to {length_mm:g} mm",
+        ),
+    )
+    for name, holds, rule in rules:
+        for index in np.flatnonzero(touched & ~holds)[:1]:
+            raise InputError(f"{table.at(index)}: {name}", rule, float(getattr(table, name)[index]))
 
 
-def complete_locations(table: CalibrationTable) -> list[float]:
-    """Locations with enough forces for curves at both ports, rising.
-
-    ``table``: rows of one carrier.
-    """
+def _forces_at(table: CalibrationTable) -> dict[float, list[np.ndarray]]:
+    """The different forces of touched rows at each location, by port; all rising."""
     touched = table.take(~table.untouched)
-    forces = {
+    return {
         place: [
             np.unique(touched.force_n[(touched.location_mm == place) & (touched.port == port)])
             for port in (1, 2)
         ]
         for place in np.unique(touched.location_mm).tolist()
     }
-    return [place for place, own in forces.items() if min(map(len, own)) >= LEAST_FORCES]
 
 
-def check_places(table: CalibrationTable) -> None:
-    """Reject data that do not determine a model of one carrier.
+def without_incomplete(table: CalibrationTable) -> CalibrationTable:
+    """One carrier's rows but for locations with too few forces for curves at both ports."""
+    forces = _forces_at(table).items()
+    complete = [place for place, own in forces if min(map(len, own)) >= LEAST_FORCES]
+    return table.take(table.untouched | np.isin(table.location_mm, complete))
 
-    ``table``: rows of one carrier.
-    """
-    touched = table.take(~table.untouched)
-    frequency = f"{table.frequency_hz[0] / 1e6:g} MHz"
-    places = np.unique(touched.location_mm)
+
+def _check_places(touched: CalibrationTable) -> None:
+    """Reject rows that do not determine a model of one carrier."""
+    frequency = f"{touched.frequency_hz[0] / 1e6:g} MHz"
+    places = _forces_at(touched)
     if len(places) < 2:
         rule = f"must have at least two locations at {frequency}"
-        raise InputError(f"{touched.at(0)}: location_mm", rule, places.tolist())
-    for place in places:
-        here = touched.take(touched.location_mm == place)
-        forces = [np.unique(here.force_n[here.port == port]) for port in (1, 2)]
-        where = f"{here.at(0)}: location {place:g} mm at {frequency}"
-        for port, values in zip((1, 2), forces, strict=True):
+        raise InputError(f"{touched.at(0)}: location_mm", rule, list(places))
+    for place, forces in places.items():
+        first = int(np.argmax(touched.location_mm == place))
+        where = f"{touched.at(first)}: location {place:g} mm at {frequency}"
+        for port, values in enumerate(forces, 1):
             if len(values) < LEAST_FORCES:
                 rule = f"must have at least {LEAST_FORCES} forces at port {port}"
                 raise InputError(where, rule, len(values))
@@ -82,11 +84,7 @@ def check_places(table: CalibrationTable) -> None:
 
 
 def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sort phases by force and unwrap them.
-
-    Returns order (n,): rows by rising force; phase_deg (n,): in that order. ``table``: rows of one
-    carrier, location, port and press.
-    """
+    """Rows (n,) of one carrier, location, port and press by rising force, and phases unwrapped."""
     order = np.argsort(table.force_n, kind="stable")
     phase = np.unwrap(table.phase_deg[order], period=360.0)
     steps = np.abs(np.diff(phase))
@@ -104,21 +102,13 @@ def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.n
     return order, phase
 
 
-def split_untouched(table: CalibrationTable, untouched_deg: float) -> np.ndarray:
-    """Find the rows of a sweep that were measured before the contact.
-
-    Returns ndarray of bool, shape (n,): True for the first rows by force with the untouched phase,
-    if a step follows.
-
-    ``table``: one carrier, location, port and press; ``untouched_deg``: psi_i0 of this port, in
-    degrees.
-    """
+def _before_contact(table: CalibrationTable, untouched_deg: float) -> np.ndarray:
+    """Which rows of a sweep (n,) have the untouched phase, from the least force until a step."""
     order = np.argsort(table.force_n, kind="stable")
     away = np.abs(wrap_deg(table.phase_deg[order] - untouched_deg))
-    count = int(np.argmax(away > _UNTOUCHED_DEG)) if np.any(away > _UNTOUCHED_DEG) else 0
+    count = int(np.argmax(away > _UNTOUCHED_DEG))
     before = np.zeros(len(order), bool)
-    if count and away[count] > _ONSET_STEP_DEG:
-        before[order[:count]] = True
+    before[order[:count]] = away[count] > _ONSET_STEP_DEG
     return before
 
 
@@ -144,8 +134,8 @@ class ContactCurve:
     force_n: np.ndarray
     added_deg: np.ndarray
     press: np.ndarray
-    copied: bool = False
-    direction: np.ndarray | None = None
+    copied: bool
+    direction: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -154,19 +144,18 @@ class CarrierData:
 
     ``location_mm`` (J,): locations from port 1, rising; ``curves``: by port and location;
     ``untouched_deg``: psi_10 and psi_20 in degrees; None when the table has no untouched rows;
-    ``untouched_rows_deg``: by port, those that they are means of;
-    ``onset``: largest untouched and smallest touched force of sweeps that begin before the contact,
-    in N; None when there are none.
+    ``untouched_rows_deg``: by port, those that they are means of; ``onset``: largest untouched and
+    smallest touched force of sweeps that begin before the contact, in N; None when there are none.
     """
 
     frequency_hz: float
     location_mm: np.ndarray
     curves: list[list[ContactCurve]]
     untouched_deg: tuple[float, float] | None
+    untouched_rows_deg: tuple[np.ndarray, ...]
     onset: tuple[float, float] | None
     length_mm: float
     permittivity: float
-    untouched_rows_deg: tuple[np.ndarray, ...] = ()
 
     @property
     def slope(self) -> float:
@@ -177,12 +166,15 @@ class CarrierData:
         """The curves of both ports, one after the other."""
         return [curve for port in self.curves for curve in port]
 
+    @property
+    def shared_span_n(self) -> tuple[float, float]:
+        """Least and greatest force that all locations share; in reverse where they share none."""
+        spans = np.array([curve.force_n[[0, -1]] for curve in self.all_curves()])
+        return float(spans[:, 0].max()), float(spans[:, 1].min())
+
 
 def carriers_of(table: CalibrationTable) -> list[float]:
-    """Carriers of a table in Hz, rising.
-
-    Returns list of float: values within 0.1 % of each other are one carrier.
-    """
+    """Carriers of a table in Hz, rising; values within 0.1 % of each other are one carrier."""
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
         if not CARRIERS_HZ[0] <= frequency <= CARRIERS_HZ[1]:
@@ -201,11 +193,12 @@ def carrier_data(
     length_mm: float,
     permittivity: float,
     mirror: bool,
+    location_steps: str,
     assumed: list[str],
 ) -> CarrierData:
     """Arrange the rows of one carrier by location and port.
 
-    ``assumed``: assumptions are appended to it.
+    ``assumed``: assumptions are appended to it; the others as in :func:`.calibration.calibrate`.
     """
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = untouched_phases(table)
@@ -220,34 +213,36 @@ def carrier_data(
         raise InputError(table.source, f"has no row with a force at {frequency / 1e6:g} MHz")
     if mirror:
         touched = _mirrored(touched, length_mm, assumed)
-    check_places(touched)
+    _check_places(touched)
     places = np.unique(touched.location_mm)
-    rows = [
+    curves_of = [
         [
-            _curve(touched, place, port, length_mm, permittivity, place not in own)
-            for place in places
+            _curve(
+                touched.take((touched.location_mm == place) & (touched.port == port)),
+                line.short_phase_deg(distance, frequency, permittivity),
+                permittivity,
+                place not in own,
+            )
+            for place, distance in zip(places, distances, strict=True)
         ]
-        for port in (1, 2)
+        for port, distances in ((1, places), (2, length_mm - places))
     ]
     single = table.take(table.untouched)
-    return CarrierData(
+    data = CarrierData(
         frequency,
         places,
-        rows,
+        curves_of,
         untouched,
+        tuple(single.phase_deg[single.port == port] for port in (1, 2) if untouched),
         onset,
         length_mm,
         permittivity,
-        tuple(single.phase_deg[single.port == port] for port in (1, 2) if untouched),
     )
+    return _with_location_steps(data, location_steps)
 
 
 def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
-    """psi_10 and psi_20 of a table's untouched rows.
-
-    Returns (float, float) or None: in degrees, averaged over phasors; None without such rows for
-    both ports.
-    """
+    """psi_10 and psi_20 in degrees, means of untouched rows' phasors; None without for a port."""
     rows = table.take(table.untouched)
     if set(rows.port) != {1, 2}:
         return None
@@ -272,7 +267,7 @@ def touched_rows(
         # While unloading, the line opens at another force than the one that shorted it.
         direction = sweep_directions(table.force_n[rows])
         for branch in (rows[direction == sign] for sign in np.unique(direction)):
-            before = split_untouched(table.take(branch), untouched[key[1] - 1])
+            before = _before_contact(table.take(branch), untouched[key[1] - 1])
             if np.any(before) and not np.all(before):
                 below.append(table.force_n[branch[before]].max())
                 above.append(table.force_n[branch[~before]].min())
@@ -291,30 +286,18 @@ def _mirrored(table: CalibrationTable, length_mm: float, assumed: list[str]) -> 
         twin = table.take(table.location_mm == place)
         parts.append(replace(twin, location_mm=length_mm - twin.location_mm, port=3 - twin.port))
         assumed.append(f"{length_mm - place:g} mm is {place:g} mm with the ports swapped")
-    joined = {
-        field: np.concatenate([getattr(part, field) for part in parts])
-        for field in table.__dataclass_fields__
-        if field != "source"
-    }
-    return replace(table, **joined)
+    return CalibrationTable.joined(parts)
 
 
 def _curve(
-    table: CalibrationTable,
-    place: float,
-    port: int,
-    length_mm: float,
-    permittivity: float,
-    copied: bool,
+    rows: CalibrationTable, short_deg: np.ndarray, permittivity: float, copied: bool
 ) -> ContactCurve:
-    rows = table.take((table.location_mm == place) & (table.port == port))
-    distance = place if port == 1 else length_mm - place
-    base = line.short_phase_deg(distance, rows.frequency_hz[0], permittivity)
+    """The curve of one location and port; ``short_deg``: phase of a short exactly there."""
     parts: list[tuple[np.ndarray, ...]] = []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
         order, phase = continuous_phase(one, permittivity)
-        phase = phase - base
+        phase = phase - short_deg
         if parts:
             phase += 360.0 * np.round((np.median(parts[0][1]) - np.median(phase)) / 360.0)
         direction = sweep_directions(one.force_n)[order]
@@ -324,38 +307,26 @@ def _curve(
     return ContactCurve(force[order], added[order], presses[order], copied, directions[order])
 
 
-def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
-    """Shift the phases of each location as a setting of :func:`.calibration.calibrate` says.
-
-    ``location_steps``: ``nearest``, ``given`` or ``line``.
-    """
+def _with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
+    """Shift the phases of each location, ``nearest``, ``given`` or by the ``line``."""
     if location_steps == "given":
         return data
     rows = []
     for port in data.curves:
-        middles = [float(np.median(curve.added_deg)) for curve in port]
         if location_steps == "line":
-            shifts = [-_value_at(curve, anchor_force(data)) for curve in port]
+            shifts = np.array([-_value_at(curve, anchor_force(data)) for curve in port])
         else:
             # the phase added by the contact differs little from one location to the next
-            shifts, last = [], middles[0]
-            for middle in middles:
-                shifts.append(360.0 * np.round((last - middle) / 360.0))
-                last = middle + shifts[-1]
-        rows.append(
-            [
-                replace(curve, added_deg=curve.added_deg + shift)
-                for curve, shift in zip(port, shifts, strict=True)
-            ]
-        )
+            middles = np.array([np.median(curve.added_deg) for curve in port])
+            shifts = np.unwrap(middles, period=360.0) - middles
+        moved = zip(port, shifts.tolist(), strict=True)
+        rows.append([replace(curve, added_deg=curve.added_deg + by) for curve, by in moved])
     return replace(data, curves=rows)
 
 
 def anchor_force(data: CarrierData) -> float:
     """Middle of the span of force that all locations share, in N."""
-    low = max(curve.force_n[0] for curve in data.all_curves())
-    high = min(curve.force_n[-1] for curve in data.all_curves())
-    return float(0.5 * (low + high))
+    return float(np.mean(data.shared_span_n))
 
 
 def _value_at(curve: ContactCurve, force: float) -> float:
@@ -365,13 +336,10 @@ def _value_at(curve: ContactCurve, force: float) -> float:
 
 
 def compared_forces(data: CarrierData) -> np.ndarray:
-    """Forces at which locations are compared, in N.
-
-    Returns ndarray, shape (9,): over the span that all locations share, otherwise over the middle
-    half of all forces.
+    """Forces (9,) in N at which locations are compared: over the span that all share, if any,
+    else over the middle half of all forces.
     """
-    low = max(curve.force_n[0] for curve in data.all_curves())
-    high = min(curve.force_n[-1] for curve in data.all_curves())
+    low, high = data.shared_span_n
     if low >= high:
         every = np.concatenate([curve.force_n for curve in data.all_curves()])
         low, high = np.quantile(every, [0.25, 0.75])
@@ -379,12 +347,9 @@ def compared_forces(data: CarrierData) -> np.ndarray:
 
 
 def sweep_directions(force_n: np.ndarray) -> np.ndarray:
-    """Whether the force of a press rose or fell, from the order of its rows.
+    """Whether the force (n,) of a press rose, 1, or fell, -1, from the order of its rows.
 
-    Returns ndarray of int, shape (n,): 1 while loading, -1 while unloading. All 0 where the rows
-    are in no order of measurement.
-
-    ``force_n`` (n,): of one press, in the order in which it was measured.
+    All 0 where they are in no order of measurement.
     """
     direction = np.zeros(len(force_n), int)
     for start, stop, sign in _branches(force_n):

@@ -8,10 +8,9 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ..sensor import curves, line
-from ..sensor.curves import slope_over_force
 from ..sensor.location import LocationInterpolation, learn_interpolation
 from ..signal.carrier import wrap_deg
-from .data import CarrierData, ContactCurve, compared_forces
+from .data import CarrierData, compared_forces
 
 # Weights of the smoothing of the spline, among which cross-validation chooses.
 _SMOOTHING = np.geomspace(1e-8, 1.0, 17)
@@ -68,10 +67,7 @@ class CurveFitter:
         return count * squares / max(freedom, 1e-9) ** 2
 
     def fit(self, force_n: np.ndarray, value_deg: np.ndarray) -> ForceCurve:
-        """Fit a curve to samples.
-
-        ``force_n``, ``value_deg`` (n,).
-        """
+        """Fit a curve to samples (n,)."""
         basis = self.basis(force_n)
         if self._penalty is None:
             precision, free = basis.T @ basis, np.eye(self.size)
@@ -91,6 +87,10 @@ class CurveFitter:
     def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
         """Evaluate a fitted curve, in degrees, at forces in N."""
         return self.basis(force_n) @ fit.coefficients
+
+    def slope(self, fit: ForceCurve, force_n: np.ndarray) -> np.ndarray:
+        """Slope of a fitted curve in deg/N, at forces (n,) in N."""
+        return curves.slope_over_force(lambda force: self.value(fit, force), force_n)
 
 
 def _penalised_normal(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
@@ -130,9 +130,7 @@ def _monotone(
 
 
 def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
-    """Standard deviation of the samples about the curves, and its systematic part.
-
-    Returns noise_deg and misfit_deg, in degrees.
+    """Standard deviation of the samples about the curves, and its systematic part, in degrees.
 
     Noise is independent at neighbouring forces, a misfit of the form is not. The mean product of
     neighbouring residuals therefore is the square of the misfit.
@@ -142,81 +140,6 @@ def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
     noise = np.sqrt(total / sum(fit.freedom for fit in fits))
     products = np.concatenate([fit.residual[1:] * fit.residual[:-1] for fit in fits])
     return float(noise), float(np.sqrt(max(np.mean(products), 0.0)))
-
-
-# The difference is a polynomial of this degree in force.
-_DEGREE = 2
-# Fewest rows of loading, and of unloading, that show a difference.
-_LEAST_ROWS = 12
-# Standard deviations beyond which a difference is not noise: one in 370 at a single force.
-_CERTAIN = 3.0
-# Forces at which the largest difference is sought.
-_FORCES = 50
-
-
-def find_hysteresis(
-    contacts: Sequence[ContactCurve], fits: Sequence[ForceCurve], fitter: CurveFitter
-) -> float | None:
-    """Compare loading and unloading over all locations and ports of a carrier.
-
-    Returns float or None: largest difference within the calibrated forces, in N: what must be added
-    to a force while loading for the contact that it has while unloading. 0 where it is not
-    distinguished from noise, None where the data do not hold both branches.
-
-    A soft beam opens later than it closed, and creeps while it is held: at the same force, its
-    contact is that of a larger force while unloading.
-
-    The residual of a curve, divided by its slope over force, is a deviation in N that all ports and
-    locations have in common. Its part of opposite sign in the two branches is fitted by a
-    polynomial in force, with weights by the squared slope.
-
-    ``fits``: the curve through each, which lies between its two branches.
-    """
-    own = [
-        (contact, fit)
-        for contact, fit in zip(contacts, fits, strict=True)
-        if not contact.copied and contact.direction is not None
-    ]
-    if not own:
-        return None
-    force, residual, slope, direction = (
-        np.concatenate(parts) for parts in zip(*(_rows(*each, fitter) for each in own), strict=True)
-    )
-    if min(np.sum(direction > 0), np.sum(direction < 0)) < _LEAST_ROWS:
-        return None
-    low, high = force.min(), force.max()
-    powers = _powers(force, low, high) * slope[:, None]
-    # The first columns are what both branches have in common, which the curve did not fit.
-    design = np.hstack([powers, -direction[:, None] / 2 * powers])
-    found, *_ = np.linalg.lstsq(design, residual, rcond=None)
-    rest = residual - design @ found
-    variance = np.sum(rest**2) / max(len(rest) - len(found), 1)
-    covariance = variance * np.linalg.pinv(design.T @ design)
-    at = np.linspace(low, high, _FORCES)
-    shape = _powers(at, low, high)
-    differences = shape @ found[_DEGREE + 1 :]
-    std = np.sqrt(np.einsum("fa,ab,fb->f", shape, covariance[_DEGREE + 1 :, _DEGREE + 1 :], shape))
-    certain = np.abs(differences) - _CERTAIN * std
-    largest = int(np.argmax(certain))
-    return float(abs(differences[largest])) if certain[largest] > 0 else 0.0
-
-
-def _rows(
-    contact: ContactCurve, fit: ForceCurve, fitter: CurveFitter
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Forces, residuals, slopes in deg/N and directions of the rows of known direction."""
-    assert contact.direction is not None
-    known = contact.direction != 0
-    force = contact.force_n[known]
-    residual = contact.added_deg[known] - fitter.value(fit, force)
-    slope = slope_over_force(lambda force_n: fitter.value(fit, force_n), force)
-    return force, residual, slope, contact.direction[known]
-
-
-def _powers(force: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Powers of the force, scaled to +-1 within the calibrated ones; shape (n, degree + 1)."""
-    scaled = (2 * force - low - high) / max(high - low, 1e-9)
-    return scaled[:, None] ** np.arange(_DEGREE + 1)
 
 
 # No press is so wide that it moves a short by more than this beyond what the line does.
@@ -244,62 +167,62 @@ class ContactValues:
         )
 
 
-def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> curves.Carrier:
-    """A :class:`.curves.Carrier` of one carrier's data."""
+@dataclass(frozen=True)
+class CarrierFit:
+    """The fitted curves of one carrier's data.
+
+    ``fits``: by port and location, as ``data.curves``; ``coefficients_deg`` (2, J, K),
+    ``covariance_deg2`` (2, J, K, K), ``noise_deg``, ``misfit_deg``: as :class:`.curves.Carrier`;
+    ``contact``: their values at the forces that are compared.
+    """
+
+    data: CarrierData
+    fitter: CurveFitter
+    fits: list[list[ForceCurve]]
+    coefficients_deg: np.ndarray
+    covariance_deg2: np.ndarray
+    noise_deg: tuple[float, ...]
+    misfit_deg: tuple[float, ...]
+    contact: ContactValues
+
+    def carrier(self) -> curves.Carrier:
+        """What a sensor model holds of it."""
+        data = self.data
+        untouched = data.untouched_deg
+        if untouched is None:
+            psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
+            untouched = (float(wrap_deg(psi)),) * 2
+        spans = np.array([[curve.force_n[[0, -1]] for curve in port] for port in data.curves])
+        difference_n = find_hysteresis(self)
+        return curves.Carrier(
+            frequency_hz=data.frequency_hz,
+            untouched_deg=untouched,
+            location_mm=data.location_mm,
+            force_span_n=np.column_stack([spans[..., 0].max(axis=0), spans[..., 1].min(axis=0)]),
+            coefficients_deg=self.coefficients_deg,
+            covariance_deg2=self.covariance_deg2,
+            noise_deg=self.noise_deg,
+            misfit_deg=self.misfit_deg,
+            interpolation=interpolate(data, self.contact).transitions,
+            hysteresis_n=None if difference_n is None else difference_n / 2,
+        )
+
+
+def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> CarrierFit:
+    """Fit the curves of one carrier's data."""
     fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
     fits = [[fitter.fit(c.force_n, c.added_deg) for c in port] for port in data.curves]
-    quality = [noise_and_misfit(port) for port in fits]
+    noise, misfit = zip(*map(noise_and_misfit, fits), strict=True)
     coefficients = np.array([[fit.coefficients for fit in port] for port in fits])
-    covariance = np.array(
-        [
-            [noise**2 * fit.unit_covariance for fit in port]
-            for port, (noise, _) in zip(fits, quality, strict=True)
-        ]
-    )
-    interpolation = interpolate(data, contact_values(data, coefficients, covariance, form, knots))
-    difference_n = find_hysteresis(
-        data.all_curves(), [fit for port in fits for fit in port], fitter
-    )
-    untouched = data.untouched_deg
-    if untouched is None:
-        psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
-        untouched = (float(wrap_deg(psi)),) * 2
-    return curves.Carrier(
-        frequency_hz=data.frequency_hz,
-        untouched_deg=untouched,
-        location_mm=data.location_mm,
-        force_span_n=np.array(
-            [
-                [
-                    max(port[j].force_n[0] for port in data.curves),
-                    min(port[j].force_n[-1] for port in data.curves),
-                ]
-                for j in range(len(data.location_mm))
-            ]
-        ),
-        coefficients_deg=coefficients,
-        covariance_deg2=covariance,
-        noise_deg=tuple(noise for noise, _ in quality),
-        misfit_deg=tuple(misfit for _, misfit in quality),
-        interpolation=interpolation.transitions,
-        hysteresis_n=None if difference_n is None else difference_n / 2,
-    )
-
-
-def contact_values(
-    data: CarrierData,
-    coefficients: np.ndarray,
-    covariance: np.ndarray,
-    form: str,
-    knots: np.ndarray | None,
-) -> ContactValues:
-    """What fitted curves say, from coefficients (2, J, K) and their covariance."""
-    basis = curves.force_basis(form, knots)(compared_forces(data))
-    return ContactValues(
+    covariance = np.array([[fit.unit_covariance for fit in port] for port in fits])
+    covariance *= np.square(noise)[:, None, None, None]
+    basis = fitter.basis(compared_forces(data))
+    contact = ContactValues(
         data.location_mm,
         np.einsum("pjk,fk->pjf", coefficients, basis),
         np.einsum("fk,pjkm,fm->pj", basis, covariance, basis) / len(basis),
     )
+    return CarrierFit(data, fitter, fits, coefficients, covariance, noise, misfit, contact)
 
 
 def interpolate(data: CarrierData, contact: ContactValues) -> LocationInterpolation:
@@ -312,3 +235,57 @@ def interpolate(data: CarrierData, contact: ContactValues) -> LocationInterpolat
         np.mean(contact.variance_deg2),
         np.ptp(contact.added_deg, axis=1).max() < _LARGEST_EXTENT_MM * slope,
     )
+
+
+# The difference between loading and unloading is a polynomial of this degree in force.
+_DEGREE = 2
+# Fewest rows of loading, and of unloading, that show a difference.
+_LEAST_ROWS = 12
+# Standard deviations beyond which a difference is not noise: one in 370 at a single force.
+_CERTAIN = 3.0
+# Forces at which the largest difference is sought.
+_FORCES = 50
+
+
+def find_hysteresis(fitted: CarrierFit) -> float | None:
+    """Compare loading and unloading over all locations and ports of a carrier.
+
+    Returns float or None: largest difference within the calibrated forces, in N: what must be added
+    to a force while loading for the contact that it has while unloading. 0 where it is not
+    distinguished from noise, None where the data do not hold both branches.
+
+    A soft beam opens later than it closed, and creeps while it is held: at the same force, its
+    contact is that of a larger force while unloading.
+
+    The residual of a curve, divided by its slope over force, is a deviation in N that all ports and
+    locations have in common. Its part of opposite sign in the two branches is fitted by a
+    polynomial in force, with weights by the squared slope.
+    """
+    pairs = zip(fitted.data.all_curves(), [f for port in fitted.fits for f in port], strict=True)
+    rows = [
+        (c.force_n, fit.residual, fitted.fitter.slope(fit, c.force_n), c.direction)
+        for c, fit in pairs
+        if not c.copied
+    ]
+    columns = np.concatenate([np.array(row, float) for row in rows], axis=1)
+    force, residual, slope, direction = columns[:, columns[3] != 0]
+    if min(np.sum(direction > 0), np.sum(direction < 0)) < _LEAST_ROWS:
+        return None
+    low, high = force.min(), force.max()
+
+    def powers(force: np.ndarray) -> np.ndarray:
+        scaled = (2 * force - low - high) / max(high - low, 1e-9)
+        return scaled[:, None] ** np.arange(_DEGREE + 1)
+
+    common = powers(force) * slope[:, None]
+    # The first columns are what both branches have in common, which the curve did not fit.
+    design = np.hstack([common, -direction[:, None] / 2 * common])
+    found, *_ = np.linalg.lstsq(design, residual, rcond=None)
+    rest = residual - design @ found
+    variance = np.sum(rest**2) / max(len(rest) - len(found), 1)
+    covariance = variance * np.linalg.pinv(design.T @ design)[_DEGREE + 1 :, _DEGREE + 1 :]
+    shape = powers(np.linspace(low, high, _FORCES))
+    difference = np.abs(shape @ found[_DEGREE + 1 :])
+    certain = difference - _CERTAIN * np.sqrt(np.sum(shape @ covariance * shape, axis=1))
+    largest = int(np.argmax(certain))
+    return float(difference[largest]) if certain[largest] > 0 else 0.0

@@ -33,19 +33,21 @@ _ROUNDS = 20
 def refine(
     model: curves.CurveModel, table: CalibrationTable, name: str | None = None
 ) -> curves.CurveModel:
-    """Refine a model by a few taps.
+    """Refine a model, as calibrated on the bench, by a table of a few taps.
 
-    ``model``: as calibrated on the bench; ``table``: taps of known force and location, see
-    :func:`~.tables.read_tap_csv`. Untouched rows replace the untouched phases; ``name``: the
-    model's own name by default.
+    Untouched rows replace the untouched phases; ``name``: the model's own name by default.
     """
     if not isinstance(model, curves.CurveModel):
         raise InputError("sensor", "must have calibrated curves to be refined", model.name)
     check_table(table, model.length_mm)
     carriers = list(model.carriers)
-    for index in sorted({_carrier_of(model, table, row) for row in range(table.row.size)}):
-        frequency = model.frequencies_hz[index]
-        rows = table.take(same_carrier(table.frequency_hz, frequency))
+    for frequency in np.unique(table.frequency_hz):
+        try:
+            index = model.carrier_index(frequency)
+        except InputError as error:
+            where = table.at(int(np.argmax(table.frequency_hz == frequency)))
+            raise InputError(where, f"must be at a carrier of the model ({error})") from error
+        rows = table.take(same_carrier(table.frequency_hz, model.frequencies_hz[index]))
         carriers[index] = _refined_carrier(model, index, rows)
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     provenance = dict(model.provenance)
@@ -65,13 +67,6 @@ def refine(
     )
 
 
-def _carrier_of(model: curves.CurveModel, table: CalibrationTable, row: int) -> int:
-    try:
-        return model.carrier_index(table.frequency_hz[row])
-    except InputError as error:
-        raise InputError(table.at(row), f"must be at a carrier of the model ({error})") from error
-
-
 def _refined_carrier(
     model: curves.CurveModel, index: int, rows: CalibrationTable
 ) -> curves.Carrier:
@@ -82,12 +77,13 @@ def _refined_carrier(
         rule = f"must lie within the model's {low:g} to {high:g} mm"
         raise InputError(f"{taps.at(i)}: location_mm", rule, float(taps.location_mm[i]))
     freedom = _bench_to_air(model, carrier)
-    coefficients, covariance, noise = [], [], []
-    for port in (0, 1):
-        update = _update_port(model, index, port, taps.take(taps.port == port + 1), freedom)
-        coefficients.append(update[0])
-        covariance.append(update[1])
-        noise.append(update[2])
+    coefficients, covariance, noise = zip(
+        *(
+            _update_port(model, index, port, taps.take(taps.port == port + 1), freedom)
+            for port in (0, 1)
+        ),
+        strict=True,
+    )
     span = carrier.force_span_n.copy()
     for j, place in enumerate(carrier.location_mm):
         here = taps.force_n[np.abs(taps.location_mm - place) < 1.0]
@@ -99,7 +95,7 @@ def _refined_carrier(
         force_span_n=span,
         coefficients_deg=np.array(coefficients),
         covariance_deg2=np.array(covariance),
-        noise_deg=tuple(noise),
+        noise_deg=noise,
     )
 
 

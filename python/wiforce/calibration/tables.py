@@ -5,7 +5,7 @@ import csv
 import io
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,13 @@ class CalibrationTable:
         arrays: list[Any] = [np.array(c, kind) for c, kind in zip(columns, kinds, strict=True)]
         return cls(str(source), *arrays)
 
+    @classmethod
+    def joined(cls, parts: Sequence["CalibrationTable"]) -> "CalibrationTable":
+        """The rows of several tables, of the first one's source."""
+        names = [f.name for f in fields(cls) if f.name != "source"]
+        columns = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
+        return cls(parts[0].source, *columns)
+
     def take(self, which: np.ndarray) -> "CalibrationTable":
         """The rows selected by a boolean or index array."""
         arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name != "source"}
@@ -112,30 +119,26 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
     >>> read_vna_csv(path, frequency_hz=900e6).phase_deg.tolist()
     [-100.0, -110.0]
     """
-    header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
-    _require_columns(path, header, needed)
-    rows = []
-    for number, line in lines:
-        where = f"{path}: row {number}"
+
+    def measured(line: Mapping[str, Any], where: str) -> _Phases:
         frequency = frequency_hz
-        if "freq_mhz" in header:
+        if "freq_mhz" in line:
             frequency = 1e6 * cell_number(line, "freq_mhz", where, largest=CARRIERS_HZ[1])
-        location, force = _place_and_force(line, where)
         port = cell_number(line, "port", where)
         if port not in (1, 2):
             raise InputError(f"{where}: port", "must be 1 or 2", line["port"])
-        phase = cell_number(line, "phase_deg", where)
-        rows.append((number, frequency, location, port, force, phase, _press(line)))
-    table = CalibrationTable.from_rows(path, rows)
-    if frequency_hz is not None:
-        carriers = np.unique(table.frequency_hz)
-        table = table.take(same_carrier(table.frequency_hz, frequency_hz))
-        if not table.row.size:
-            listed = ", ".join(f"{each / 1e6:g}" for each in carriers)
-            rule = f"has rows at {listed} MHz, and none at the carrier"
-            raise InputError(path, rule, f"{frequency_hz / 1e6:g} MHz")
-    return table
+        return [(frequency, int(port), cell_number(line, "phase_deg", where))]
+
+    table = _read(path, needed, measured)
+    if frequency_hz is None:
+        return table
+    own = same_carrier(table.frequency_hz, frequency_hz)
+    if not own.any():
+        listed = ", ".join(f"{carrier / 1e6:g}" for carrier in np.unique(table.frequency_hz))
+        rule = f"has rows at {listed} MHz, and none at the carrier"
+        raise InputError(path, rule, f"{frequency_hz / 1e6:g} MHz")
+    return table.take(own)
 
 
 def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
@@ -170,16 +173,13 @@ def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
     >>> table.port.tolist(), table.phase_deg.tolist()
     ([1, 2], [-100.0, -110.0])
     """
-    header, lines = read_csv(path)
-    _require_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
-    rows = []
-    for number, line in lines:
-        where = f"{path}: row {number}"
-        location, force = _place_and_force(line, where)
-        for port in (1, 2):
-            phase = cell_number(line, f"phase{port}_deg", where)
-            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
-    return CalibrationTable.from_rows(path, rows)
+
+    def measured(line: Mapping[str, Any], where: str) -> _Phases:
+        return [
+            (frequency_hz, port, cell_number(line, f"phase{port}_deg", where)) for port in (1, 2)
+        ]
+
+    return _read(path, ("phase1_deg", "phase2_deg", "force_n", "location_mm"), measured)
 
 
 def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationTable:
@@ -216,32 +216,24 @@ def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationT
     >>> read_touchstone_index(folder / "index.csv", 900e6).phase_deg.round(6).tolist()
     [160.0, 140.0]
     """
-    header, lines = read_csv(path)
-    _require_columns(path, header, ("file", "force_n", "location_mm"))
-    rows = []
-    for number, line in lines:
-        where = f"{path}: row {number}"
-        location, force = _place_and_force(line, where)
-        name = _beside(path, line["file"] or "", where)
-        for port, phase in enumerate(_touchstone_phases(name, frequency_hz, where), 1):
-            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
-    return CalibrationTable.from_rows(path, rows)
 
+    def measured(line: Mapping[str, Any], where: str) -> _Phases:
+        name = line["file"] or ""
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise InputError(f"{where}: file", "must lie in the index's folder", name)
+        phases = _touchstone_phases(Path(path).parent / name, frequency_hz, f"{where}: file")
+        return [(frequency_hz, port, phase) for port, phase in enumerate(phases, 1)]
 
-def _beside(index: str | Path, name: str, where: str) -> Path:
-    """The file that an index names, which must lie in the index's folder."""
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise InputError(f"{where}: file", "must lie in the index's folder", name)
-    return Path(index).parent / name
+    return _read(path, ("file", "force_n", "location_mm"), measured)
 
 
 def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[float]:
     """Phases (deg) at the carrier of the reflection at each port, with the other port open."""
-    skrf = optional_module("skrf", where)
+    skrf = optional_module("skrf", where.removesuffix(": file"))
     try:
         text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
     except InputError as error:
-        raise InputError(f"{where}: file", str(error)) from None
+        raise InputError(where, str(error)) from None
     try:
         named = io.StringIO(text.decode("latin-1"))
         named.name = path.name  # its suffix tells the number of ports
@@ -253,26 +245,22 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
         low, high = network.f[0], network.f[-1]
     except Exception as error:
         # scikit-rf's parser raises exceptions of many types.
-        raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
+        raise InputError(where, "is not a Touchstone file", str(path)) from error
     if network.nports != 2:
-        raise InputError(f"{where}: file", "must have two ports", network.nports)
+        raise InputError(where, "must have two ports", network.nports)
     if not np.all(np.diff(network.f) > 0):
-        raise InputError(f"{where}: file", "must hold frequencies that rise", path.name)
+        raise InputError(where, "must hold frequencies that rise", path.name)
     if not low <= frequency_hz <= high:
         rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
-        raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
-    transmission = network.s[:, 0, 1] * network.s[:, 1, 0]
-    through = transmission != 0
-    phases = []
-    for index in (0, 1):
-        reflection = network.s[:, index, index].copy()
-        other = network.s[:, 1 - index, 1 - index]
-        with np.errstate(all="ignore"):  # what is not finite is rejected below
-            reflection[through] += transmission[through] / (1 - other[through])
-        angle = np.unwrap(np.angle(reflection))
-        phases.append(float(np.rad2deg(np.interp(frequency_hz, network.f, angle))))
+        raise InputError(where, rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
+    reflection = network.s[:, [0, 1], [0, 1]]
+    through = (network.s[:, 0, 1] * network.s[:, 1, 0])[:, None]
+    with np.errstate(all="ignore"):  # what is not finite is rejected below
+        opened = np.where(through != 0, through / (1 - reflection[:, ::-1]), 0)
+        angles = np.rad2deg(np.unwrap(np.angle(reflection + opened), axis=0))
+    phases = [float(np.interp(frequency_hz, network.f, angle)) for angle in angles.T]
     if not np.all(np.isfinite(phases)):
-        raise InputError(f"{where}: file", "must hold finite numbers", path.name)
+        raise InputError(where, "must hold finite numbers", path.name)
     return phases
 
 
@@ -289,26 +277,49 @@ def table_kind(path: str | Path) -> str:
 
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     """Write a table as VNA calibration CSV."""
+    rows = zip(
+        table.frequency_hz / 1e6,
+        table.location_mm,
+        table.port,
+        table.force_n,
+        table.phase_deg,
+        strict=True,
+    )
     try:
         with open(path, "w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(_VNA_COLUMNS)
-            for frequency, location, port, force, phase in zip(
-                table.frequency_hz,
-                table.location_mm,
-                table.port,
-                table.force_n,
-                table.phase_deg,
-                strict=True,
-            ):
+            for mhz, location, port, force, phase in rows:
                 place = "" if math.isnan(location) else f"{location:g}"
-                writer.writerow([f"{frequency / 1e6:g}", place, port, f"{force:g}", f"{phase:.4f}"])
+                writer.writerow([f"{mhz:g}", place, port, f"{force:g}", f"{phase:.4f}"])
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
-def _require_columns(path: str | Path, header: Sequence[str], needed: Sequence[str]) -> None:
+# Carrier in Hz, port and phase in degrees of what a line states.
+_Phases = list[tuple[float | None, int, float]]
+
+
+def _read(
+    path: str | Path,
+    needed: Sequence[str],
+    measured: Callable[[Mapping[str, Any], str], _Phases],
+) -> CalibrationTable:
+    """The table of a CSV file, of whose lines ``measured`` gives the phases."""
+    header, lines = read_csv(path)
     require_columns(path, header, needed, _hint(header, needed))
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        force = cell_number(line, "force_n", where, empty=0.0)
+        location = cell_number(line, "location_mm", where, empty=math.nan)
+        if math.isnan(location) and force != 0:
+            raise InputError(f"{where}: location_mm", "must be given where force_n is not 0", force)
+        location = location if force else math.nan
+        press = (line.get("press") or line.get("trial") or "").strip()
+        for frequency, port, phase in measured(line, where):
+            rows.append((number, frequency, location, port, force, phase, press))
+    return CalibrationTable.from_rows(path, rows)
 
 
 def _hint(header: Sequence[str], needed: Sequence[str]) -> str:
@@ -321,15 +332,3 @@ def _hint(header: Sequence[str], needed: Sequence[str]) -> str:
     }
     kinds = (hint for name, hint in hints.items() if name in header and name not in needed)
     return next(kinds, "")
-
-
-def _place_and_force(line: Mapping[str, Any], where: str) -> tuple[float, float]:
-    force = cell_number(line, "force_n", where, empty=0.0)
-    location = cell_number(line, "location_mm", where, empty=math.nan)
-    if math.isnan(location) and force != 0:
-        raise InputError(f"{where}: location_mm", "must be given where force_n is not 0", force)
-    return (math.nan, 0.0) if force == 0 else (location, force)
-
-
-def _press(line: Mapping[str, Any]) -> str:
-    return (line.get("press") or line.get("trial") or "").strip()

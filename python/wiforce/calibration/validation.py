@@ -2,20 +2,20 @@
 """Errors of a calibration: of what was left out, of all readings, and what it does not support."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..sensor import curves, line
-from ..sensor.curves import Carrier, CurveModel
+from ..sensor.curves import CurveModel
 from ..sensor.inversion import Inversion
 from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier
 from .data import CarrierData, ContactCurve
 from .fit import CurveFitter
-from .wrong_locations import VAGUE_MM, contradictions, wrong_location_text
+from .wrong_entries import VAGUE_MM, contradictions, wrong_location_text
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -26,20 +26,18 @@ _LEAST_LEFT = 5
 def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
     """Cross-validate each form of the curves.
 
-    Where locations were pressed more than once, one press is left out at a time, otherwise a block
-    of neighbouring forces. The first and the last block of a location are extrapolated.
-
-    Returns dict: ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by
-    :func:`best_form`, ``auto`` without the extrapolated blocks and ``auto-beyond`` with them;
-    ``forms``: for each form the rms errors in degrees and the number of samples predicted.
+    Where locations were pressed more than once, one ``press`` is left out at a time, otherwise a
+    block of neighbouring ``forces``. The first and the last block of a location are extrapolated.
+    ``best``: the form chosen by :func:`best_form`, ``auto`` without the extrapolated blocks and
+    ``auto-beyond`` with them; ``forms``: rms errors in degrees, and the samples predicted.
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
-    squares = {
+    folds = {
         form: [fold for d in data for fold in _fold_errors(d, form, several)]
         for form in curves.FORMS
     }
-    inside = {form: [s for s, rim in folds if not rim] for form, folds in squares.items()}
-    everywhere = {form: [s for s, _ in folds] for form, folds in squares.items()}
+    everywhere = {form: [error for error, _ in found] for form, found in folds.items()}
+    inside = {form: [error for error, rim in found if not rim] for form, found in folds.items()}
     return {
         "left_out": "press" if several else "forces",
         "best": {"auto": best_form(inside), "auto-beyond": best_form(everywhere)},
@@ -169,10 +167,10 @@ def verdict(model: CurveModel) -> list[Verdict]:
 
 def _of_carrier(model: CurveModel, index: int) -> Verdict:
     frequency_hz = model.carriers[index].frequency_hz
-    force, location = _grid(model)
+    force, location = _grid(model, _FORCES, _LOCATIONS)
     found, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
     counts = Counter(flag for flags in found.flags for flag in flags)
-    most_flagged = counts.most_common(1)[0][0] if counts else ""
+    most_flagged = max(counts, key=lambda flag: counts[flag], default="")
     parts = model.variance_parts_deg2(np.maximum(force, model.onset_force_n), location, index)
     per_mm = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
@@ -182,9 +180,8 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
         row["location_mm"] for row in contradictions(_rows_at(model, "locations", frequency_hz))
     }
     if apart:
-        limit = (
-            f"locations that contradict each other: {', '.join(f'{x:g}' for x in sorted(apart))} mm"
-        )
+        listed = ", ".join(f"{place:g}" for place in sorted(apart))
+        limit = f"locations that contradict each other: {listed} mm"
     for row in _rows_at(model, "wrong", frequency_hz):
         place = f"{row['location_mm']:g}"
         limit = (
@@ -192,16 +189,27 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
             if "exchanged_mm" in row
             else f"location {place} mm, which does not fit the others"
         )
+    unusable = ""
+    # Of a force that is anywhere in the span.
+    guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
+    if flagged == 1:
+        unusable = f"every reading is flagged {most_flagged}"
+    elif not np.nanmedian(found.force_std_n) < guess_n:
+        unusable = f"force is known no better than by a guess within the span ({guess_n:.2g} N)"
+    force_std, location_std = (
+        (float(np.median(std[used])), float(std[used].max()))
+        for std in (found.force_std_n, found.location_std_mm)
+    )
     return Verdict(
         frequency_hz,
-        _median_and_largest(found.force_std_n[used]),
-        _median_and_largest(found.location_std_mm[used]),
+        force_std,
+        location_std,
         model.force_span_n,
         model.location_span_mm,
         limit,
         flagged,
         most_flagged,
-        _why_unusable(model, found, flagged, most_flagged),
+        unusable,
     )
 
 
@@ -210,32 +218,14 @@ def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, fl
 
     As that of the untouched sensor may be: nothing shows it up to some 20 degrees.
     """
-    force_n, location_mm = np.meshgrid(
-        np.linspace(*model.force_span_n, 5), np.linspace(*model.location_span_mm, 5)
-    )
-    phases = model.phases_deg(force_n.ravel(), location_mm.ravel(), frequency_hz)
+    phases = model.phases_deg(*_grid(model, 5, 5), frequency_hz)
     before, after = (
-        model.invert(phases + each, 0.1, frequency_hz=frequency_hz) for each in ([0, 0], [1, 0])
+        model.invert(phases + by, 0.1, frequency_hz=frequency_hz) for by in ([0, 0], [1, 0])
     )
     return (
         float(np.nanmedian(np.abs(after.force_n - before.force_n))),
         float(np.nanmedian(np.abs(after.location_mm - before.location_mm))),
     )
-
-
-def _why_unusable(model: SensorModel, found: Inversion, flagged: float, most_flagged: str) -> str:
-    """Why a calibration does not read force, from readings over its span; empty where it does."""
-    if flagged == 1:
-        return f"every reading is flagged {most_flagged}"
-    # Of a force that is anywhere in the span.
-    guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
-    if np.nanmedian(found.force_std_n) < guess_n:
-        return ""
-    return f"force is known no better than by a guess within the span ({guess_n:.2g} N)"
-
-
-def _median_and_largest(std: np.ndarray) -> tuple[float, float]:
-    return float(np.median(std)), float(std.max())
 
 
 def errors_over_span(
@@ -254,11 +244,10 @@ def errors_over_span(
     return float(np.median(force)), float(np.median(location)), flagged
 
 
-def _grid(model: SensorModel) -> tuple[np.ndarray, np.ndarray]:
+def _grid(model: SensorModel, forces: int, locations: int) -> tuple[np.ndarray, np.ndarray]:
     """Forces and locations (n,) over the calibrated span."""
     force, location = np.meshgrid(
-        np.linspace(*model.force_span_n, _FORCES),
-        np.linspace(*model.location_span_mm, _LOCATIONS),
+        np.linspace(*model.force_span_n, forces), np.linspace(*model.location_span_mm, locations)
     )
     return force.ravel(), location.ravel()
 
@@ -267,7 +256,7 @@ def _over_span(
     model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
 ) -> tuple[Inversion, np.ndarray, float]:
     """Readings over the span, those that count (n,) bool, and the share that is flagged."""
-    force, location = _grid(model)
+    force, location = _grid(model, _FORCES, _LOCATIONS)
     std = np.hypot(std_deg, contradiction_deg(model, frequency_hz, location))
     phases = model.phases_deg(force, location, frequency_hz)
     found = model.invert(phases, std, frequency_hz=frequency_hz)
@@ -305,133 +294,79 @@ def _rows_at(model: SensorModel, key: str, frequency_hz: float) -> list[dict[str
 
 def calibration_warnings(model: CurveModel) -> list[str]:
     """What a calibrated model does not support, a sentence each."""
-    found = []
-    for index, carrier in enumerate(model.carriers):
-        at = f"{carrier.frequency_hz / 1e6:g} MHz: "
-        own = [
-            *_few_locations(model, carrier),
-            *_little_force(carrier),
-            *_late_contact(model, carrier),
-            *_contradicted_locations(model, carrier),
-            *_misfit(carrier),
-            *_steps(model, index),
-            *_falls(model, index),
-            *_unobservable(model, carrier),
-        ]
-        found += [at + text for text in own]
-    return found
-
-
-def _few_locations(model: CurveModel, carrier: Carrier) -> list[str]:
-    places = carrier.location_mm
-    texts = []
-    if len(places) < _ENOUGH_LOCATIONS:
-        texts.append(
-            f"{len(places)} locations: a kink of the line between them is not seen; press at five "
-            "or more"
-        )
-    force = np.mean(model.force_span_n)
-    middles = 0.5 * (places[1:] + places[:-1])
-    std = model.model_std_deg(force, middles, carrier.frequency_hz).max(axis=1)
-    std_mm = std / line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
-    for low, high, vague in zip(places[:-1], places[1:], std_mm, strict=True):
-        if vague > VAGUE_MM:
-            texts.append(f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only")
-    return texts
-
-
-def _little_force(carrier: Carrier) -> list[str]:
-    hardest = float(carrier.force_span_n[:, 1].max())
-    if hardest >= _LITTLE_FORCE_N:
-        return []
-    return [f"forces reach {hardest:g} N only: were they entered in kg (1 kg is 9.81 N)?"]
-
-
-def _late_contact(model: CurveModel, carrier: Carrier) -> list[str]:
-    first = int(np.argmin(carrier.force_span_n[:, 0]))
-    least_n = carrier.force_span_n[first, 0]
-    if least_n >= model.onset_force_n:
-        return []
     return [
-        f"{least_n:g} N shorted the line at {carrier.location_mm[first]:g} mm, but "
-        f"{model.onset_force_n:.3g} N are the least that did elsewhere: was each force as stated?"
+        f"{carrier.frequency_hz / 1e6:g} MHz: {text}"
+        for index, carrier in enumerate(model.carriers)
+        for text in _warnings(model, index)
     ]
 
 
-def location_warnings(model: CurveModel) -> list[str]:
-    """Locations that the others contradict, as a wrong mark of the ruler makes them.
-
-    Returns list of str: a sentence for each carrier, location and port.
-    """
-    return [text for each in model.carriers for text in _contradicted_locations(model, each)]
-
-
-def _contradicted_locations(model: CurveModel, carrier: Carrier) -> list[str]:
-    slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
-    wrong = _rows_at(model, "wrong", carrier.frequency_hz)
+def location_warnings(model: CurveModel, index: int = 0) -> list[str]:
+    """Locations of a carrier that the others contradict, as a wrong mark of a ruler makes them."""
+    frequency_hz = model.carriers[index].frequency_hz
+    slope = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
+    wrong = _rows_at(model, "wrong", frequency_hz)
     return [wrong_location_text(row) for row in wrong] or [
         f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
         f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
         f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
-        for row in contradictions(_rows_at(model, "locations", carrier.frequency_hz))
+        for row in contradictions(_rows_at(model, "locations", frequency_hz))
     ]
 
 
-def _misfit(carrier: Carrier) -> list[str]:
-    return [
-        f"the curves do not fit port {port}: {misfit:.2f} deg of the scatter of {noise:.2f} deg "
-        "are alike at neighbouring forces"
-        for port, (noise, misfit) in enumerate(
-            zip(carrier.noise_deg, carrier.misfit_deg, strict=True), 1
-        )
-        if misfit > 0.7 * noise
-    ]
-
-
-def _steps(model: CurveModel, index: int) -> list[str]:
+def _warnings(model: CurveModel, index: int) -> Iterator[str]:
     carrier = model.carriers[index]
-    places = carrier.location_mm
-    force = np.full(len(places), np.mean(model.force_span_n))
-    phases = model.short_deg(force, places, index)
-    steps = np.diff(phases, axis=0)
+    places, spans = carrier.location_mm, carrier.force_span_n
     slope = line.round_trip_deg_per_mm(carrier.frequency_hz, model.permittivity)
-    expected = np.outer(np.diff(places), [-slope, slope])
-    worst = np.abs(steps - expected).max() / slope
-    if worst <= _LARGEST_STEP_MM:
-        return []
-    return [
-        f"phases of different locations do not fit a line: steps are up to {worst * slope:.0f} deg "
-        f"({worst:.0f} mm) off; force and location read together are not to be trusted"
-    ]
-
-
-def _falls(model: CurveModel, index: int) -> list[str]:
-    force = np.linspace(model.force_span_n[0], model.force_span_n[1], _CURVE_FORCES)
-    texts = []
-    for place, span in zip(
-        model.carriers[index].location_mm, model.carriers[index].force_span_n, strict=True
-    ):
-        inside = force[(force >= span[0]) & (force <= span[1])]
+    if len(places) < _ENOUGH_LOCATIONS:
+        yield (
+            f"{len(places)} locations: a kink of the line between them is not seen; press at five "
+            "or more"
+        )
+    middle_n = np.mean(model.force_span_n)
+    between = 0.5 * (places[1:] + places[:-1])
+    std_mm = model.model_std_deg(middle_n, between, carrier.frequency_hz).max(axis=1) / slope
+    for low, high, vague in zip(places[:-1], places[1:], std_mm, strict=True):
+        if vague > VAGUE_MM:
+            yield f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only"
+    hardest = float(spans[:, 1].max())
+    if hardest < _LITTLE_FORCE_N:
+        yield f"forces reach {hardest:g} N only: were they entered in kg (1 kg is 9.81 N)?"
+    first = int(np.argmin(spans[:, 0]))
+    if spans[first, 0] < model.onset_force_n:
+        yield (
+            f"{spans[first, 0]:g} N shorted the line at {places[first]:g} mm, but "
+            f"{model.onset_force_n:.3g} N are the least that did elsewhere: was each force as "
+            "stated?"
+        )
+    yield from location_warnings(model, index)
+    quality = zip(carrier.noise_deg, carrier.misfit_deg, strict=True)
+    for port, (noise, misfit) in enumerate(quality, 1):
+        if misfit > 0.7 * noise:
+            yield (
+                f"the curves do not fit port {port}: {misfit:.2f} deg of the scatter of "
+                f"{noise:.2f} deg are alike at neighbouring forces"
+            )
+    steps = np.diff(model.short_deg(np.full(len(places), middle_n), places, index), axis=0)
+    worst = np.abs(steps / slope - np.outer(np.diff(places), [-1, 1])).max()
+    if worst > _LARGEST_STEP_MM:
+        yield (
+            f"phases of different locations do not fit a line: steps are up to {worst * slope:.0f} "
+            f"deg ({worst:.0f} mm) off; force and location read together are not to be trusted"
+        )
+    force = np.linspace(*model.force_span_n, _CURVE_FORCES)
+    for place, (low, high) in zip(places, spans, strict=True):
+        inside = force[(force >= low) & (force <= high)]
         phases = model.short_deg(inside, np.full(len(inside), place), index)
         falls = np.max(np.maximum.accumulate(phases, axis=0) - phases, axis=0)
-        texts += [
-            f"port {port} falls by {fall:.1f} deg with force at {place:g} mm; a short only widens"
-            for port, fall in enumerate(falls, 1)
-            if fall > _FALL_DEG
-        ]
-    return texts
-
-
-def _unobservable(model: CurveModel, carrier: Carrier) -> list[str]:
-    inverter = model.inverter(carrier.frequency_hz)
-    force = np.linspace(model.force_span_n[0], model.force_span_n[1], _CURVE_FORCES)
-    places = np.linspace(model.location_span_mm[0], model.location_span_mm[1], 9)
-    unobservable = [
-        place
-        for place in places
-        if np.mean(inverter.unobservable(force, np.full(_CURVE_FORCES, place))) > _UNOBSERVABLE_PART
-    ]
-    if not unobservable:
-        return []
-    listed = ", ".join(f"{place:g}" for place in unobservable)
-    return [f"force and location are hard to tell apart at {listed} mm (force-unobservable)"]
+        for port, fall in enumerate(falls, 1):
+            if fall > _FALL_DEG:
+                yield (
+                    f"port {port} falls by {fall:.1f} deg with force at {place:g} mm; a short only "
+                    "widens"
+                )
+    along = np.linspace(*model.location_span_mm, _LOCATIONS)
+    hidden = model.inverter(carrier.frequency_hz).unobservable(force[:, None], along)
+    if np.any(alike := np.mean(hidden, axis=0) > _UNOBSERVABLE_PART):
+        listed = ", ".join(f"{place:g}" for place in along[alike])
+        yield f"force and location are hard to tell apart at {listed} mm (force-unobservable)"

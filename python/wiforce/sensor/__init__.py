@@ -20,7 +20,7 @@ _ELSEWHERE = {
     "CalibrationTable": "calibration.tables",
     "ForceGauge": "calibration.gauges.file",
     "PressMeasurement": "calibration.guided.press_measurement",
-    "SessionPlan": "calibration.guided.session_file",
+    "SessionPlan": "calibration.guided.session",
     "calibrate": "calibration.calibrate",
     "calibration_warnings": "calibration.validation",
     "estimate_line": "calibration.mistakes",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.guided.session_file import (
+from gnuradio.wiforce.calibration.guided.session import (
     DEFAULT_FORCES_N,
     DEFAULT_LOCATIONS_MM,
     RULER_STD_MM,

@@ -11,8 +11,7 @@ import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.guided.entry_plausibility import press_warnings
 from gnuradio.wiforce.calibration.guided.press_measurement import PressMeasurement
-from gnuradio.wiforce.calibration.guided.session import CalibrationSession
-from gnuradio.wiforce.calibration.guided.session_file import SessionPlan, Target
+from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan, Target
 from gnuradio.wiforce.calibration.tables import read_tap_csv
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.sensor import load_sensor
@@ -54,7 +53,7 @@ def test_session_continues_where_it_was_interrupted(tmp_path):
             assert new.phase_deg == pytest.approx(old.phase_deg, abs=1e-4)
             assert (new.force_n, new.sweep, new.time_utc) == (old.force_n, old.sweep, old.time_utc)
         measure_all(session)
-        assert session.coverage().done == (60, 60)
+        assert session.done() == (60, 60)
 
 
 def test_each_measurement_is_in_the_file_at_once(tmp_path):
@@ -196,11 +195,11 @@ def test_model_is_that_of_calibrate_on_the_file(tmp_path):
 
 def test_residuals_name_the_wrong_measurement(tmp_path):
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
-        assert session.residuals() == []
+        assert session.fit() == ([], [])
         for target in PLAN.targets()[:36]:
             true_n = 3.0 if (target.location_mm, target.force_n) == (30.0, 4.0) else None
             session.add(press(target.force_n, target.location_mm, true_n=true_n))
-        rows = {row.location_mm: row for row in session.residuals()}
+        rows = {row.location_mm: row for row in session.fit()[0]}
     assert rows[30.0].force_n == 4.0 and rows[30.0].largest_deg > 1
     assert max(rows[20.0].rms_deg) < 0.3
 
@@ -313,8 +312,8 @@ def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place
             there = target.location_mm + (error_mm if target.location_mm == place else 0.0)
             new = press(target.force_n, there)
             session.add(dataclasses.replace(new, location_mm=target.location_mm))
-        assert max(max(row.rms_deg) for row in session.residuals()) < 0.3
-        (found,) = session.location_warnings()
+        assert max(max(row.rms_deg) for row in session.fit()[0]) < 0.3
+        _, (found,) = session.fit()
     assert found.startswith(f"location {place:g} mm ") and "was the ruler right" in found
     assert float(found.split("at ")[1].split(" mm")[0]) == pytest.approx(place + error_mm, abs=0.5)
 
@@ -330,7 +329,7 @@ def test_correct_locations_are_not_doubted(tmp_path):
             new = press(target.force_n, target.location_mm + errors_mm[target.location_mm])
             session.add(dataclasses.replace(new, location_mm=target.location_mm))
             if session.next_target() is None or target.force_n == PLAN.force_n[-1]:
-                assert session.location_warnings() == []
+                assert session.fit()[1] == []
 
 
 def test_force_far_from_the_target_causes_a_warning(tmp_path):

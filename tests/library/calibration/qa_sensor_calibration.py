@@ -116,18 +116,6 @@ def test_a_wrong_row_beside_few_others_makes_no_noise_of_its_own():
     assert text.startswith("the phase of 4 N at location 40 mm, port 1, is +10.0 deg beside")
 
 
-def test_another_sensors_table_reads_presses_at_uncalibrated_places(tmp_path):
-    line = load_sensor("line-900mhz")
-    table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.25), 0.2, seed=5)
-    model = calibrate(table, "own")
-    forces, places = np.array([2.5, 4.0, 6.0, 7.5])[:, None], np.array([24.0, 37.0, 46.0, 57.0])
-    phases = line.phases_deg(forces, places).reshape(-1, 2)
-    found = model.invert(phases, 0.2)
-    assert np.median(np.abs(found.force_n.reshape(4, 4) - forces)) <= 0.15
-    assert np.abs(found.force_n.reshape(4, 4) - forces).max() <= 0.25
-    assert np.abs(found.location_mm.reshape(4, 4) - places).max() <= 0.5
-
-
 def test_untouched_rows_give_the_untouched_phases(own_table, rows):
     model = calibrate(own_table(), "own")
     assert model.untouched_deg() == pytest.approx([wrap(untouched_deg(900e6))] * 2, abs=0.5)

@@ -71,18 +71,12 @@ class PressMeasurement:
 
 
 def steady_deg(frequency_hz: float, permittivity: float = 1.0) -> float:
-    """Largest change of a phase during a measurement, in degrees.
-
-    Returns float: the phase of 0.25 mm of line.
-    """
+    """Largest change of a phase during a measurement, in degrees: that of 0.25 mm of line."""
     return STEADY_MM * line.round_trip_deg_per_mm(frequency_hz, permittivity)
 
 
 def measure_untouched(readings: Sequence[Reading], largest_change_deg: float) -> PressMeasurement:
-    """Mean phases of the untouched sensor.
-
-    ``readings``: consecutive readings of one sensor.
-    """
+    """Mean phases of the untouched sensor, from consecutive readings of it."""
     mean, std = _phases(readings, "untouched sensor", 0, largest_change_deg, _REFUSED_UNTOUCHED)
     return PressMeasurement(math.nan, 0.0, math.nan, mean, std, len(readings))
 
@@ -95,11 +89,9 @@ def measure_press(
     force_std_n: float = math.nan,
     sweep: int = 1,
 ) -> PressMeasurement:
-    """Mean phases of a press that holds still.
+    """Mean phases of a press that holds still, from consecutive readings of one sensor.
 
-    ``readings``: consecutive readings of one sensor; ``location_mm``: of the press, from port 1;
-    ``force_n``, ``force_std_n``: of the press, and its standard deviation where it is known;
-    ``sweep``: which run over the forces at this location.
+    ``sweep``: which run over the forces at this location; ``force_std_n`` where it is known.
     """
     where = f"press at {location_mm:g} mm"
     mean, std = _phases(readings, where, 1, largest_change_deg, _REFUSED)
@@ -117,26 +109,29 @@ def _phases(
     if len(readings) < LEAST_GROUPS:
         rule = f"must have at least {LEAST_GROUPS} readings"
         raise InputError(where, rule, len(readings))
-    unknown = sum(r.touch is None or r.phase1_deg is None for r in readings)
-    if unknown:
-        rule = f"must be received; the tag was not in {unknown} of {len(readings)} readings"
-        raise InputError(where, rule)
-    # A flag explains why the reader takes a press for none.
-    for word, reason in refused.items():
-        count = sum(word in r.flags for r in readings)
-        if count:
-            rule = f"must not be flagged; '{word}' in {count} of {len(readings)} readings: {reason}"
-            raise InputError(where, rule)
-    other = sum(r.touch != touch for r in readings)
-    if other:
-        state, found = ("touched", "no touch") if touch else ("released", "a touch")
-        rule = f"must be {state}; {found} in {other} of {len(readings)} readings"
-        raise InputError(where, rule)
+    missing = [r.touch is None or r.phase1_deg is None for r in readings]
+    state, found = ("touched", "no touch") if touch else ("released", "a touch")
+    rules = [
+        (missing, "must be received; the tag was not in {}"),
+        # A flag explains why the reader takes a press for none.
+        *(
+            (
+                [word in r.flags for r in readings],
+                f"must not be flagged; '{word}' in {{}}: {reason}",
+            )
+            for word, reason in refused.items()
+        ),
+        ([r.touch != touch for r in readings], f"must be {state}; {found} in {{}}"),
+    ]
+    for broken, rule in rules:
+        if any(broken):
+            share = f"{sum(broken)} of {len(readings)} readings"
+            raise InputError(where, rule.format(share))
     phases = np.array([(r.phase1_deg, r.phase2_deg) for r in readings], float)
     centre = np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(phases)), axis=0)))
     deviations = wrap_deg(phases - centre)
-    for port in (0, 1):
-        _check_steady(deviations[:, port], where, port + 1, largest_change_deg)
+    for port, deviation in enumerate(deviations.T, 1):
+        _check_steady(deviation, where, port, largest_change_deg)
     std = deviations.std(axis=0, ddof=1) / math.sqrt(len(readings))
     return (float(centre[0]), float(centre[1])), (float(std[0]), float(std[1]))
 

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A guided calibration: what to measure next, what is stored, how well it fits."""
+"""A guided calibration: its plan, the file that holds its measurements, and how well they fit."""
 
+import csv
+import fcntl
+import io
+import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,20 +13,49 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, unwritable
+from ...io.text.textfile import cell_number, check_output, read_csv
 from ...sensor.curves import CurveModel
-from ...signal.carrier import wrap_deg
+from ...sensor.model import MAX_FORCE_N
+from ...signal.carrier import same_carrier, wrap_deg
 from ..calibrate import calibrate
-from ..data import complete_locations
+from ..data import LEAST_FORCES, without_incomplete
 from ..gauges.file import UNITS_N
-from ..tables import read_tap_csv
+from ..tables import CalibrationTable, read_tap_csv
 from ..validation import location_warnings
 from .entry_plausibility import force_warning, press_warnings
 from .press_measurement import PressMeasurement
-from .session_file import Coverage, SessionFile, SessionPlan, Target
 
+DEFAULT_LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
+DEFAULT_FORCES_N = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0)
+# Half a division of a ruler with millimetres, on either side: 1 mm / sqrt(12).
+RULER_STD_MM = 0.3
+# Forces below half of the lowest or far above the highest planned one are errors of entry.
+_LOW_PART, _HIGH_PART = 0.5, 1.25
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
 _UNTOUCHED_DEG = 1.0
+_COLUMNS = (
+    "time_utc",
+    "sensor",
+    "freq_mhz",
+    "location_mm",
+    "force_n",
+    "force_std_n",
+    "phase1_deg",
+    "phase2_deg",
+    "phase1_std_deg",
+    "phase2_std_deg",
+    "groups",
+    "press",
+)
+
+
+class Target(NamedTuple):
+    """One measurement of a plan."""
+
+    location_mm: float
+    sweep: int
+    force_n: float
 
 
 class Residual(NamedTuple):
@@ -36,13 +70,61 @@ class Residual(NamedTuple):
     force_n: float
 
 
+@dataclass(frozen=True)
+class SessionPlan:
+    """What a guided calibration is to measure.
+
+    ``sensor``: name of the sensor in the scene; ``location_mm``: locations from port 1, in the
+    order of measurement; ``force_n``: forces at each location, rising; ``sweeps``: runs over the
+    forces at each location; every second one falls.
+    """
+
+    sensor: str
+    frequency_hz: float
+    location_mm: tuple[float, ...] = DEFAULT_LOCATIONS_MM
+    force_n: tuple[float, ...] = DEFAULT_FORCES_N
+    sweeps: int = 1
+    length_mm: float = 80.0
+    permittivity: float = 1.0
+
+    def __post_init__(self) -> None:
+        locations, forces = self.location_mm, self.force_n
+        if len(locations) < 2 or len(set(locations)) < len(locations):
+            raise InputError("location_mm", "must be two or more different ones", locations)
+        for location in locations:
+            if not 0 < location < self.length_mm:
+                rule = f"must lie within the line, 0 to {self.length_mm:g} mm"
+                raise InputError("location_mm", rule, location)
+        if len(forces) < LEAST_FORCES or any(np.diff(forces) <= 0):
+            raise InputError("force_n", f"must be at least {LEAST_FORCES} forces, rising", forces)
+        if not 0 < forces[0] < forces[-1] <= MAX_FORCE_N:
+            raise InputError("force_n", f"must lie within 0 to {MAX_FORCE_N:g} N", forces)
+        if self.sweeps < 1:
+            raise InputError("sweeps", "must be 1 or more", self.sweeps)
+
+    def targets(self) -> list[Target]:
+        """All measurements, in their order."""
+        return [
+            Target(location, sweep, force)
+            for location in self.location_mm
+            for sweep in range(1, self.sweeps + 1)
+            for force in (self.force_n if sweep % 2 else self.force_n[::-1])
+        ]
+
+    def nearest_force(self, force_n: float) -> float:
+        """The planned force that a measured one counts for, by their ratio."""
+        return min(self.force_n, key=lambda planned: abs(np.log(planned / force_n)))
+
+
 @dataclass
 class CalibrationSession:
-    """A guided calibration, stored as it proceeds.
+    """A guided calibration; each measurement is on the disk before the next is taken.
 
-    ``path``: table of taps; an existing one is continued (see :class:`~.session_file.SessionFile`);
-    ``settings``: arguments of :func:`.calibration.calibrate` for residuals and model, besides those
-    of the line.
+    An existing file of the same sensor is continued. A last row that a crash or a full disk left
+    without its end is removed. Only one process at a time has the file open.
+
+    ``path``: table of taps; ``settings``: arguments of :func:`.calibration.calibrate` for residuals
+    and model, besides those of the line; ``measurements``: all rows of the file, in its order.
     """
 
     plan: SessionPlan
@@ -50,35 +132,40 @@ class CalibrationSession:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._file = SessionFile(self.path, self.plan.sensor, self.plan.frequency_hz)
+        check_output(self.path)
+        self.measurements: list[PressMeasurement] = []
+        self._ends: list[int] = []  # of the rows, in bytes
         self._skipped: set[Target] = set()
+        try:
+            self._file = open(self.path, "a+b", buffering=0)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        try:
+            self._restore()
+        except BaseException:
+            self._file.close()
+            raise
 
     def __enter__(self) -> "CalibrationSession":
         return self
 
     def __exit__(self, *_: object) -> None:
+        if os.fstat(self._file.fileno()).st_size == 0:
+            Path(self.path).unlink(missing_ok=True)
         self._file.close()
 
     @property
-    def measurements(self) -> Sequence[PressMeasurement]:
-        """Everything that is stored, in the order of measurement."""
-        return tuple(self._file.measurements)
-
-    @property
     def presses(self) -> Sequence[PressMeasurement]:
-        """The same without those of the untouched sensor."""
-        return tuple(each for each in self._file.measurements if not each.untouched)
+        """The measurements without those of the untouched sensor."""
+        return tuple(each for each in self.measurements if not each.untouched)
 
     def next_target(self) -> Target | None:
         """The next planned measurement that is neither taken nor skipped; None at the end."""
-        taken = {self._target_of(each) for each in self.presses}
-        for target in self.plan.targets():
-            if target not in taken and target not in self._skipped:
-                return target
-        return None
-
-    def _target_of(self, press: PressMeasurement) -> Target:
-        return Target(press.location_mm, press.sweep, self.plan.nearest_force(press.force_n))
+        done = self._skipped | {
+            Target(press.location_mm, press.sweep, self.plan.nearest_force(press.force_n))
+            for press in self.presses
+        }
+        return next((target for target in self.plan.targets() if target not in done), None)
 
     def skip(self, target: Target) -> None:
         """Leave out a planned measurement, until the session is opened again."""
@@ -90,7 +177,7 @@ class CalibrationSession:
 
     def check_force(self, force_n: float) -> None:
         """Check that a force is one that the plan asks for, or near them."""
-        low, high = self.plan.force_limits_n
+        low, high = _LOW_PART * self.plan.force_n[0], _HIGH_PART * self.plan.force_n[-1]
         if low <= force_n <= high:
             return
         rule = f"must be {low:g} to {high:g} N"
@@ -102,108 +189,178 @@ class CalibrationSession:
         raise InputError("force_n", rule, force_n)
 
     def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
-        """Reasons why a press may be an error of the person who measures.
-
-        Returns list of str: a sentence each; empty when it is plausible.
+        """Reasons why a press may be an error of the person who measures, a sentence each.
 
         ``target``: what was asked for.
         """
         plan = self.plan
-        asked = force_warning(press.force_n, target.force_n) if target is not None else None
-        found = press_warnings(
+        asked = force_warning(press.force_n, target.force_n) if target is not None else []
+        return asked + press_warnings(
             press, self.presses, plan.frequency_hz, plan.length_mm, plan.permittivity
         )
-        return ([asked] if asked else []) + found
 
     def add(self, measurement: PressMeasurement) -> None:
         """Store a measurement.
 
-        Raises OutputError when it cannot be written; those before it are kept.
+        Raises OutputError, InputError when it cannot be written; those before it are kept.
         """
         if measurement.untouched:
             self._check_untouched(measurement)
         else:
             self.check_force(measurement.force_n)
-        self._file.append(measurement)
+        if not self._ends:
+            self._write(_COLUMNS)
+        m, number = measurement, "{:.4f}".format
+        self._write(
+            [
+                m.time_utc,
+                self.plan.sensor,
+                f"{self.plan.frequency_hz / 1e6:.12g}",
+                "" if m.untouched else f"{m.location_mm:.6g}",
+                number(m.force_n),
+                "" if math.isnan(m.force_std_n) else number(m.force_std_n),
+                *map(number, m.phase_deg),
+                *map(number, m.phase_std_deg),
+                m.groups,
+                "" if m.untouched else m.sweep,
+            ]
+        )
+        self.measurements.append(measurement)
 
     def _check_untouched(self, measurement: PressMeasurement) -> None:
         """Presses of several runs refer to one untouched sensor."""
-        before = [each.phase_deg for each in self._file.measurements if each.untouched]
-        if not before:
-            return
-        change = np.abs(wrap_deg(np.array(measurement.phase_deg) - np.array(before[0]))).max()
-        if change > _UNTOUCHED_DEG:
-            rule = (
-                f"must have the phases of the session's start within {_UNTOUCHED_DEG:g} deg (is "
-                "the scene's model still the same?); tare, or begin a new session"
-            )
-            raise InputError("measurement", rule, round(float(change), 1))
+        for first in [each.phase_deg for each in self.measurements if each.untouched][:1]:
+            change = float(np.abs(wrap_deg(np.subtract(measurement.phase_deg, first))).max())
+            if change > _UNTOUCHED_DEG:
+                rule = (
+                    f"must have the phases of the session's start within {_UNTOUCHED_DEG:g} deg "
+                    "(is the scene's model still the same?); tare, or begin a new session"
+                )
+                raise InputError("measurement", rule, round(change, 1))
 
     def undo(self) -> PressMeasurement | None:
-        """Remove the last measurement.
+        """Remove the last measurement, and return it; None when there is none."""
+        if not self.measurements:
+            return None
+        self._ends.pop()
+        self._file.truncate(self._ends[-1])
+        return self.measurements.pop()
 
-        Returns PressMeasurement or None: the one that was removed; None when there is none.
-        """
-        return self._file.remove_last()
-
-    def coverage(self) -> Coverage:
-        """Measurements by location and planned force."""
+    def counts(self) -> dict[float, np.ndarray]:
+        """Number of measurements for each planned force, by location, rising."""
         plan = self.plan
-        others = {each.location_mm for each in self.presses} - set(plan.location_mm)
-        places = tuple(sorted({*plan.location_mm, *others}))
-        counts = np.zeros((len(places), len(plan.force_n)), int)
+        places = sorted({*plan.location_mm, *(press.location_mm for press in self.presses)})
+        found = {place: np.zeros(len(plan.force_n), int) for place in places}
         for press in self.presses:
-            nearest = plan.nearest_force(press.force_n)
-            counts[places.index(press.location_mm), plan.force_n.index(nearest)] += 1
-        return Coverage(places, plan.force_n, counts, plan.sweeps)
+            index = plan.force_n.index(plan.nearest_force(press.force_n))
+            found[press.location_mm][index] += 1
+        return found
 
-    def complete_locations(self) -> list[float]:
-        """Locations with enough forces for curves, rising."""
+    def done(self) -> tuple[int, int]:
+        """Planned measurements that are taken, and all of them."""
+        counts, sweeps = np.array(list(self.counts().values())), self.plan.sweeps
+        return int(np.minimum(counts, sweeps).sum()), counts.size * sweeps
+
+    def _complete(self) -> CalibrationTable | None:
+        """Rows of the file without locations that have too few forces; None without a press."""
         if not self.presses:
-            return []
-        return complete_locations(read_tap_csv(self.path, self.plan.frequency_hz))
+            return None
+        return without_incomplete(read_tap_csv(self.path, self.plan.frequency_hz))
 
     def model(self, name: str | None = None) -> CurveModel:
         """Calibrate with the locations that have enough forces.
 
         ``name``: of the model; the sensor's by default.
         """
-        plan, places = self.plan, self.complete_locations()
-        table = read_tap_csv(self.path, plan.frequency_hz)
-        table = table.take(table.untouched | np.isin(table.location_mm, places))
-        line = {"length_mm": plan.length_mm, "permittivity": plan.permittivity}
-        return calibrate(table, name or plan.sensor, **{**self.settings, **line})
+        table = self._complete()
+        if table is None:
+            raise InputError(self.path, "has no row with a force")
+        line = {"length_mm": self.plan.length_mm, "permittivity": self.plan.permittivity}
+        return calibrate(table, name or self.plan.sensor, **{**self.settings, **line})
 
-    def location_warnings(self) -> list[str]:
-        """Locations that the others contradict, as a wrong mark of the ruler makes them.
+    def fit(self) -> tuple[list[Residual], list[str]]:
+        """Residuals of the presses by location, and locations that the others contradict.
 
-        Residuals do not show it, because each location has curves of its own.
-
-        Returns list of str: a sentence each; empty while there are not three locations with enough
-        forces.
+        Residuals do not show a wrong mark of the ruler, since each location has curves of its own.
+        The former are empty while there are not two locations with enough forces, the latter,
+        sentences, while there are not three.
         """
-        return location_warnings(self.model()) if len(self.complete_locations()) > 2 else []
-
-    def residuals(self) -> list[Residual]:
-        """Residuals of the measurements against the model of all.
-
-        Returns list of Residual: by location; empty while there are not two locations with enough
-        forces.
-        """
-        places = self.complete_locations()
+        table = self._complete()
+        places = [] if table is None else np.unique(table.location_mm[~table.untouched]).tolist()
         if len(places) < 2:
-            return []
-        model = self.model()
-        rows = []
+            return [], []
+        model, rows = self.model(), []
         for place in places:
             here = [each for each in self.presses if each.location_mm == place]
-            force = np.array([each.force_n for each in here])
-            measured = np.array([each.phase_deg for each in here])
-            error = wrap_deg(measured - model.phases_deg(force, place, self.plan.frequency_hz))
-            rms = np.sqrt(np.mean(error**2, axis=0))
-            worst = int(np.argmax(np.abs(error).max(axis=1)))
-            largest = float(np.abs(error[worst]).max())
-            rows.append(
-                Residual(place, (float(rms[0]), float(rms[1])), largest, float(force[worst]))
+            force, phases = (
+                np.array([getattr(p, k) for p in here]) for k in ("force_n", "phase_deg")
             )
-        return rows
+            error = wrap_deg(phases - model.phases_deg(force, place, self.plan.frequency_hz))
+            first, second = np.sqrt(np.mean(error**2, axis=0)).tolist()
+            largest = np.abs(error).max(axis=1)
+            worst = int(np.argmax(largest))
+            rows.append(
+                Residual(place, (first, second), float(largest[worst]), float(force[worst]))
+            )
+        return rows, location_warnings(model) if len(places) > 2 else []
+
+    def _write(self, cells: Sequence[object]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        data = text.getvalue().encode()
+        try:
+            written = 0
+            while written < len(data):
+                written += self._file.write(data[written:])
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._file.truncate(self._ends[-1] if self._ends else 0)
+            raise unwritable(self.path, error) from error
+        self._ends.append(os.fstat(self._file.fileno()).st_size)
+
+    def _restore(self) -> None:
+        """Lock the file, and read the rows of an existing one."""
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(self.path, "is in use by another calibration") from None
+        self._file.seek(0)
+        lines = self._file.read().splitlines(keepends=True)
+        header = ",".join(_COLUMNS).encode()
+        if len(lines) == 1 and header.startswith(lines[0]):
+            lines = []
+        elif lines and lines[0].strip() != header:
+            rule = "must be a new file, or one that `calibrate --live` has written"
+            raise InputError(self.path, rule, lines[0][:60].decode("utf-8", "replace").strip())
+        elif lines and not lines[-1].endswith(b"\n"):
+            lines.pop()
+        self._ends = np.cumsum([len(line) for line in lines], dtype=int).tolist()
+        self._file.truncate(self._ends[-1] if lines else 0)
+        if len(lines) > 1:
+            _, rows = read_csv(self.path)
+            self.measurements = [self._measurement(number, row) for number, row in rows]
+
+    def _measurement(self, number: int, row: dict[str, str]) -> PressMeasurement:
+        where = f"{self.path}: row {number}"
+        if row["sensor"] != self.plan.sensor:
+            rule = f"must be of the sensor '{self.plan.sensor}', whose calibration is continued"
+            raise InputError(f"{where}: sensor", rule, row["sensor"])
+        empty = {"location_mm": math.nan, "force_std_n": math.nan, "press": 1.0}
+        values = {
+            name: cell_number(row, name, where, empty.get(name))
+            for name in _COLUMNS
+            if name not in ("time_utc", "sensor")
+        }
+        if not same_carrier(1e6 * values["freq_mhz"], self.plan.frequency_hz):
+            rule = f"must be {self.plan.frequency_hz / 1e6:g}, the scene's carrier"
+            raise InputError(f"{where}: freq_mhz", rule, row["freq_mhz"])
+        return PressMeasurement(
+            location_mm=values["location_mm"],
+            force_n=values["force_n"],
+            force_std_n=values["force_std_n"],
+            phase_deg=(values["phase1_deg"], values["phase2_deg"]),
+            phase_std_deg=(values["phase1_std_deg"], values["phase2_std_deg"]),
+            groups=int(values["groups"]),
+            sweep=int(values["press"]),
+            time_utc=row["time_utc"],
+        )

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Locations and rows of a table that the others contradict, or that were exchanged.
+
+Each inner location is predicted from the others, which is the leave-one-out predictive
+probability of Gaussian processes (C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for
+Machine Learning*, 2006, section 5.4.2), each row from the curve of the others. Another explanation
+counts if its likelihood ratio makes it certain, however many were tried.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..sensor import line
+from ..signal.carrier import wrap_deg
+from .data import CarrierData, ContactCurve
+from .fit import CarrierFit, ContactValues, CurveFitter, ForceCurve, interpolate
+
+# What an explanation may leave, and how much better another one must be, in standard deviations.
+_UNEXPECTED = 3.0
+# Fewest locations of which one can be left out while the others still predict one of them.
+_LEAST_TESTED = 4
+# Places at which a press is sought, closer than a ruler is read.
+_PLACE_STEP_MM = 0.1
+# Nearer than a reading is expected to be, no ruler was misread.
+VAGUE_MM = 0.5
+# Cross-validation is stated to this.
+_ROUNDED_DEG, _DECIMALS = 1e-4, 4
+
+
+def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Those rows of :func:`leave_locations_out` that the other locations did not expect."""
+    return [row for row in rows if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]]
+
+
+def leave_locations_out(
+    data: CarrierData, contact: ContactValues, ruler_std_mm: float = 0.0
+) -> list[dict[str, Any]]:
+    """Predict each inner location from the others; a row for each location and port.
+
+    ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the prediction and
+    ``expected_deg``, which the interpolation states.
+    """
+    rows = []
+    for j in range(1, len(contact.location_mm) - 1):
+        others, place = contact.without(j), contact.location_mm[j]
+        interpolation = interpolate(data, others)
+        for port in (0, 1):
+            values = others.added_deg[port].T
+            weights = interpolation.weights(place, port)
+            error = values @ weights - contact.added_deg[port, j]
+            variance = interpolation.variance(np.full(len(error), place), port, values)
+            # The errors of the ruler at this location and at those that predict it.
+            ruler = (ruler_std_mm * data.slope) ** 2 * (1 + weights @ weights)
+            rms_deg, expected_deg = np.sqrt([np.mean(error**2), np.mean(variance) + ruler])
+            rows.append(
+                {
+                    "frequency_mhz": round(data.frequency_hz / 1e6, 6),
+                    "location_mm": float(place),
+                    "port": port + 1,
+                    "rms_deg": round(float(rms_deg), _DECIMALS),
+                    "expected_deg": round(float(expected_deg), _DECIMALS),
+                }
+            )
+    return rows
+
+
+def contradicting_locations(
+    fits: Sequence[CarrierFit], ruler_std_mm: float
+) -> dict[str, list[dict[str, Any]]]:
+    """What a model's cross-validation holds of locations: ``locations``, and ``wrong`` if any are.
+
+    The rows of the former are those of :func:`leave_locations_out`, for all carriers. The latter
+    hold ``frequency_mhz``, ``location_mm``, and ``exchanged_mm``, the other of two that were
+    exchanged (with ``port`` where it is one port only), or ``fits_mm``, where the others see such
+    phases, None where they see them nowhere.
+    """
+    locations, wrong = [], []
+    for fitted in fits:
+        rows = leave_locations_out(fitted.data, fitted.contact, ruler_std_mm)
+        found = _exchanged_locations(fitted.data, fitted.contact, rows, ruler_std_mm)
+        found = found or _wrong_location(fitted, rows, ruler_std_mm)
+        if found:
+            wrong.append({"frequency_mhz": round(fitted.data.frequency_hz / 1e6, 6)} | found)
+        locations += rows
+    return {"locations": locations} | ({"wrong": wrong} if wrong else {})
+
+
+def _wrong_location(
+    fitted: CarrierFit, rows: Sequence[Mapping[str, Any]], ruler_std_mm: float
+) -> dict[str, Any] | None:
+    """The location that the others contradict, the one without which they are predicted best.
+
+    It also spoils the predictions of its neighbours.
+    """
+    data, contact = fitted.data, fitted.contact
+    count = len(data.location_mm)
+    if count < _LEAST_TESTED or not contradictions(rows):
+        return None
+    others = [leave_locations_out(data, contact.without(j), ruler_std_mm) for j in range(count)]
+    worst = [max(row["rms_deg"] / row["expected_deg"] for row in left) for left in others]
+    wrong = int(np.argmin(worst))
+    stated_mm = float(data.location_mm[wrong])
+    fits_mm = _place_among(fitted, wrong, ruler_std_mm)
+    near = fits_mm is not None and abs(fits_mm - stated_mm) <= VAGUE_MM
+    if worst[wrong] > _UNEXPECTED or near:
+        return None
+    return {"location_mm": stated_mm, "fits_mm": fits_mm}
+
+
+def wrong_location_text(row: Mapping[str, Any]) -> str:
+    """A row of ``wrong`` of :func:`contradicting_locations`, in words."""
+    if "exchanged_mm" in row:
+        what = f"locations {row['location_mm']:g} and {row['exchanged_mm']:g} mm"
+        if "port" in row:
+            what += f" of port {row['port']}"
+        return f"{what} would fit the others exchanged: were their presses exchanged?"
+    text = f"location {row['location_mm']:g} mm does not fit the others"
+    if row["fits_mm"] is None:
+        return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
+    return f"{text}, which see such phases at {row['fits_mm']:g} mm: was the ruler right there?"
+
+
+def _exchanged_locations(
+    data: CarrierData,
+    contact: ContactValues,
+    rows: Sequence[Mapping[str, Any]],
+    ruler_std_mm: float,
+) -> dict[str, Any] | None:
+    """Two locations whose exchange, at one port or both, explains the phases better:
+    ``location_mm``, ``exchanged_mm`` and, where it is one, ``port``.
+    """
+    if not rows:
+        return None
+    # Along a line an exchange moves phases further apart, unless it takes another one back.
+    pairs = combinations(range(len(contact.location_mm)), 2)
+    tried = [((0, 0), (0, 1)), *product(pairs, ((0, 1), (0,), (1,)))]
+    values = [_exchange(data, contact, *pair, ports) for pair, ports in tried]
+    best = int(np.argmin([np.var(each.added_deg, axis=1).mean() for each in values]))
+    if not best:  # as given
+        return None
+    after = leave_locations_out(data, values[best], ruler_std_mm)
+    better = _is_better(_log_probability(after) - _log_probability(rows), len(tried) - 1)
+    if not better or contradictions(after):
+        return None
+    pair, ports = tried[best]
+    first, second = (float(contact.location_mm[j]) for j in pair)
+    found = {"location_mm": first, "exchanged_mm": second}
+    return found if len(ports) > 1 else found | {"port": ports[0] + 1}
+
+
+def _exchange(
+    data: CarrierData, contact: ContactValues, first: int, second: int, ports: tuple[int, ...]
+) -> ContactValues:
+    """The same with the phases of two locations exchanged, turns of 360 deg by the line."""
+    order = np.arange(len(contact.location_mm))
+    order[[first, second]] = second, first
+    added, variance = contact.added_deg.copy(), contact.variance_deg2.copy()
+    for port in ports:
+        short = _short_deg(data, contact.location_mm, port)
+        values = added[port, order] + (short[order] - short)[:, None]
+        middles = np.median(values, axis=1)
+        added[port] = values + (np.unwrap(middles, period=360.0) - middles)[:, None]
+        variance[port] = variance[port, order]
+    return replace(contact, added_deg=added, variance_deg2=variance)
+
+
+def _short_deg(data: CarrierData, location_mm: np.ndarray | float, port: int) -> np.ndarray:
+    """Phase of a short exactly at some locations, in degrees."""
+    distance = data.length_mm - location_mm if port else location_mm
+    return np.asarray(line.short_phase_deg(distance, data.frequency_hz, data.permittivity))
+
+
+def _log_probability(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Of predictions, but for a constant: the forces of a location and port err alike."""
+    rms, expected = (np.array([row[name] for row in rows]) for name in ("rms_deg", "expected_deg"))
+    expected = np.maximum(expected, _ROUNDED_DEG)
+    return float(-np.sum(np.log(expected) + 0.5 * (rms / expected) ** 2))
+
+
+def _is_better(log_ratio: float, count: int) -> bool:
+    """Whether the best of so many other explanations is certain, by its likelihood ratio."""
+    return log_ratio - np.log(count) > 0.5 * _UNEXPECTED**2
+
+
+def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float | None:
+    """Where the other locations expect the phases of one, in mm; None where nowhere."""
+    data, contact, others = fitted.data, fitted.contact, fitted.contact.without(wrong)
+    interpolation = interpolate(data, others)
+    places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
+    square, variance = np.zeros(len(places)), np.zeros(len(places))
+    for port in (0, 1):
+        values = others.added_deg[port].T
+        short = _short_deg(data, contact.location_mm[wrong], port)
+        measured = contact.added_deg[port, wrong] + short
+        predicted = interpolation.weights(places, port) @ values.T
+        predicted += _short_deg(data, places, port)[:, None]
+        square += np.mean(wrap_deg(measured - predicted) ** 2, axis=1) / 2
+        spread = [interpolation.variance(places, port, value) for value in values]
+        variance += (np.mean(spread, axis=0) + fitted.noise_deg[port] ** 2) / 2
+    best = int(np.argmin(square))
+    expected = variance[best] + (ruler_std_mm * data.slope) ** 2
+    return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
+
+
+def find_wrong_rows(fitted: CarrierFit) -> list[str]:
+    """Rows of a location whose exchange explains the phases better, or without which they fit.
+
+    A phase follows force smoothly, with noise of its own and of the force, which the slope turns
+    into phase. Of each location and port the pair is tried whose exchange fits the curve best, then
+    the row that lies farthest beside the others. Sweeps may begin before the contact, which no
+    curve of force follows.
+    """
+    without_n, touched_n = fitted.data.onset or (0.0, 0.0)
+    fitter, found = fitted.fitter, []
+    own = [
+        (place, port, curve, fit, fitter.slope(fit, curve.force_n))
+        for port, (row, fits) in enumerate(zip(fitted.data.curves, fitted.fits, strict=True), 1)
+        for place, curve, fit in zip(fitted.data.location_mm, row, fits, strict=True)
+        if not curve.copied
+    ]
+    exchanges = [_best_exchange(curve, fitter, fit, without_n) for _, _, curve, fit, _ in own]
+    pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for *_, slope in own)
+    for (place, port, curve, fit, slope), (pair, _) in zip(own, exchanges, strict=True):
+        # Where rows of both ports are wrong, only other locations tell the noise.
+        noise = _Noise([(other, its) for at, _, _, other, its in own if at != place])
+        where = f"at location {place:g} mm, port {port},"
+        if pair is not None:
+            exchanged = curve.added_deg.copy()
+            exchanged[list(pair)] = exchanged[list(pair[::-1])]
+            after = fitter.fit(curve.force_n, exchanged)
+            if _is_better(noise.log_ratio(fit, after.residual, after.freedom, slope), pairs):
+                low, high = curve.force_n[list(pair)]
+                found.append(
+                    f"the phases of {low:g} and {high:g} N {where} would fit the others exchanged: "
+                    "were rows exchanged?"
+                )
+                continue
+        row = _farthest_row(curve, fitter, fit, touched_n)
+        if row is None:
+            continue
+        after = fitter.fit(np.delete(curve.force_n, row), np.delete(curve.added_deg, row))
+        residual = np.insert(after.residual, row, 0.0)
+        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), rows):
+            beside = curve.added_deg[row] - fitter.value(after, curve.force_n[row])
+            found.append(
+                f"the phase of {curve.force_n[row]:g} N {where} is {beside:+.1f} deg beside the "
+                "curve of the others: was it measured, or typed, wrong?"
+            )
+    return found
+
+
+class _Noise:
+    """Variance of phases (deg^2) and of forces (N^2) about fitted curves of known slopes."""
+
+    def __init__(self, others: Sequence[tuple[ForceCurve, np.ndarray]]) -> None:
+        parts = [
+            fit.freedom / len(slope) * np.column_stack([np.ones(len(slope)), slope**2])
+            for fit, slope in others
+        ]
+        squares = np.concatenate([fit.residual**2 for fit, _ in others])
+        self._variance = np.asarray(nnls(np.concatenate(parts), squares)[0])
+        self._freedom = sum(fit.freedom for fit, _ in others)
+
+    def log_ratio(
+        self, given: ForceCurve, residual: np.ndarray, freedom: float, slope: np.ndarray
+    ) -> float:
+        """How much likelier residuals (n,) of so many degrees of freedom are than those given."""
+        # A curve that does not follow its data leaves more than noise.
+        left = max(float(np.sum(residual**2)) / freedom, _ROUNDED_DEG**2)
+        variance = np.maximum(self._variance[0] + self._variance[1] * slope**2, left)
+        square = max(float(np.sum((given.residual**2 - residual**2) / variance)), 0.0)
+        # Noise that few rows tell is Student's.
+        return (self._freedom + 1) / 2 * float(np.log1p(square / self._freedom))
+
+
+def find_untouched_scatter(fitted: CarrierFit) -> list[str]:
+    """Ports whose untouched phases scatter more than those of presses do.
+
+    Every reading is a change against their mean.
+    """
+    found, data = [], fitted.data
+    if data.untouched_deg is None:
+        return []
+    rows = sum(map(len, data.untouched_rows_deg))  # each may be the wrong one
+    ports = zip(data.untouched_rows_deg, data.untouched_deg, fitted.noise_deg, strict=True)
+    for port, (phases, mean, noise) in enumerate(ports, 1):
+        beside, freedom = wrap_deg(phases - mean), len(phases) - 1
+        noise = max(noise, _ROUNDED_DEG)
+        excess = float(np.sum(beside**2)) / max(freedom, 1) / noise**2
+        ratio = freedom / 2 * (excess - 1 - np.log(max(excess, 1.0)))
+        if excess > 1 and _is_better(ratio, rows):
+            found.append(
+                f"untouched phases of port {port} differ by {np.ptp(beside):.1f} deg, where "
+                f"those of presses scatter by {noise:.2g} deg: is each right, and were cables "
+                "fixed?"
+            )
+    return found
+
+
+def _rest(basis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """What a fit leaves of a row (n,), exactly where the coefficients are free."""
+    return np.asarray(1.0 - np.sum(basis @ covariance * basis, axis=1))
+
+
+def _farthest_row(
+    curve: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
+) -> int | None:
+    """The row of a press that lies farthest beside a curve of the others; None where none may."""
+    rest = np.maximum(_rest(fitter.basis(curve.force_n), fit.unit_covariance), 1e-9)
+    gain = np.where(curve.force_n > without_n, fit.residual**2 / rest, 0.0)
+    row = int(np.argmax(gain))
+    return row if gain[row] > 0 else None
+
+
+def _best_exchange(
+    curve: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
+) -> tuple[tuple[int, int] | None, int]:
+    """The two rows of a press, by their index, whose exchange reduces the squares about a curve
+    most, None where none does; and how many could be exchanged, above the onset ``without_n``.
+    """
+    pressed = curve.force_n > without_n
+    pair, most, count = None, 0.0, 0
+    for press in np.unique(curve.press[pressed]):
+        rows = np.flatnonzero(pressed & (curve.press == press))
+        added, residual = curve.added_deg[rows], fit.residual[rows]
+        basis = fitter.basis(curve.force_n[rows])
+        weighed, rest = basis @ fit.unit_covariance, _rest(basis, fit.unit_covariance)
+        # A row at a time: all pairs of a press with 30 000 rows would not fit in memory.
+        for first in range(len(rows) - 1):
+            later = slice(first + 1, None)
+            step = added[later] - added[first]
+            size = rest[first] + rest[later] + 2 * (basis[later] @ weighed[first])
+            gain = step * (2 * (residual[later] - residual[first]) - step * size)
+            best = int(np.argmax(gain))
+            if gain[best] > most:
+                pair, most = (int(rows[first]), int(rows[first + 1 + best])), float(gain[best])
+        count += len(rows) * (len(rows) - 1) // 2
+    return pair, count
