@@ -79,8 +79,8 @@ class Outputs(Output):
         """Add an output."""
         self._outputs.append(self._ending.enter_context(output))
 
-    def begin(self: Self) -> Self:
-        for output in self._outputs:  # type: ignore[attr-defined]
+    def begin(self) -> "Outputs":
+        for output in self._outputs:
             output.begin()
         return self
 

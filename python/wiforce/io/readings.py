@@ -18,44 +18,21 @@ WEAK_FORCE_N = 1.5
 
 
 class Flag(enum.Flag):
-    """Conditions that a user of a reading should know of.
+    """Conditions that a user of a reading should know of."""
 
-    Attributes
-    ----------
-    REFERENCE
-        The group is part of the untouched reference.
-    GAP
-        Snapshots of the group are missing.
-    TRANSITION
-        The press changed inside the group.
-    WEAK
-        Standard deviation of a phase above 3 deg, or of the force above 1.5 N.
-    AMBIGUOUS
-        Another press, or none, explains the phases too.
-    FORCE_UNOBSERVABLE
-        The phases do not determine the force.
-    INCONSISTENT
-        No force and location of the sensor model explain the phases: two presses, a wide contact,
-        a broken line.
-    EXTRAPOLATED
-        Force or location lie outside the calibrated span.
-    MOVED
-        A phase step common to both ends: the tag or an antenna moved, or the receiver's gain
-        changed.
-    SATURATED
-        Samples of the group reached the converter's full scale.
-    """
-
-    REFERENCE = enum.auto()
-    GAP = enum.auto()
-    TRANSITION = enum.auto()
-    WEAK = enum.auto()
-    AMBIGUOUS = enum.auto()
-    FORCE_UNOBSERVABLE = enum.auto()
+    REFERENCE = enum.auto()  # The group is part of the untouched reference.
+    GAP = enum.auto()  # Snapshots of the group are missing.
+    TRANSITION = enum.auto()  # The press changed inside the group.
+    WEAK = enum.auto()  # Standard deviation of a phase above 3 deg, or of the force above 1.5 N.
+    AMBIGUOUS = enum.auto()  # Another press, or none, explains the phases too.
+    FORCE_UNOBSERVABLE = enum.auto()  # The phases do not determine the force.
+    # No force and location of the sensor model explain the phases: two presses, a wide contact, a
+    # broken line.
     INCONSISTENT = enum.auto()
-    EXTRAPOLATED = enum.auto()
+    EXTRAPOLATED = enum.auto()  # Force or location lie outside the calibrated span.
+    # A phase step common to both ends: the tag or an antenna moved, or the receiver's gain changed.
     MOVED = enum.auto()
-    SATURATED = enum.auto()
+    SATURATED = enum.auto()  # Samples of the group reached the converter's full scale.
 
     @property
     def word(self) -> str:
@@ -166,29 +143,16 @@ def _with_std(value: float | None, std: float | None, unit: str, bounds: bool) -
 
 @dataclass(frozen=True)
 class SurfaceReading(Reading):
-    """One press on a surface in one phase group.
+    """One press on a surface, ``sensor``, in one phase group; phases are those of its strips.
 
-    Attributes
-    ----------
-    time_s, sensor, touch, force_n, force_std_n, flags, group, interference
-        As of :class:`Reading`; the sensor is the surface.
-    location_mm, location_std_mm : float or None
-        The x of the press, along the strips.
-    phase1_deg, phase2_deg, snr_db : None
-        Those of the strips are in their own readings.
-    y_mm, y_std_mm : float or None
-        Position across the strips in mm, with its standard deviation.
-    cov_force_x, cov_force_y : float or None
-        Covariance of force and position, in N mm.
-    cov_x_y : float or None
-        Covariance of x and y, in mm^2.
+    ``location_mm`` is the x of the press, along the strips.
     """
 
-    y_mm: float | None = None
+    y_mm: float | None = None  # across the strips
     y_std_mm: float | None = None
-    cov_force_x: float | None = None
+    cov_force_x: float | None = None  # covariances of force and position, in N mm
     cov_force_y: float | None = None
-    cov_x_y: float | None = None
+    cov_x_y: float | None = None  # in mm^2
 
     def _place(self, bounds: bool) -> str:
         across = _with_std(self.y_mm, self.y_std_mm, "mm", bounds)
