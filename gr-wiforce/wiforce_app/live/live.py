@@ -9,7 +9,7 @@ from functools import partial
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import recording_stem
-from gnuradio.wiforce.io.files.writers import Rotation, open_rotating
+from gnuradio.wiforce.io.files.writers import Rotation, open_writer
 from gnuradio.wiforce.io.network.addresses import host_and_port
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
@@ -168,7 +168,7 @@ def live(
         log.warning(text)
     also = (*scene.more_columns, *STAMP_COLUMNS)
     try:
-        table = open_rotating(output, rotation, scene.files, also, append, metadata)
+        table = open_writer(output, scene.files, also, append, metadata, rotation)
         with Outputs(table) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_rotating, open_writer
+from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
@@ -192,17 +192,17 @@ def test_output_of_a_running_writer_refused_and_unchanged(tmp_path, append, rota
             writer.write(reading)
         before = path.read_bytes()
         with pytest.raises(InputError, match="is being written to by another process"):
-            open_rotating(path, rotation, append=append).begin()
+            open_writer(path, append=append, rotation=rotation).begin()
         assert path.read_bytes() == before
         writer.write(readings(10, 1)[0])
     assert len(rows_of(path)) == 21
-    write(open_rotating(path, rotation, append=True), readings(11, 1))
+    write(open_writer(path, append=True, rotation=rotation), readings(11, 1))
     assert len(rows_of(path)) == 23
 
 
 def test_append_to_standard_output_refused():
     with pytest.raises(InputError, match="--append: needs a file"):
-        open_rotating(None, Rotation(), append=True)
+        open_writer(None, append=True)
 
 
 def test_append_after_a_power_failure_removes_only_the_incomplete_row(tmp_path):
@@ -298,19 +298,19 @@ def test_rotation_bad_limits_refused(limits, keep, words):
 
 def test_rotation_of_standard_output_refused():
     with pytest.raises(InputError, match="--rotate: needs a file"):
-        open_rotating(None, Rotation.of(["1h"]))
+        open_writer(None, rotation=Rotation.of(["1h"]))
 
 
 @pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=100)])
-def test_open_rotating_writes_further_columns_and_no_input(tmp_path, rotation):
+def test_open_writer_writes_further_columns_and_no_input(tmp_path, rotation):
     """Readings of two runs in one file could not be distinguished; a scene would be overwritten."""
     scene, path = tmp_path / "scene.csv", tmp_path / "grip.csv"
     scene.write_text("precious")
     with pytest.raises(InputError, match="scene.csv"):
-        open_rotating(scene, rotation, [scene])
+        open_writer(scene, [scene], rotation=rotation)
     assert scene.read_text() == "precious"
     for run in "ab":
-        with open_rotating(path, rotation, [scene], ("run",), append=True) as writer:
+        with open_writer(path, [scene], ("run",), True, rotation=rotation) as writer:
             for reading in readings(0, 4):
                 writer.write(reading, {"run": run})
     files = sorted(tmp_path.glob("grip*.csv"))

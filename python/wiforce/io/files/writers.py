@@ -118,6 +118,7 @@ def open_writer(
     also: Sequence[str] = (),
     append: bool = False,
     metadata: Mapping[str, str] | None = None,
+    rotation: Rotation | None = None,
 ) -> ReadingsWriter | ParquetWriter:
     """A writer of readings in the format that the file's suffix names.
 
@@ -133,6 +134,8 @@ def open_writer(
         Keep the previous content of the file, and write no second header.
     metadata : mapping of str to str, optional
         What a Parquet file says of its readings; the other formats hold rows only.
+    rotation : Rotation, optional
+        When the file, which is always continued then, is renamed and another begun.
 
     Returns
     -------
@@ -141,8 +144,8 @@ def open_writer(
     Raises
     ------
     InputError
-        For another suffix, a path that cannot be written to, an input, or a Parquet file without
-        pyarrow or to be appended to.
+        For another suffix, a path that cannot be written to, an input, a Parquet file without
+        pyarrow, or one, or standard output, that is to be continued.
 
     Examples
     --------
@@ -153,11 +156,18 @@ def open_writer(
     0.018,arm,1,4.1235,0.05,45.0,0.1,,,,,,
     """
     form = format_of(path)
-    if path is None or (form is not None and form.text):
-        return ReadingsWriter(path, inputs, also, append)
-    if form not in OUTPUTS:
+    if path is None:
+        if append or rotation:
+            option = "--append" if append else "--rotate"
+            raise InputError(option, "needs a file as output: -o OUT.csv or OUT.jsonl")
+        return ReadingsWriter(path, also=also)
+    if form is None or form not in OUTPUTS:
         raise InputError(path, f"output must end in {suffixes(OUTPUTS)} (MCAP: --mcap FILE)")
-    if append:
+    if form.text and rotation:
+        return RotatingWriter(path, rotation, inputs, also)
+    if form.text:
+        return ReadingsWriter(path, inputs, also, append)
+    if append or rotation:
         raise InputError(path, "nothing can be appended to Parquet; use .csv or .jsonl")
     return ParquetWriter(path, inputs, also, metadata)
 
@@ -302,24 +312,3 @@ class RotatingWriter(ReadingsWriter):
         renamed = sorted(path for path in folder.iterdir() if name.fullmatch(path.name))
         for path in renamed[: -self._rotation.keep]:
             path.unlink(missing_ok=True)
-
-
-def open_rotating(
-    path: str | Path | None,
-    rotation: Rotation,
-    inputs: Iterable[str | Path] = (),
-    also: Sequence[str] = (),
-    append: bool = False,
-    metadata: Mapping[str, str] | None = None,
-) -> ReadingsWriter | ParquetWriter:
-    """A writer of readings as :func:`open_writer`, which renames its file where that is wanted.
-
-    A file that is renamed is always continued; standard output cannot be.
-    """
-    if path is None and (append or rotation):
-        option = "--append" if append else "--rotate"
-        raise InputError(option, "needs a file as output: -o OUT.csv or OUT.jsonl")
-    form = format_of(path)
-    if path is not None and rotation and form is not None and form.text:
-        return RotatingWriter(path, rotation, inputs, also)
-    return open_writer(path, inputs, also, append or bool(rotation), metadata)
