@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -105,10 +105,8 @@ class OutputFile:
     def cut(self, size_bytes: int) -> None:
         """Cut off what lies behind so many bytes, unless this is no regular file."""
         self.size_bytes = size_bytes
-        try:
+        with suppress(OSError):
             self._file.truncate(size_bytes)
-        except OSError:
-            pass
 
     def close(self) -> None:
         """Close the file, which then holds what was written."""
@@ -116,19 +114,20 @@ class OutputFile:
         self._file.close()
 
     def _empty(self, reserve_bytes: int) -> None:
-        """Empty the file, once there is room for what is to replace its content."""
+        """Empty the file, once there is room for as much as it holds, and a row at least."""
         folder = Path(self._path).absolute().parent
-        room = max(reserve_bytes, self.size_bytes, LONGEST_ROW)
         try:
-            self._reserve = _reserved(folder, room)
+            if self.size_bytes:
+                _reserved(folder, max(self.size_bytes, LONGEST_ROW)).close()
         except OSError as error:
-            if self.size_bytes and error.errno in _FULL:
+            if error.errno in _FULL:
                 self._file.close()
                 rule = f"cannot be replaced ({error.strerror}); its former content is kept"
                 raise OutputError(self._path, rule) from error
         self.cut(0)
-        if not reserve_bytes:
-            self._free_reserve()
+        if reserve_bytes:
+            with suppress(OSError):
+                self._reserve = _reserved(folder, reserve_bytes)
 
     def _free_reserve(self) -> None:
         if self._reserve is not None:
