@@ -30,8 +30,6 @@ class FileSource:
     A file that is replaced, as by ``--rotate``, or that becomes shorter is read anew.
     """
 
-    can_tare = False
-
     def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
         self._path, self._now = Path(path), now
         form = format_of(path)

@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import tornado.httpserver
 import tornado.iostream
@@ -23,8 +23,10 @@ import tornado.websocket
 from gnuradio.wiforce.io.network.zmq_sockets import is_loopback
 
 from .address import PageAddress
+from .file_source import FileSource
 from .page import bokeh_scripts, figures
 from .page_state import PageState
+from .zmq_source import ZmqSource
 
 # A viewer whose last message has not left this machine for so long is disconnected.
 STALLED_S = 20.0
@@ -88,29 +90,12 @@ _POLICY = (
 )
 
 
-class Source(Protocol):
-    """What the page shows: `FileSource` or `ZmqSource`."""
-
-    @property
-    def can_tare(self) -> bool:
-        """Whether there is a reader that can be asked for a tare."""
-
-    def fileno(self) -> int | None:
-        """Descriptor that becomes readable when something may be new, if there is one."""
-
-    def poll(self, page_state: PageState) -> None:
-        """Give the state what is new; never waits."""
-
-    def close(self) -> None:
-        """Give back what is open."""
-
-
 class PageServer:
     """Serves one source; ``length_mm`` is the length of sensors whose source does not state it."""
 
     def __init__(
         self,
-        source: Source,
+        source: FileSource | ZmqSource,
         address: PageAddress,
         listening: socket.socket,
         history_s: float = HISTORY_S,

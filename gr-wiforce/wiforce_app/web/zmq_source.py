@@ -49,11 +49,6 @@ class ZmqSource:
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
 
-    @property
-    def can_tare(self) -> bool:
-        """Whether the reader accepts requests."""
-        return self._control is not None
-
     def fileno(self) -> int:
         """Descriptor that becomes readable when messages may have come in."""
         return self._subscriber.fileno()
@@ -132,7 +127,7 @@ class ZmqSource:
             take(answer)
 
     def _status(self) -> dict[str, Any]:
-        status = {**self._shown, "source": self._name, "can_tare": self.can_tare}
+        status = {**self._shown, "source": self._name, "can_tare": self._control is not None}
         if self._heard_s is None:
             status["reason"] = f"no messages from {self._name} yet"
         elif not self.ended and (silent_s := self._now() - self._heard_s) > _SILENT_S:

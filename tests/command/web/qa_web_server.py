@@ -33,8 +33,6 @@ SERVER = "wiforce_app.web.server"  # with Bokeh, which takes 1.5 s
 class NoSource:
     """A source that has nothing to say."""
 
-    can_tare = False
-
     def fileno(self):
         return None
 
