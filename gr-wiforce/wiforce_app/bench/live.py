@@ -146,7 +146,10 @@ def live(as_json, presses, latency, msps):
     rates = msps or list(_SETTINGS)
     with progress("pressing", len(rates) * presses) as step:
         for rate in rates:
-            rows.append(_measure(rate, presses, latency, step))
+            try:
+                rows.append(_measure(rate, presses, latency, step))
+            except RuntimeError as error:  # of the software N210
+                raise click.ClickException(str(error)) from error
     echo(rows, as_json, lambda _: table(rows, COLUMNS))
 
 
@@ -172,7 +175,7 @@ def _measure(msps, presses, latency, step):
     with tempfile.TemporaryDirectory(prefix="wiforce-live-") as folder:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(json.dumps(scene_of(msps)), encoding="utf-8")
-        with _device(scene) as device, _live_reader(scene, device, latency) as (port, reader):
+        with DeviceProcess(scene) as device, _live_reader(scene, device, latency) as (port, reader):
             with closing(_Messages(port)) as messages:
                 messages.wait_for(touched=False)
                 before, rng = _counters(device, reader.pid), random.Random(1)
@@ -232,16 +235,6 @@ def _press(device, messages, rng):
     time.sleep(_HELD_S)
     device.command("release arm")
     return delay_s
-
-
-@contextmanager
-def _device(scene):
-    try:
-        device = DeviceProcess(scene)
-    except RuntimeError as error:
-        raise click.ClickException(str(error)) from error
-    with device:
-        yield device
 
 
 def _counters(device, pid):

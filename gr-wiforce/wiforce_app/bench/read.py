@@ -273,6 +273,8 @@ def measure(setting, folder, seconds):
     try:
         settings = plan(scene)
     except InputError:
+        if setting.axis:
+            raise  # else an exponent would silently be that of fewer points
         return None
     plan_s = time.process_time() - start
     capture = _recorded(scene, folder, seconds)

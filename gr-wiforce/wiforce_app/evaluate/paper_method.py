@@ -23,12 +23,7 @@ _BATCH_SAMPLES = 1 << 22
 
 
 def snapshot_channels(recording, scene, path):
-    """Compute H of every snapshot of the first receive antenna.
-
-    Returns memmap of complex64, shape (N, K): subcarriers as in the scene's waveform.
-
-    ``path``: file that holds the result.
-    """
+    """H of every snapshot of the first receive antenna, (N, K) of complex64, in a new file."""
     waveform = scene.waveform()
     factors = waveform.equalizer().astype(np.complex64)
     frames = folded_reader(**frame_settings(recording, waveform, frame_offset=0))
@@ -52,15 +47,10 @@ def plan_without_survey(scene):
 
 
 def paper_changes(channels, scene):
-    """Change of every group since the first, by Fourier sums at the lines 1 and 4.
+    """Change (groups, 2S) of every group since the first, by Fourier sums at the lines 1 and 4.
 
-    Each group is compared with the previous one (paper, section 3.3) and the changes accumulate.
-    Nothing is surveyed, and no snapshot is left out, because the paper does neither.
-
-    Returns ndarray of complex, shape (groups, 2S): of magnitude 1.
-
-    ``channels`` (N, K) of complex: of one receive antenna (see `snapshot_channels`), because the
-    paper has one.
+    Each group of `snapshot_channels` is compared with the previous one (paper, section 3.3) and the
+    changes accumulate. Nothing is surveyed, and no snapshot is left out: the paper does neither.
     """
     settings = plan_without_survey(
         replace(
@@ -84,13 +74,10 @@ def paper_changes(channels, scene):
 
 
 def paper_errors(scene, index, changes, truth, detrend):
-    """Errors in groups with a steady touch; the method is given the true times of touch.
+    """The `summary` of a sensor's errors in groups with a steady touch, at the true times of touch.
 
-    Returns dict: see `summary`.
-
-    ``index``: number of the sensor in the scene; ``changes`` (groups, 2S) of complex; ``truth``:
-    truth rows of the sensor, one per group; ``detrend``: whether to subtract the straight line
-    through the untouched reference first, which removes a constant clock offset.
+    ``detrend``: subtract the straight line through the untouched reference first, which removes a
+    constant clock offset.
     """
     count = min(len(changes), len(truth))
     angles = np.unwrap(np.angle(changes[:count, 2 * index : 2 * index + 2]), axis=0)

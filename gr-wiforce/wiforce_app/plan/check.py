@@ -26,7 +26,13 @@ from ..read.room_news import describe_events
 from ..shell.interrupts import FAILED
 from ..shell.log import log
 from ..shell.options import csi_file, csi_options, optional_radio_options, sample_type
-from .check_capture import LEVEL_FRAMES, advice_on_levels, advice_on_sensors, level_lines
+from .check_capture import (
+    LEVEL_FRAMES,
+    advice_on_levels,
+    advice_on_sensors,
+    labelled,
+    level_lines,
+)
 from .check_file import check_file
 
 _SEARCHES = 16
@@ -182,12 +188,11 @@ def _advice_on_loss(findings):
 
 def _text(findings):
     settings = ", ".join(f"{key} {value}" for key, value in findings.settings.items())
-    lines = [f"device     {findings.hardware}", f"set to     {settings}"]
+    lines = [("device", findings.hardware), ("set to", settings)]
     if findings.levels is not None:
         lines += level_lines(findings.levels)
-        lines.append(f"delay      {findings.delay_us:.2f} us from transmit to receive")
-    lines += [f"{sensor.name:10s} {sensor}" for sensor in findings.sensors]
-    lines += [f"room       {finding_line(finding)}" for finding in findings.room]
-    lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
-    lines += [f"note       {text}" for text in findings.notes]
-    return "\n".join(lines)
+        lines.append(("delay", f"{findings.delay_us:.2f} us from transmit to receive"))
+    lines += [(sensor.name, sensor) for sensor in findings.sensors]
+    lines += [("room", finding_line(finding)) for finding in findings.room]
+    advice = findings.advice or ["none, ready to measure"]
+    return labelled(lines, {"advice": advice, "notes": findings.notes})

@@ -188,36 +188,42 @@ def report(found):
     """The result of :func:`check_capture` as text for a terminal."""
     lines = []
     for file in found["files"]:
-        carrier = file["center_frequency_hz"]
-        named = "unknown carrier" if carrier is None else f"{carrier / 1e6:g} MHz"
         rate = f"{file['sample_rate_hz'] / 1e6:g} Msps"
         lost = f"{file['samples_lost']} samples lost in {file['gaps']} gaps"
         lines += [
-            f"capture    {file['path']}: {file['datatype']}, {rate}, {named}",
-            f"length     {file['seconds']:.3f} s, {file['samples']} samples, {lost}",
-            f"checksum   {file['checksum']}",
+            ("capture", f"{file['path']}: {file['datatype']}, {rate}, {carrier_text(file)}"),
+            ("length", f"{file['seconds']:.3f} s, {file['samples']} samples, {lost}"),
+            ("checksum", file["checksum"]),
         ]
-    lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
+    lines.append(("frames", f"found; the first begins at sample {found['first_frame']}"))
     lines += level_lines(found["levels"])
-    lines += [f"{tag['name']:10s} {MeasuredTag(**tag)}" for tag in found["sensors"]]
+    lines += [(tag["name"], MeasuredTag(**tag)) for tag in found["sensors"]]
     ready = "none, ready to be read; only `read` can tell whether its start was untouched"
-    lines += [f"advice     {text}" for text in found["advice"] or [ready]]
-    lines += [f"note       {text}" for text in found["notes"]]
-    return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
+    return labelled(lines, {**found, "advice": found["advice"] or [ready]})
+
+
+def labelled(lines, found):
+    """Lines for a terminal: labels and texts, then advice, notes and warnings."""
+    for key, label in (("advice", "advice"), ("notes", "note"), ("warnings", "warning")):
+        lines = [*lines, *((label, text) for text in found.get(key, ()))]
+    return "\n".join(f"{label:10s} {text}" for label, text in lines)
+
+
+def carrier_text(file):
+    """The carrier of a file, in words."""
+    hertz = file["center_frequency_hz"]
+    return "unknown carrier" if hertz is None else f"carrier {hertz / 1e6:g} MHz"
 
 
 def level_lines(levels):
-    """Levels as lines for a terminal.
-
-    ``levels``: the fields of :class:`Levels`.
-    """
+    """The fields of :class:`Levels` as labels and texts."""
     noise = levels["noise_dbfs"]
     return [
-        f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
-        f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
-        f"noise      {'unknown' if noise is None else f'{noise:.1f} dBFS'}",
-        f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
-        f"phase      {_phase_noise(levels['phase_noise_dbc_hz'])}",
+        ("peak", f"{levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped"),
+        ("preamble", f"{levels['preamble_dbfs']:.1f} dBFS"),
+        ("noise", "unknown" if noise is None else f"{noise:.1f} dBFS"),
+        ("DC offset", f"{levels['dc_dbfs']:.1f} dBFS"),
+        ("phase", _phase_noise(levels["phase_noise_dbc_hz"])),
     ]
 
 

@@ -28,7 +28,7 @@ from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from ..plan import check_capture
 from ..read.recordings import SAMPLES_ONLY, open_recording
 from ..shell.options import refuse
-from .check_capture import advice_on_levels
+from .check_capture import advice_on_levels, carrier_text, labelled
 
 # Samples that are looked at, the first ones, and the length of a piece whose power is compared.
 _MOST_SAMPLES, _PIECE = 4_000_000, 64
@@ -40,10 +40,7 @@ _LAGS, _ALIKE = {16: "short training symbols", 64: "symbols"}, 0.8
 
 
 def check_samples(capture):
-    """What a file of samples is, when no scene says so.
-
-    Returns dict: ``file``, ``levels``, ``bursts``, ``advice`` and ``notes``.
-    """
+    """What a file of samples is, when no scene says so."""
     samples = capture.read(_MOST_SAMPLES)
     finite = np.isfinite(samples)
     samples[~finite] = 0
@@ -115,23 +112,19 @@ def _sample_advice(found):
 def samples_text(found):
     """The result of :func:`check_samples` for a terminal."""
     file, levels, bursts = found["file"], found["levels"], found["bursts"]
-    rate, carrier = file["sample_rate_hz"], file["center_frequency_hz"]
-    where = "carrier unknown" if carrier is None else f"carrier {carrier / 1e6:g} MHz"
+    rate = file["sample_rate_hz"]
     long = "rate unknown" if rate is None else f"{rate / 1e6:g} Msps, {file['seconds']:.3g} s"
-    symbols = ", ".join(bursts["repeated"]) or "no symbols"
-    return "\n".join(
-        [
-            f"file       {file['path']}: samples, {file['datatype']}",
-            f"length     {file['samples']} samples, {long}, {where}, {file['gaps']} gaps",
-            f"levels     peak {levels['peak_dbfs']:.1f} dBFS, mean {levels['mean_dbfs']:.1f}, "
-            f"quietest {levels['quietest_dbfs']:.1f}, {100 * levels['clipped']:.3g} % clipped",
-            f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
-            f"signal     {bursts['count']} bursts, {100 * bursts['share']:.0f} % of the time; "
-            f"{symbols} repeat",
-            *(f"note       {note}" for note in found["notes"]),
-            *(f"advice     {advice}" for advice in found["advice"]),
-        ]
-    )
+    size = f"{file['samples']} samples, {long}, {carrier_text(file)}, {file['gaps']} gaps"
+    powers = "peak {peak_dbfs:.1f} dBFS, mean {mean_dbfs:.1f}, quietest {quietest_dbfs:.1f}"
+    often = f"{bursts['count']} bursts, {100 * bursts['share']:.0f} % of the time"
+    lines = [
+        ("file", f"{file['path']}: samples, {file['datatype']}"),
+        ("length", size),
+        ("levels", f"{powers.format(**levels)}, {100 * levels['clipped']:.3g} % clipped"),
+        ("DC offset", f"{levels['dc_dbfs']:.1f} dBFS"),
+        ("signal", f"{often}; {', '.join(bursts['repeated']) or 'no symbols'} repeat"),
+    ]
+    return labelled(lines, found)
 
 
 def _db(power):
@@ -155,12 +148,7 @@ _GAP_INTERVALS, _GAP_S = 20, 0.1
 
 
 def check_snapshots(recording, kind):
-    """What a file of channel snapshots is, and what it allows.
-
-    Returns dict: ``file``, ``timing``, ``antennas``, ``tag`` (or None), ``one_antenna`` (or None),
-    ``advice`` and ``notes``.
-    ``kind``: of the file, in words.
-    """
+    """What a file of channel snapshots, of a kind in words, is, and what it allows."""
     rows = slice(0, _MOST_PACKETS)
     channel, time_s = recording.channel[rows], recording.time_s[rows]
     coarse, fine = (
@@ -316,39 +304,37 @@ def _snapshot_advice(found):
 def snapshots_text(found):
     """The result of :func:`check_snapshots` for a terminal."""
     file, timing, antennas, tag = (found[key] for key in ("file", "timing", "antennas", "tag"))
-    carrier = file["center_frequency_hz"]
-    where = "carrier unknown" if carrier is None else f"carrier {carrier / 1e6:g} MHz"
+    level_db, snr_db = ("/".join(f"{v:g}" for v in antennas[k]) for k in ("level_db", "snr_db"))
+    size = f"{file['packets']} in {file['seconds']:.3g} s, {file['subcarriers']} subcarriers over"
+    rate = f"{timing['packets_per_s']:.0f} packets/s"
+    interval = f"median interval {1e3 * timing['median_interval_s']:.3g} ms"
+    snr = f"SNR of one packet {snr_db} dB"
     lines = [
-        f"file       {file['path']}: {file['kind']}",
-        f"packets    {file['packets']} in {file['seconds']:.3g} s, "
-        f"{file['subcarriers']} subcarriers over {file['bandwidth_hz'] / 1e6:.3g} MHz, {where}",
-        f"timing     {timing['packets_per_s']:.0f} packets/s, median interval "
-        f"{1e3 * timing['median_interval_s']:.3g} ms, {_gaps(timing)}",
-        f"antennas   {antennas['count']}, levels {_list(antennas['level_db'])} dB, SNR of one "
-        f"packet {_list(antennas['snr_db'])} dB",
+        ("file", f"{file['path']}: {file['kind']}"),
+        ("packets", f"{size} {file['bandwidth_hz'] / 1e6:.3g} MHz, {carrier_text(file)}"),
+        ("timing", f"{rate}, {interval}, {_gaps(timing)}"),
+        ("antennas", f"{antennas['count']}, levels {level_db} dB, {snr}"),
     ]
+    reading = f"in readings of {_READING_S:g} s"
     if antennas["count"] > 1:
-        lines.append(f"phases     {_states(antennas)}")
-    if found["one_antenna"]:
-        alone = found["one_antenna"]
-        lines.append(
-            f"left       {alone['kept_db']:.1f} dB of a tag beside the phases of the packets, as "
-            f"there is one antenna: errors of {alone['phase_error_deg']:.2g} deg in readings of "
-            f"{_READING_S:g} s for one {-alone['tag_db']:.0f} dB below the direct path"
-        )
+        changes = f"{antennas['states']} states, {antennas['changes']} changes: followed; "
+        within = f"between the antennas they vary by {antennas['phase_std_deg']:.2g} deg rms"
+        several = antennas["states"] > 1
+        lines.append(("phases", f"{changes}within a state, {within}" if several else within))
+    if alone := found["one_antenna"]:
+        part = f"{alone['kept_db']:.1f} dB of a tag beside the phases of the packets"
+        error = f"errors of {alone['phase_error_deg']:.2g} deg {reading}"
+        far = f"for one {-alone['tag_db']:.0f} dB below the direct path"
+        lines.append(("left", f"{part}, as there is one antenna: {error} {far}"))
     if tag is None:
-        lines.append("tag        none is seen between 50 and 400 Hz")
+        lines.append(("tag", "none is seen between 50 and 400 Hz"))
     else:
         seen = "or a lamp, seen" if tag["may_be_a_lamp"] else "seen"
-        lines += [
-            f"tag        {seen} at {tag['clock_hz']:.2f} Hz: line 1 is {-tag['line_db']:.0f} dB "
-            f"below the direct path, snr_db {tag['snr_db']:.0f}",
-            f"allows     phase errors of {tag['phase_error_deg']:.2g} deg in readings of "
-            f"{_READING_S:g} s, by noise alone",
-        ]
-    lines += [f"note       {note}" for note in found["notes"]]
-    lines += [f"advice     {advice}" for advice in found["advice"]]
-    return "\n".join(lines)
+        below = f"line 1 is {-tag['line_db']:.0f} dB below the direct path"
+        error = f"phase errors of {tag['phase_error_deg']:.2g} deg {reading}, by noise alone"
+        at = f"{seen} at {tag['clock_hz']:.2f} Hz: {below}, snr_db {tag['snr_db']:.0f}"
+        lines += [("tag", at), ("allows", error)]
+    return labelled(lines, found)
 
 
 def _gaps(timing):
@@ -362,20 +348,6 @@ def _gaps(timing):
     return words
 
 
-def _states(antennas):
-    within = f"between the antennas they vary by {antennas['phase_std_deg']:.2g} deg rms"
-    if antennas["states"] == 1:
-        return within
-    return (
-        f"{antennas['states']} states, {antennas['changes']} changes: followed; within a state, "
-        f"{within}"
-    )
-
-
-def _list(values):
-    return "/".join(f"{value:g}" for value in values)
-
-
 _TOOLS = {
     "intel": "Linux 802.11n CSI Tool (Intel 5300)",
     "atheros": "Atheros CSI Tool",
@@ -385,12 +357,7 @@ _TOOLS = {
 
 
 def check_file(path, scene_path, datatype, csi):
-    """Examine a file of any kind.
-
-    Returns found; text: the same for a terminal. ``scene_path``: for samples: what was sent. By
-    default the capture's own; ``datatype``: of raw samples; by default found by their values;
-    ``csi``: arguments of ``open_csi``; by default found by the file itself.
-    """
+    """What a file of any kind is, and the same for a terminal; the options say what it may be."""
     if datatype is None and csi is None and _is_raw(path):
         datatype = likely_datatype(path)
     recording = open_recording(path, datatype, csi)

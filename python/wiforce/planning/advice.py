@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Advice on a scene: what may go wrong, and changes that would make its readings better."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,17 +149,11 @@ def warnings(plan: Plan) -> list[str]:
     """What may go wrong in a scene, a sentence each."""
     scene = plan.require_scene()
     if scene.packets is not None:
-        return [
-            *packet_warnings(plan),
-            *_motion_warnings(scene, plan),
-            *_receiver_warnings(scene),
-            *_sensor_warnings(scene),
-            *other_sensors_pressed(plan),
-        ]
+        own = [*packet_warnings(plan)]
+    else:
+        own = [*outside_band(scene), *_clock_warnings(scene, plan), *_lamp_warnings(scene, plan)]
     return [
-        *outside_band(scene),
-        *_clock_warnings(scene, plan),
-        *_lamp_warnings(scene, plan),
+        *own,
         *_motion_warnings(scene, plan),
         *_receiver_warnings(scene),
         *_spur_warnings(scene, plan),
@@ -403,32 +397,25 @@ def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
         clocks_hz = clocks_for(scene, len(scene.sensors)).clocks_hz
     except InputError:
         return
-    others = [i for i, hz in enumerate(clocks_hz) if hz != scene.sensors[i].clock_hz]
-    for i in others:
+    now_hz, mains_hz = [s.clock_hz for s in scene.sensors], scene.environment.possible_mains_hz
+    others = [i for i, hz in enumerate(clocks_hz) if hz != now_hz[i]]
+    last = len(clocks_hz) - 1
+    for tags in [[i] for i in others] + [others] * (len(others) > 1):
+        alone = len(tags) == 1
+        key, whose = f"sensors[0..{last}].clock_hz", "all tags"
+        if alone:
+            key, whose = f"sensors[{tags[0]}].clock_hz", f"'{scene.sensors[tags[0]].name}'"
+        now, then = (
+            min(float(lamp_distances_hz(clocks[i], mains_hz).min()) for i in tags)
+            for clocks in (now_hz, clocks_hz)
+        )
+        reason = "further from those of other tags"
+        if then > now:
+            lamps = f"from {lamp_multiples(mains_hz)}, where lamps have theirs"
+            reason = f"{then:g} Hz instead of {now:g} Hz {lamps}"
+        shown = ", ".join(f"{clocks_hz[i]:.9g}" for i in (tags if alone else range(last + 1)))
         yield (
-            f"sensors[{i}].clock_hz: {clocks_hz[i]:.9g}",
-            f"lines of '{scene.sensors[i].name}' are {_clock_reason(scene, [i], clocks_hz)}",
-            scene.with_clocks({i: clocks_hz[i]}),
+            f"{key}: {shown}",
+            f"lines of {whose} are {reason}",
+            scene.with_clocks({i: clocks_hz[i] for i in tags}),
         )
-    if len(others) > 1:
-        shown = ", ".join(f"{hz:.9g}" for hz in clocks_hz)
-        yield (
-            f"sensors[0..{len(clocks_hz) - 1}].clock_hz: {shown}",
-            f"lines of all tags are {_clock_reason(scene, others, clocks_hz)}",
-            scene.with_clocks(dict(enumerate(clocks_hz))),
-        )
-
-
-def _clock_reason(scene: Scene, tags: Sequence[int], clocks_hz: Sequence[float]) -> str:
-    """Why some tags should have other clocks."""
-    mains_hz = scene.environment.possible_mains_hz
-    now, then = (
-        min(float(lamp_distances_hz(hz, mains_hz).min()) for hz in clocks)
-        for clocks in ([scene.sensors[i].clock_hz for i in tags], [clocks_hz[i] for i in tags])
-    )
-    if then > now:
-        return (
-            f"{then:g} Hz instead of {now:g} Hz from {lamp_multiples(mains_hz)}, where lamps have "
-            "theirs"
-        )
-    return "further from those of other tags"

@@ -25,11 +25,18 @@ from ..signal.lines import (
     lamp_distances_hz,
     tag_lines,
 )
-from ..signal.switching import harmonics, switch_averages
-from ..signal.timed_weights import clutter_at, timed_lines
+from ..signal.switching import harmonics
+from ..signal.timed_weights import timed_lines
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
-from .loss import BANDS_HZ, end_variances, typical_times_s
+from .loss import (
+    BANDS_HZ,
+    end_variances,
+    end_waveforms,
+    timed_clutter,
+    typical_times_s,
+    variances,
+)
 from .plan import Plan
 
 # Lines of two tags: strong lines at the same number, or at numbers 1:2 and 1:4. Other pairs of
@@ -71,11 +78,9 @@ class LineTable:
         return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
 
     def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Share of an end's power that an end of another tag may explain, at the worst clock
-        phases.
+        """Share (C', 2, 2) of the power of ``chosen`` tags' ends that ends of another may explain.
 
-        (C', 2, 2), by end of each ``chosen`` tag and end of the tag ``index``, whose overlap with
-        itself is that of its lines of different numbers, where one of them is aliased.
+        At the worst clock phases; with itself, that of its lines of other numbers, by aliases.
         """
         rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
         m = np.arange(1, _HARMONICS + 1)
@@ -110,13 +115,11 @@ class LineTable:
 
 
 def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
-    """How many clocks of one octave can be used together, the first free one after ``start`` among
-    them.
+    """How many clocks of one octave without ``conflicts`` (C, C) fit, from a free one on.
 
-    ``conflicts`` (C, C) are pairs of clocks, ascending within an octave, that are too near to each
-    other. Clocks of an octave conflict with their neighbours only, so that the nearest one which is
-    possible is never a wrong choice. The octave is a circle, since the lines of its lowest clock
-    lie beside those of its highest.
+    They ascend and conflict with their neighbours only, so that the nearest one which is possible
+    is never a wrong choice. The octave is a circle, since the lines of its lowest clock lie beside
+    those of its highest.
     """
     open_ = np.roll(free, -start)
     turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
@@ -203,11 +206,7 @@ def assess_clocks(
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
 ) -> ClockReport:
-    """How well the ends of tags with given clocks can be separated.
-
-    Clocks may be off by ``tolerance_ppm``; ``clutter_hz`` is the highest Doppler frequency of
-    anything that moves.
-    """
+    """How well the ends of tags can be separated whose clocks may be off by ``tolerance_ppm``."""
     information = worst_information(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
     ends = []
     for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
@@ -250,37 +249,19 @@ def worst_information(
     tolerance_ppm: float,
     clutter_hz: float,
 ) -> np.ndarray:
-    """Information q (2S,) of every end at the least favourable clock phases and errors.
-
-    Power per snapshot of the part of its waveform that no other waveform explains.
-    """
+    """Power per snapshot (2S,) of what no other waveform explains, at the worst clock phases."""
     period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
     times_s = centered_times_s(group_length, period_s)
     clutter = clutter_basis(group_length, period_s, clutter_hz)
-    worst = np.full(2 * len(clocks_hz), np.inf)
-    phases = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
-    trials = np.arange(_TRIALS)
+    worst = np.zeros(2 * len(clocks_hz))
+    starts = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
+    errors = np.add.outer(np.arange(_TRIALS), np.arange(len(clocks_hz))) % 3 - 1
+    trials_hz = np.array(clocks_hz) * (1 + 1e-6 * tolerance_ppm * errors)
     # Some trials at once: all of them would take 100 MB for many tags in long groups.
-    for some in np.array_split(trials, _BATCHES):
-        columns = []
-        for tag, clock_hz in enumerate(clocks_hz):
-            error = tolerance_ppm * 1e-6 * ((some + tag) % 3 - 1)
-            cycles = np.multiply.outer(clock_hz * (1 + error), times_s) + phases[some, tag, None]
-            columns.append(switch_averages(2 * np.pi * cycles, np.pi * clock_hz * averaging_s))
-        waveforms = np.concatenate(columns, axis=-1)
-        waveforms -= clutter @ (clutter.T @ waveforms)
-        found = _unexplained(waveforms) / group_length
-        worst = np.minimum(worst, found.min(axis=0))
-    return worst
-
-
-def _unexplained(waveforms: np.ndarray) -> np.ndarray:
-    """Energy of each column's residual after projection on the others; shape (..., columns)."""
-    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=-2), 1e-300))
-    scaled = waveforms / scale[..., None, :]
-    values, vectors = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
-    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9)[..., None, :], axis=-1)
-    return scale**2 / inverse
+    for some in np.array_split(np.arange(_TRIALS), _BATCHES):
+        waveforms = end_waveforms(trials_hz[some], starts[some], times_s, averaging_s, clutter)
+        worst = np.maximum(worst, variances(waveforms).max(axis=0))
+    return 1 / (worst * group_length)
 
 
 def _phase_margin(averaging_cycles: float) -> float:
@@ -329,19 +310,14 @@ def lamp_multiples(mains_hz: Sequence[float]) -> str:
 # Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
 # gain nothing where packets are irregular, and meet their own aliases where they are regular.
 _LOWEST_HZ, _HIGHEST_HZ, _PACKET_STEP_HZ = 50.0, 200.0, 1.0
-# Clocks that leave the worst end this much of the best one's information have about the same
-# expected error, 2.5 % of a standard deviation; among them lamps decide.
-_NEARLY_ALL = 0.95
 # Bins between strong lines of two tags.
 _APART_BINS = 4
 
 
 def packet_clocks(scene: Scene, count: int) -> tuple[list[float], float] | None:
-    """Clocks in Hz for a number of tags, and what the weakest end loses, in dB.
+    """Clocks in Hz for a number of tags, as :func:`_ranked`, and what the weakest end loses, in dB.
 
-    One after the other, each leaves the worst end nearly the most information at the times of a
-    typical group; among such clocks, it is the one farthest from the lines of lamps. None where
-    tags cannot be distinguished from each other, from clutter and from themselves.
+    None where tags cannot be distinguished from each other, from clutter and from themselves.
     """
     tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
     chosen: list[TagClock] = []
@@ -357,23 +333,42 @@ def packet_clocks(scene: Scene, count: int) -> tuple[list[float], float] | None:
 
 def _best(scene: Scene, chosen: Sequence[TagClock], clock: TagClock) -> TagClock | None:
     """The clock of a further tag beside those chosen."""
-    mains_hz = scene.environment.possible_mains_hz
-    others_hz = np.array([other.clock_hz for other in chosen])
-    apart_hz = _APART_BINS / scene.group_period_s
-    found: list[tuple[float, float, TagClock]] = []
-    for hertz in np.arange(_LOWEST_HZ, _HIGHEST_HZ + _PACKET_STEP_HZ / 2, _PACKET_STEP_HZ).tolist():
-        trial = replace(clock, clock_hz=hertz)
-        if np.any(line_distances_hz(np.array(hertz), others_hz) < apart_hz):
-            continue
-        if not _distinct(scene, [*others_hz.tolist(), hertz]):
-            continue
-        information = float(1 / _variances(scene, [*chosen, trial], _clutter_hz(scene)).max())
-        found.append((information, float(lamp_distances_hz(hertz, mains_hz).min()), trial))
-    if not found:
+    others_hz = [other.clock_hz for other in chosen]
+    candidates = np.arange(_LOWEST_HZ, _HIGHEST_HZ + _PACKET_STEP_HZ / 2, _PACKET_STEP_HZ)
+    apart_hz = line_distances_hz(candidates[:, None], np.array(others_hz))
+    candidates = candidates[(apart_hz >= _APART_BINS / scene.group_period_s).all(axis=1)]
+    possible_hz = [hz for hz in candidates.tolist() if _distinct(scene, [*others_hz, hz])]
+    trials = [replace(clock, clock_hz=hz) for hz in possible_hz]
+    if not trials:
         return None
-    most = max(information for information, _, _ in found)
-    good = [each for each in found if each[0] >= _NEARLY_ALL * most]
-    return max(good, key=lambda each: (each[1], each[0]))[2]
+    variance = [_variances(scene, [*chosen, t], _clutter_hz(scene)).max() for t in trials]
+    lamps_hz = _lamp_distances_hz(possible_hz, scene.environment.possible_mains_hz)
+    return trials[next(_ranked(np.array(variance) / min(variance), lamps_hz))]
+
+
+def _lamp_distances_hz(
+    clocks_hz: Sequence[float] | np.ndarray, mains_hz: Sequence[float]
+) -> np.ndarray:
+    """Least distance of strong lines of each clock from those of lamps, in Hz."""
+    return np.array([lamp_distances_hz(hz, mains_hz).min() for hz in clocks_hz])
+
+
+def _ranked(
+    cost: np.ndarray, lamps_hz: np.ndarray, moved_hz: np.ndarray | None = None
+) -> Iterator[int]:
+    """Candidates, the best one first: of those that cost about the least, by lamps and the cost.
+
+    ``moved_hz`` from a clock that a tag has now: such a clock stays unless another one lies half as
+    far again from lamps, and candidates near to it go first among equals.
+    """
+    if not cost.size:
+        return
+    moved = np.full(cost.shape, np.inf) if moved_hz is None else moved_hz
+    good = cost <= cost.min() + _ABOUT_EQUAL
+    # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
+    lamps = lamps_hz * np.where(moved < _SAME_HZ, FARTHER * (1 - 1e-9), 1.0)
+    order = np.lexsort((cost, *np.where(good, (moved, -lamps), 0.0), ~good))
+    yield from map(int, order)
 
 
 def _clutter_hz(scene: Scene) -> float:
@@ -392,7 +387,7 @@ def _distinct(scene: Scene, clocks_hz: Sequence[float]) -> bool:
 def _variances(scene: Scene, clocks: Sequence[TagClock], clutter_hz: float) -> np.ndarray:
     """Of the ends at the times of a typical group, beside clutter of a band; shape (2S,)."""
     times_s = typical_times_s(scene)
-    clutter = np.linalg.qr(clutter_at(times_s, scene.group_period_s, clutter_hz))[0]
+    clutter = timed_clutter(times_s, scene.group_period_s, clutter_hz)
     return end_variances(clocks, times_s, scene.waveform().averaging_s, clutter)
 
 
@@ -453,7 +448,7 @@ def propose_clocks(
     search = _Search(candidates, taken, settings, mains_hz, near_hz)
     found = search.best(count, bin_hz)
     if found is None:
-        fewer = range(1, min(count - 1, search.fitting(bin_hz)) + 1)
+        fewer = range(1, count)
         fitting = bisect_left(fewer, True, key=lambda n: search.best(n, bin_hz) is None)
         beside = "beside these clocks " if taken else ""
         rule = (
@@ -560,7 +555,7 @@ class _Search:
         self._clocks = np.r_[candidates, self._taken]
         self._lines = LineTable(self._clocks, waveform, group_length, tolerance_ppm)
         self._distances_hz = line_distances_hz(candidates[:, None], self._clocks, tolerance_ppm)
-        self._lamps_hz = np.array([lamp_distances_hz(hz, mains_hz).min() for hz in candidates])
+        self._lamps_hz = _lamp_distances_hz(candidates, mains_hz)
         # The highest octave, where most fit.
         self._octave = np.flatnonzero(candidates > candidates.max(initial=0) / 2)
         every = range(len(self._clocks))
@@ -582,10 +577,6 @@ class _Search:
             if chosen is not None:
                 return self._clocks[chosen].tolist()
         return None
-
-    def fitting(self, distance_hz: float) -> int:
-        """How many candidates can be used together when only the distance of lines counts."""
-        return self._packed(*self._constraints(distance_hz))
 
     def _constraints(self, distance_hz: float) -> tuple[np.ndarray, np.ndarray]:
         """Which candidates are too near to each other, and which are not to those in use."""
@@ -627,7 +618,10 @@ class _Search:
             cost = lost[: len(free)].max(axis=1)
             for tag, overlap in overlaps.items():
                 cost = np.maximum(cost, (lost[tag] + overlap[: len(free)].sum(axis=1)).max(axis=1))
-            for best in self._ranked(free, cost, near_hz):
+            apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
+            moved_hz = apart_hz.min(axis=1, initial=np.inf)
+            for each in _ranked(cost[free], self._lamps_hz[free], moved_hz[free]):
+                best = int(np.flatnonzero(free)[each])
                 rest = free & ~conflicts[best]
                 fits = self._packed(conflicts, rest) >= count - len(chosen) - 1
                 if fits and self._separable([*overlaps, best]):
@@ -647,21 +641,6 @@ class _Search:
         overlap[tag] = 0.0
         lost += overlap.sum(axis=2)
         overlaps[tag] = overlap
-
-    def _ranked(
-        self, free: np.ndarray, cost: np.ndarray, near_hz: Sequence[float]
-    ) -> Iterator[int]:
-        """Free candidates, the best one first."""
-        if not free.any():
-            return
-        good = cost <= cost[free].min() + _ABOUT_EQUAL
-        apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
-        moved_hz = apart_hz.min(axis=1) if len(near_hz) else np.zeros(len(free))
-        # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
-        own = (moved_hz < _SAME_HZ) & (len(near_hz) > 0)
-        lamps_hz = self._lamps_hz * np.where(own, FARTHER * (1 - 1e-9), 1.0)
-        order = np.lexsort((cost, *np.where(good, (moved_hz, -lamps_hz), 0.0), ~good))
-        yield from (int(i) for i in order if free[i])
 
     def _separable(self, tags: Sequence[int]) -> bool:
         """Whether a receiver can separate the lines that it uses at least."""

@@ -19,11 +19,11 @@ from ..sensor import SensorModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import wrap_deg
 from ..signal.switching import harmonics
-from ..signal.timed_weights import clutter_at
 from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.skin import pressed_sensor
 from ..simulation.synthesizers import noise_over_static
+from .loss import timed_clutter
 from .off_states import off_error_deg, turn_std_deg
 
 if TYPE_CHECKING:
@@ -246,10 +246,9 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
 def _limit(
     model: SensorModel, carrier_hz: float, points: np.ndarray, noise: np.ndarray, wrong: np.ndarray
 ) -> str:
-    """What most of the variance of the force comes from.
+    """What most of the variance of the force at ``points`` (n, 2) comes from.
 
-    ``points`` (n, 2): force and location; of phases (2,) in deg ``noise``: standard deviation by
-    the radio, ``wrong``: by what is unknown of the off states.
+    Standard deviations (2,) of phases in deg: ``noise`` of the radio, ``wrong`` by off states.
     """
 
     def share(std: np.ndarray) -> float:
@@ -265,12 +264,8 @@ def _limit(
 
 
 def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndarray) -> np.ndarray:
-    """Expected standard deviations of steady readings over force and location.
-
-    Returns ndarray, shape (F, L, 2): of force in N and of location in mm, by the noise of the
-    scene's radio and by the calibration.
-
-    ``sensor``: index in the plan; ``force_n`` (F,), ``location_mm`` (L,).
+    """Expected standard deviations (F, L, 2) of steady readings, in N and mm, over force (F,) and
+    location (L,): by the noise of the scene's radio and by the calibration.
     """
     planned, carrier_hz = plan.sensors[sensor], plan.center_frequency_hz
     grid = np.meshgrid(force_n, location_mm, indexing="ij")
@@ -365,9 +360,7 @@ def _pressed_points(scene: Scene) -> list[np.ndarray | None]:
 def _presses(scene: Scene, index: int) -> np.ndarray | None:
     """Groups in which a sensor is steadily touched; None where there are none.
 
-    Returns ndarray, shape (n, 6) or None: force, location, changes of both phases against the
-    untouched sensor, and how much of these changes is motion of the tag (twice, one for each
-    phase).
+    (n, 6): force, location, changes of both phases, and how much of these is motion of the tag.
     """
     carrier_hz = scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s
@@ -444,7 +437,7 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
     times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
     if plan.times_s is not None:
         times_s, length = plan.times_s, plan.group_length
-        clutter = np.linalg.qr(clutter_at(times_s, plan.group_period_s, plan.clutter_hz))[0]
+        clutter = timed_clutter(times_s, plan.group_period_s, plan.clutter_hz)
     subcarriers = len(waveform.bins)
     ends, clocks = [], []
     for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):

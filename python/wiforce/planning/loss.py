@@ -8,9 +8,9 @@ import numpy as np
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
 from ..scene import Scene
-from ..signal.lines import CLUTTER_MARGIN, centered_times_s, clutter_basis, tag_lines
+from ..signal.lines import CLUTTER_MARGIN, Tone, centered_times_s, clutter_basis, tag_lines
 from ..signal.switching import switch_averages
-from ..signal.timed_weights import TimedTable, clutter_at, timed_lines, timed_table
+from ..signal.timed_weights import clutter_at, timed_lines
 
 # Clock phases that are tried, in cycles; they matter only where aliases meet other lines.
 _PHASES = (0.1, 0.37, 0.72)
@@ -29,80 +29,40 @@ def losses_db(
     clutter_hz: float,
     times_s: np.ndarray | None = None,
 ) -> dict[int, np.ndarray]:
-    """Loss of each end as :func:`line_loss_db` for several numbers of harmonics, rising.
-
-    Those of which a group resolves the lines, and the first one in any case. ``times_s`` (N,) are
-    irregular times of the snapshots from the group's centre.
-    """
-    clocks_hz, period_s = [clock.clock_hz for clock in clocks], group_length * snapshot_period_s
-    losses: dict[int, np.ndarray] = {}
-    for count in choices:
-        if times_s is None:
-            lines = tag_lines(clocks_hz, snapshot_period_s, group_length, count, clutter_hz)
-        else:
-            lines = timed_lines(clocks_hz, times_s, period_s, clutter_hz, count)
-        if losses and 2 * len(lines) >= group_length:
-            continue
-        if times_s is None:
-            settings = group_length, snapshot_period_s, averaging_s, clutter_hz, count
-            losses[count] = line_loss_db(clocks, *settings)
-        else:
-            table = timed_table(clocks_hz, times_s, period_s, clutter_hz, count)
-            losses[count] = timed_loss_db(clocks, table, averaging_s)
-    return losses
-
-
-def timed_loss_db(clocks: Sequence[TagClock], table: TimedTable, averaging_s: float) -> np.ndarray:
-    """As :func:`line_loss_db`, for the lines of a table of irregular times."""
-    times_s = table.times_s
-    clutter = np.linalg.qr(clutter_at(times_s, table.group_period_s, table.clutter_hz))[0]
-    upper = [tone.frequency_hz for tone in table.tones if tone.frequency_hz > 0]
-    return _loss_db(clocks, times_s, averaging_s, clutter, upper)
-
-
-def line_loss_db(
-    clocks: Sequence[TagClock],
-    group_length: int,
-    snapshot_period_s: float,
-    averaging_s: float,
-    clutter_hz: float,
-    harmonics: int,
-) -> np.ndarray:
-    """Loss (2S,) in dB of each end from using only lines +-1..+-``harmonics``, clocks off by their
-    tolerance.
+    """Loss (2S,) in dB of each end from using only lines +-1..+-harmonics, for several choices.
 
     Ratio of an end's variance to that of least squares over all snapshots of the same group, [s1,
-    s2, clutter]; the mean over some clock phases and both signs of the clocks' errors. N snapshots
-    of period T average over Ta; what moves has Doppler frequencies up to ``clutter_hz``.
+    s2, clutter]; the mean over some clock phases and both signs of the clocks' errors. Choices
+    rise; those of which a group resolves the lines count, and the first one in any case.
+    ``times_s`` (N,) are irregular times of the snapshots from the group's centre.
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
-    group_length = min(group_length, _LONGEST)
-    times_s = centered_times_s(group_length, snapshot_period_s)
-    clutter = clutter_basis(group_length, snapshot_period_s, clutter_hz)
-    tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)
-    upper = [tone.frequency_hz for tone in tones if tone.frequency_hz > 0]
-    return _loss_db(clocks, times_s, averaging_s, clutter, upper)
+    period_s, length = group_length * snapshot_period_s, min(group_length, _LONGEST)
+    if times_s is None:
+        at_s = centered_times_s(length, snapshot_period_s)
+        clutter = clutter_basis(length, snapshot_period_s, clutter_hz)
+    else:
+        at_s, clutter = times_s, timed_clutter(times_s, period_s, clutter_hz)
 
+    def tones(count: int, snapshots: int) -> Sequence[Tone]:
+        if times_s is not None:
+            return timed_lines(clocks_hz, times_s, period_s, clutter_hz, count)
+        return tag_lines(clocks_hz, snapshot_period_s, snapshots, count, clutter_hz)
 
-def _loss_db(
-    clocks: Sequence[TagClock],
-    times_s: np.ndarray,
-    averaging_s: float,
-    clutter: np.ndarray,
-    lines_hz: Sequence[float],
-) -> np.ndarray:
-    cycles = np.outer(times_s, lines_hz)
-    lines = np.hstack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)])
-    lines = np.linalg.qr(lines - clutter @ (clutter.T @ lines))[0]
-    grams = []
-    for phase in _PHASES:
-        for sign in (1, -1):
-            waveforms = _waveforms(clocks, phase, sign, times_s, averaging_s)
-            waveforms -= clutter @ (clutter.T @ waveforms)
-            projected = lines.T @ waveforms
-            grams.append([waveforms.T @ waveforms, projected.T @ projected])
-    whole, used = _variances(np.array(grams)).sum(axis=0)
-    return np.asarray(10 * np.log10(used / whole))
+    waveforms = np.concatenate(
+        [_waveforms(clocks, at_s, averaging_s, clutter, sign) for sign in (1, -1)]
+    )
+    whole = variances(waveforms).sum(axis=0)
+    losses: dict[int, np.ndarray] = {}
+    for count in choices:
+        if losses and 2 * len(tones(count, group_length)) >= group_length:
+            continue
+        upper = [tone.frequency_hz for tone in tones(count, length) if tone.frequency_hz > 0]
+        cycles = np.outer(at_s, upper)
+        lines = np.hstack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)])
+        lines = np.linalg.qr(lines - clutter @ (clutter.T @ lines))[0]
+        losses[count] = 10 * np.log10(variances(lines.T @ waveforms).sum(axis=0) / whole)
+    return losses
 
 
 def end_variances(
@@ -114,30 +74,58 @@ def end_variances(
     In units of the noise in H; the sum over some clock phases. ``clutter`` (N, order) is
     orthonormal.
     """
-    grams = []
-    for phase in _PHASES:
-        waveforms = _waveforms(clocks, phase, 1, times_s, averaging_s)
-        waveforms -= clutter @ (clutter.T @ waveforms)
-        grams.append(waveforms.T @ waveforms)
-    return np.asarray(_variances(np.array(grams)).sum(axis=0))
+    waveforms = _waveforms(clocks, times_s, averaging_s, clutter)
+    return np.asarray(variances(waveforms).sum(axis=0))
+
+
+def timed_clutter(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
+    """Orthonormal sequences (N, order) of clutter up to a frequency, at irregular times."""
+    return np.linalg.qr(clutter_at(times_s, period_s, clutter_hz))[0]
 
 
 def _waveforms(
-    clocks: Sequence[TagClock], phase: float, sign: int, times_s: np.ndarray, averaging_s: float
+    clocks: Sequence[TagClock],
+    times_s: np.ndarray,
+    averaging_s: float,
+    clutter: np.ndarray,
+    sign: int = 1,
 ) -> np.ndarray:
-    """Switching waveforms as columns, shape (N, 2S); clocks off in alternating directions."""
-    columns = []
-    for tag, clock in enumerate(clocks):
-        clock_hz = clock.clock_hz * (1 + (-1) ** tag * sign * clock.planned_ppm * 1e-6)
-        cycles = clock_hz * times_s + phase * (1 + tag * _PHASE_STEP)
-        columns.append(switch_averages(2 * np.pi * cycles, np.pi * clock_hz * averaging_s))
-    return np.hstack(columns)
+    """:func:`end_waveforms` of clocks at some phases, off by their tolerance in turns."""
+    tags = np.arange(len(clocks))
+    errors = sign * (-1.0) ** tags * [1e-6 * clock.planned_ppm for clock in clocks]
+    starts = np.multiply.outer(_PHASES, 1 + tags * _PHASE_STEP)
+    clocks_hz = np.array([clock.clock_hz for clock in clocks]) * (1 + errors)
+    return end_waveforms(
+        np.tile(clocks_hz, (len(starts), 1)), starts, times_s, averaging_s, clutter
+    )
 
 
-def _variances(grams: np.ndarray) -> np.ndarray:
-    """Of the ends, (..., 2S), of matrices (..., 2S, 2S); singular designs are refused elsewhere."""
-    inverse = np.linalg.pinv(grams, rcond=1e-12, hermitian=True)
-    return np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
+def end_waveforms(
+    clocks_hz: np.ndarray,
+    starts: np.ndarray,
+    times_s: np.ndarray,
+    averaging_s: float,
+    clutter: np.ndarray,
+) -> np.ndarray:
+    """Switching waveforms (T, N, 2S) of clocks (T, S) at phases of so many cycles, beside
+    clutter.
+    """
+    cycles = clocks_hz.T[..., None] * times_s + starts.T[..., None]
+    half = np.pi * clocks_hz.T * averaging_s
+    columns = [switch_averages(2 * np.pi * c, h) for c, h in zip(cycles, half, strict=True)]
+    waveforms = np.concatenate(columns, axis=-1)
+    waveforms -= clutter @ (clutter.T @ waveforms)
+    return waveforms
+
+
+def variances(waveforms: np.ndarray) -> np.ndarray:
+    """Variances (..., 2S) by least squares of what has waveforms (..., N, 2S), in white noise."""
+    # What has no energy left, but for rounding, is refused elsewhere.
+    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=-2), 1e-30))
+    scaled = waveforms / scale[..., None, :]
+    values, vectors = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
+    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9)[..., None, :], axis=-1)
+    return np.asarray(inverse / scale**2)
 
 
 # Doppler of a person is 12 Hz at 900 MHz and 33 Hz at 2.4 GHz (2 m/s), that of a fan's blades 60 to

@@ -13,7 +13,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
-from gnuradio.wiforce.planning.loss import line_loss_db
+from gnuradio.wiforce.planning.loss import losses_db
 from gnuradio.wiforce.planning.plan import HARMONICS, plan
 from gnuradio.wiforce.planning.steps import MORE_LINES, steps, waveform_warnings, with_more_lines
 from gnuradio.wiforce.scene import load_scene
@@ -63,7 +63,7 @@ def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
             information = mixing.conj().T @ np.linalg.solve(noise, mixing)
             ratios.append((np.diag(np.linalg.inv(information)).real, whole))
     taken, whole = np.mean(ratios, axis=0)
-    loss = line_loss_db([clock], 625, T, TA, clutter_hz, harmonics)
+    loss = losses_db([harmonics], [clock], 625, T, TA, clutter_hz)[harmonics]
     # edges drawn to a 400th of a window
     assert loss == pytest.approx(10 * np.log10(taken / whole), abs=0.01)
 
@@ -71,7 +71,9 @@ def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
 def test_plan_chooses_fewest_harmonics_within_a_tenth_of_a_db():
     chosen = plan(scene_of())
     band_hz = chosen.clutter_hz
-    losses = {h: line_loss_db(chosen.clocks, 625, T, TA, band_hz, h).max() for h in (8, 12, 16, 24)}
+    losses = {
+        h: losses_db([h], chosen.clocks, 625, T, TA, band_hz)[h].max() for h in (8, 12, 16, 24)
+    }
     accepted = [h for h, loss in losses.items() if loss <= min(losses.values()) + 0.1]
     assert chosen.harmonics == min(accepted) and losses[8] > losses[chosen.harmonics]
     assert max(chosen.loss_db) == pytest.approx(losses[chosen.harmonics])

@@ -131,7 +131,7 @@ def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
 
     grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
     search = _Search(grid, [], (WAVEFORM, 250, 100.0, 0.0), ())
-    most = search.fitting(bins * bin_hz(250))
+    most = search._packed(*search._constraints(bins * bin_hz(250)))
     conflicts = line_distances_hz(grid[:, None], grid, 100.0) < bins * bin_hz(250)
     rng = np.random.default_rng(1)
     found = 0

@@ -75,15 +75,9 @@ _ATTEMPTS = 4
 
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
-    """A clock (Hz) whose strong lines lie at least one bin from everything in the room.
+    """The best clock in Hz for a tag, a bin or more from lines of the room above a group's noise.
 
-    The best one for a tag of the plan, as `propose_clocks` has it; None when there is none.
-    ``lines`` of the room below the noise of a group do not count.
-
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> settings = plan({"sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 1000}]})
-    >>> other_clock_hz(settings, 0, [RoomLine(1000.0, 1.0)])
-    1035.0
+    None when there is none.
     """
     own = plan.clocks[tag]
     avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
@@ -186,6 +180,7 @@ _LAMP_ORDERS, _TAG_ORDERS, _LAMP_WIDTH_HZ = 200, 64, 20.0
 _BLADES = 3
 # Hum is at the frequency of the mains within the survey's accuracy and their drift.
 _HUM_HZ = 0.6
+_ENTERS = "it enters the standard deviations"
 _SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
 
 
@@ -222,21 +217,15 @@ class Finding:
 
 
 def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
-    """Power that the levels of findings refer to, and its name.
-
-    That of line 1 of the first sensor's tag; 1, the white noise of a snapshot, where it does not
-    stand out.
-    """
+    """Power that the levels of findings refer to, and its name: line 1 of the first tag, or 1."""
     if len(survey.line_power) and survey.line_power[0] > 0:
         return float(survey.line_power[0]), f"line 1 of '{_names(plan)[0]}'"
     return 1.0, "the noise of a snapshot"
 
 
 def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
-    """What a survey has found, and what a plan does about it that was ``adapted``.
-
-    Clutter first, then ripple, then the other sources, the strongest first; empty in a quiet room
-    and without a survey.
+    """What a survey has found, and what a plan does about it that was ``adapted``: clutter, ripple,
+    then the other sources, the strongest first.
     """
     if survey is None:
         return []
@@ -290,27 +279,19 @@ class _Report:
             return
         rows = survey.frequency_hz <= self._moving_hz
         power = float(np.sum(survey.spectrum[rows] - 1) / (2 * len(rows)))
+        handling = "the weights reject the mean only"
+        if band_hz:
+            handling = f"rejected by the weights up to {band_hz:.0f} Hz"
         wider = band_hz > self._plan.clutter_hz
-        inside = self._moving_hz <= band_hz + survey.resolution_hz
-        rejected = f"rejected by the weights up to {band_hz:.0f} Hz"
         if wider:
-            rejected += f" ({self._plan.clutter_hz:.0f} Hz in the scene's own plan)"
-        if band_hz == 0:
-            rejected = "the weights reject the mean only"
-        if inside:
-            handling = rejected
-        elif self._adapted.room is not None:
-            handling = f"{rejected}; treated as noise beyond"
-        else:
-            handling = f"{rejected}; beyond, it enters the standard deviations"
-        yield Finding(
-            "clutter",
-            self._moving_hz,
-            self._db(power),
-            "persons, a fan or other things that move",
-            handling,
-            wider or not inside,
-        )
+            handling += f" ({self._plan.clutter_hz:.0f} Hz in the scene's own plan)"
+        inside = self._moving_hz <= band_hz + survey.resolution_hz
+        if not inside:
+            noise = self._adapted.room is not None
+            handling += "; treated as noise beyond" if noise else f"; beyond, {_ENTERS}"
+        meaning = "persons, a fan or other things that move"
+        level_db, matters = self._db(power), wider or not inside
+        yield Finding("clutter", self._moving_hz, level_db, meaning, handling, matters)
 
     def sources(self) -> Iterator[Finding]:
         """Ripple, lamps, tags and single lines."""
@@ -332,35 +313,21 @@ class _Report:
                 yield self._finding(source, sources)
 
     def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
-        lines = (*source.lines, *source.masked)
-        handling, matters = self._handling(lines, source)
+        handling, matters = self._handling((*source.lines, *source.masked), source)
         if matters and not self._is_solved(source):
             handling += self._clashes(source, others)
-        hertz = source.fundamental_hz / 2 if source.kind == "lamps" else source.fundamental_hz
-        return Finding(
-            source.kind,
-            float(hertz),
-            self._db(source.power),
-            self._meaning(source),
-            handling,
-            matters,
-            tuple(
-                line.frequency_hz
-                for line in source.lines
-                if source.kind != "tag" or line.frequency_hz > self._moving_hz
-            ),
-        )
-
-    def _meaning(self, source: Source) -> str:
-        if source.kind == "lamps":
-            return f"light that flickers at multiples of {source.fundamental_hz:g} Hz"
+        hertz, hum = source.fundamental_hz, "probably hum of a power supply"
+        meaning = {
+            "lamps": f"light that flickers at multiples of {hertz:g} Hz",
+            "tag": "a tag that the scene does not list",
+            "ripple": "a supply modulates the gain of transmitter or receiver",
+        }.get(source.kind, hum if self._is_hum(hertz) else _SPURIOUS)
+        lines_hz = [line.frequency_hz for line in source.lines]
         if source.kind == "tag":
-            return "a tag that the scene does not list"
-        if source.kind == "ripple":
-            return "a supply modulates the gain of transmitter or receiver"
-        return (
-            "probably hum of a power supply" if self._is_hum(source.fundamental_hz) else _SPURIOUS
-        )
+            lines_hz = [hz for hz in lines_hz if hz > self._moving_hz]
+        named_hz = float(hertz / 2 if source.kind == "lamps" else hertz)
+        level_db = self._db(source.power)
+        return Finding(source.kind, named_hz, level_db, meaning, handling, matters, (*lines_hz,))
 
     def _is_solved(self, source: Source) -> bool:
         return source.kind == "tag" and any(
@@ -380,7 +347,7 @@ class _Report:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
             return "treated as noise, which the weights suppress", True
-        return "not suppressed; it enters the standard deviations", True
+        return f"not suppressed; {_ENTERS}", True
 
     def _clashes(self, source: Source, others: Sequence[Source]) -> str:
         """Strong lines of the scene's tags that coincide with those of a source, in words."""
@@ -427,17 +394,9 @@ class _Report:
             hertz, power = survey.frequency_hz[rows], survey.excess[rows]
             lines = [RoomLine(float(f), float(p)) for f, p in zip(hertz, power, strict=True)]
             middle_hz = float(hertz @ power / power.sum())
-            handling, matters = self._handling(lines)
-            total_db = self._db(float(power.sum()))
-            yield Finding(
-                "noise",
-                middle_hz,
-                total_db,
-                self._meaning_of_noise(middle_hz),
-                handling,
-                matters,
-                (float(hertz[0]), float(hertz[-1])),
-            )
+            level_db, meaning = self._db(float(power.sum())), self._meaning_of_noise(middle_hz)
+            ends_hz = float(hertz[0]), float(hertz[-1])
+            yield Finding("noise", middle_hz, level_db, meaning, *self._handling(lines), ends_hz)
 
     def _is_lamps(self, hertz: np.ndarray) -> bool:
         """Whether a region is a line of lamps that were found, widened by the drifting mains."""

@@ -12,10 +12,6 @@ from ...estimation.groups import Groups
 from ..plan import Plan
 from .findings import Finding
 
-# Steps that only some rooms need.
-UNLISTED_TAGS = "separation of tags that the scene does not list"
-NOISE_WEIGHTS = "weights against noise between the lines of the tags"
-COMPRESSION = "correction of the receiver's compression"
 _COLUMNS = f"{'found':<34}{'level':>10}  "
 
 
@@ -115,11 +111,9 @@ def changes_of(plan: Plan, adapted: Plan) -> list[str]:
 
 def skipped_of(adapted: Plan) -> list[str]:
     """What the room does not need."""
-    skipped = []
-    if not adapted.others:
-        skipped.append(UNLISTED_TAGS)
-    if adapted.room is None:
-        skipped.append(NOISE_WEIGHTS)
-    if adapted.compression is None:
-        skipped.append(COMPRESSION)
-    return skipped
+    needed = {
+        "separation of tags that the scene does not list": bool(adapted.others),
+        "weights against noise between the lines of the tags": adapted.room is not None,
+        "correction of the receiver's compression": adapted.compression is not None,
+    }
+    return [step for step, is_needed in needed.items() if not is_needed]
