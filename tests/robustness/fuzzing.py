@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of input, the command that each is given to, and broken inputs in one process.
 
-    python3 fuzzing.py SEED FINDS KIND=COUNT...
+    python3 fuzzing.py SEED FINDS KIND=COUNT... [--explore]
 
 works in a folder that `prepare` has filled, prints what is wrong, a line each, and keeps what it
-finds in the folder FINDS. Each kind has a process of its own, which does not remember other kinds.
+finds in the folder FINDS. With `--explore`, inputs that reach new code are broken further, which
+pays for many of them: every line that runs is watched. Each kind has a process of its own, which
+does not remember other kinds.
 ``corpus/`` holds inputs that once broke a command, or that reach code which the original does not;
 their names begin with their kind.
 """
@@ -321,12 +323,13 @@ def check(kind, data):
 class Reached:
     """Tells inputs that reach code which none has reached before, by lines of our own Python."""
 
-    def __init__(self):
-        self._known, self._now = set(), set()
+    def __init__(self, explores):
+        self._explores, self._known, self._now = explores, set(), set()
 
     def __enter__(self):
         self._now = set()
-        sys.settrace(self._called)
+        if self._explores:
+            sys.settrace(self._called)
 
     def __exit__(self, *_):
         sys.settrace(None)
@@ -354,14 +357,14 @@ def peak_memory(process="self"):
     return 1024 * int(next(line for line in status.splitlines() if "VmHWM" in line).split()[1])
 
 
-def run(name, count, seed, finds):
+def run(name, count, seed, finds, explores):
     """Gives a command its sound input, those of the corpus, and so many broken ones.
 
-    What is broken is the sound input or one that reached code which none before had. Prints what
-    is wrong, and keeps such inputs in the folder ``finds``: ``fault-...`` and, of those that
-    reached further, ``KIND-...``.
+    What is broken is the sound input or, where it ``explores``, one that reached code which none
+    before had. Prints what is wrong, and keeps such inputs in the folder ``finds``: ``fault-...``
+    and, of those that reached further, ``KIND-...``.
     """
-    kind, rng, reached = kind_of(name), np.random.default_rng(seed), Reached()
+    kind, rng, reached = kind_of(name), np.random.default_rng(seed), Reached(explores)
     pool = [kind.original]
     known = [kind.original, *(path.read_bytes() for path in sorted(CORPUS.glob(f"{name}-*")))]
     for number in range(len(known) + count):
@@ -382,10 +385,10 @@ def run(name, count, seed, finds):
 
 
 if __name__ == "__main__":
-    for name, _, count in (word.partition("=") for word in sys.argv[3:]):
+    for name, _, count in (word.partition("=") for word in sys.argv[3:] if "=" in word):
         # Forked, it does not import the package again.
         if (child := os.fork()) == 0:
-            run(name, int(count), int(sys.argv[1]), Path(sys.argv[2]))
+            run(name, int(count), int(sys.argv[1]), Path(sys.argv[2]), "--explore" in sys.argv)
             sys.exit(0)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         if status:
