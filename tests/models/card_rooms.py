@@ -17,7 +17,7 @@ def scene_of():
         "packets": {"interval_s": PERIOD_S / 225},
         "radio": {"center_frequency_hz": 2.44e9},
         "phase_group": {"snapshots": 225},
-        "reference_s": 2.5,
+        "reference_s": 1.5,
         "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
     }
 
@@ -25,7 +25,7 @@ def scene_of():
 def capture_of(line_db, snr_db=30.0, **more):
     """4 N at 35 mm on a tag whose first line is some dB below the direct path."""
     static = 0.225 * 10 ** (line_db / 20)
-    settings = {"seed": 5, "subcarriers": 16, "duration_s": 7.0, "touched_s": (3.0, 7.0)}
+    settings = {"seed": 5, "subcarriers": 16, "duration_s": 4.5, "touched_s": (2.0, 4.5)}
     settings["gain_db"] = (0.0, 0.5)
     noise = static * 10 ** (-snr_db / 20)
     return PacketCapture([PacketTag(134.0)], static=static, noise=noise, **(settings | more))
@@ -42,7 +42,7 @@ def readings_of(capture, folder):
     """Readings, those of steady touches, and their errors over standard deviations."""
     capture.save(folder / "p.npz")
     readings = quietly_read(folder / "p.npz", scene_of())
-    steady = readings[(readings["time_s"] > 3.25) & (readings["time_s"] < 6.75)]
+    steady = readings[(readings["time_s"] > 2.25) & (readings["time_s"] < 4.25)]
     clear = steady[steady["flags"] == ""]
     stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
     return readings, steady, clear, stds.to_numpy()

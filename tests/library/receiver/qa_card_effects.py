@@ -46,9 +46,9 @@ from packet_simulator import PacketCapture, PacketTag, card_settings
 @pytest.mark.parametrize("seed", cases(1, long=(2, 3)))
 def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp_path):
     """At the lines of a tag it exceeds the noise of all subcarriers, which share it."""
-    tag, settings = PacketTag(134.0), card_settings("fast", 29, wander=0.009, ripple=0.0)
+    settings = card_settings("fast", 29, wander=0.009, ripple=0.0, subcarriers=26)
     settings |= {"seed": seed, "duration_s": 1.5, "touched_s": (0.6, 1.5)}
-    capture = PacketCapture([tag], **settings)
+    capture = PacketCapture([PacketTag(134.0)], **settings)
     capture.save(tmp_path / "p.npz")
     interval_s = float(np.mean(np.diff(capture.time_s)))
     scene = scene_of() | {"packets": {"interval_s": interval_s}, "reference_s": 0.5}
@@ -79,7 +79,7 @@ def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
         assert white.combined[0] == pytest.approx(factor * shared, rel=0.25)
 
 
-STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0}
+STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0, "subcarriers": 26}
 
 
 @pytest.mark.parametrize(
@@ -91,16 +91,16 @@ def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
     """With the SNR, flips, steps, drift and intervals of a real file, 22 dB below the path."""
     settings = card_settings("slow", 22, **effects)
     capture = PacketCapture(
-        [PacketTag(134.0)], seed=1, duration_s=20.0, touched_s=(12.0, 20.0), **settings
+        [PacketTag(134.0)], seed=1, duration_s=14.0, touched_s=(7.0, 14.0), **settings
     )
     capture.save(tmp_path / "p.npz")
     scene = scene_of() | {
         "packets": {"interval_s": 0.006},
         "phase_group": {"snapshots": 167},
-        "reference_s": 10.0,
+        "reference_s": 6.0,
     }
     readings = quietly_read(tmp_path / "p.npz", scene)
-    steady = readings[(readings["time_s"] > 13) & (readings["time_s"] < 19)]
+    steady = readings[(readings["time_s"] > 8) & (readings["time_s"] < 13)]
     clear = steady[steady["flags"] == ""]
     errors = (clear["force_n"] - FORCE_N).abs()
     assert len(clear) >= least * len(steady) and (clear["touch"] == 1).all()
@@ -138,11 +138,11 @@ def test_own_part_of_a_strong_tag_is_solved_and_another_sender_left_out(tmp_path
     capture = capture_of(22, snr_db=35.0, strangers=0.1, repeated=0.0)
     capture.save(tmp_path / "p.npz")
     reader = SnapshotReader(open_snapshots(tmp_path / "p.npz"), plan(scene_of()))
-    steady = [reading for batch in reader for reading in batch if 3.25 < reading.time_s < 6.75]
+    steady = [reading for batch in reader for reading in batch if 2.25 < reading.time_s < 4.25]
     clear = [reading for reading in steady if not reading.flags]
     assert len(clear) > 0.75 * len(steady)
     assert max(abs(each.force_n - FORCE_N) / each.force_std_n for each in clear) < 4
-    assert np.median([each.force_std_n for each in clear]) < 0.15
+    assert np.median([each.force_std_n for each in clear]) < 0.25
     (note,) = [note for note in reader.notes if "another sender" in note]
     count = int(note.split()[2])
     assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)
