@@ -229,7 +229,7 @@ def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
 def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_ppm, seed, tmp_path):
     """Clocks of real switches were seen to wander by 10 to 25 ppm in seconds."""
     presses = [
-        {"sensor": "arm", "start_s": 1.5 + 2 * n, "rise_s": 0.1, "hold_s": 1.0}
+        {"sensor": "arm", "start_s": 1.2 + 1.2 * n, "rise_s": 0.1, "hold_s": 0.7}
         | {"force_n": 2.0 + n, "end_force_n": 2.0 + n, "location_mm": 30.0 + 10 * n}
         for n in range(3)
     ]
@@ -241,7 +241,7 @@ def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_p
         "reference_s": 1.0,
         "simulation": {
             "truth_model": "line-900mhz",
-            "duration_s": 8.0,
+            "duration_s": 4.8,
             "seed": seed,
             "snr_db": 10,
             "static_clutter_db": 50,
@@ -257,7 +257,7 @@ def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_p
     assert np.mean(clear[touched]) > 0.8  # changes of the force are flagged
     true_n = np.array([row["force_n"] for row in truth])[clear & touched]
     read = readings[clear & touched]
-    # The standard deviation of one in 270 readings would be exceeded threefold by chance.
+    # The standard deviation of one in 190 readings would be exceeded threefold by chance.
     assert (np.abs(read["force_n"] - true_n) < 4 * read["force_std_n"]).all()
 
 

@@ -119,6 +119,9 @@ def test_tag_two_percent_off_is_read_like_a_crystal(tmp_path):
     def errors_n(sensor, offset_ppm):
         scene = load_scene(
             {
+                "radio": {"sample_rate_hz": 3.2e6},
+                "sounding": {"frame_length": 360},
+                "phase_group": {"snapshots": 320},
                 "sensors": [sensor],
                 "simulation": {
                     "duration_s": 1.4,

@@ -230,11 +230,11 @@ def test_claim_beside_a_press_leaves_both_possible_until_the_release(off):
     held = np.repeat(rows[90:91], round(60 / period_s))
     held["time_s"] += period_s * np.arange(len(held))
     held["phase"] += np.radians(0.05) * np.random.default_rng(1).standard_normal((len(held), 2))
-    for row in range(len(held)):
+    for part in np.array_split(held, 60):
         newest = press_filter.newest()
         # Some of what may have happened since is not compared.
         assert newest["weight"][newest["is"] == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.1)
-        explained(held[row : row + 1], press_filter)
+        explained(part, press_filter)
     rows["time_s"] += 60
     found = explained(rows[91:], press_filter)
     assert state_of(found, 85) == (UNTOUCHED, pytest.approx(1, abs=0.01))
