@@ -3,6 +3,7 @@
 
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,7 @@ def calibrated_plain_trace():
     )
 
 
+@cache
 def published(kind, mhz):
     """``paper``: as published; ``wiforce``: its movement with force, the line's location steps."""
     settings = {

@@ -11,11 +11,8 @@ import second_simulator
 import sigmf
 import yaml
 from command_runs import run_command
-from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
-from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation import simulator
 
 SHORT = {
@@ -308,14 +305,3 @@ def test_fingertip_gives_location_and_excess_force_or_flag():
     wrong = np.abs(found.force_n - forces) > 3
     assert wrong.sum() >= 5
     assert all(flags for flags, bad in zip(found.flags, wrong, strict=True) if bad)
-
-
-@pytest.mark.parametrize("mhz", [900, 2400])
-def test_calibrated_lines_equal_calibration_of_line(mhz):
-    line = load_sensor(f"line-{mhz}mhz")
-    forces = np.arange(1, 8.1, 0.25)
-    table = measure_vna(line, (20.0, 30.0, 40.0, 50.0, 60.0), forces, 0.2, seed=mhz)
-    made, shipped = calibrate(table, "made"), load_sensor(f"line-{mhz}mhz-calibrated")
-    grid = np.meshgrid(np.linspace(1.5, 7.5, 13), np.linspace(20, 60, 17))
-    # Other noise of 0.2 deg makes curves that differ by this much.
-    np.testing.assert_allclose(made.phases_deg(*grid), shipped.phases_deg(*grid), atol=0.5)
