@@ -35,16 +35,6 @@ def test_a_full_disk_keeps_every_whole_row_and_is_reported_in_one_line(sandbox, 
     assert len(kept) + len(rest.splitlines(keepends=True)[0]) > size
 
 
-def test_standard_output_on_a_full_disk_is_reported_in_one_line(sandbox):
-    with open("/dev/full", "w") as full:
-        before = os.dup(1)
-        try:
-            done = sandbox.run("read", "press", *READ, before=lambda: os.dup2(full.fileno(), 1))
-        finally:
-            os.close(before)
-    assert "No space left" in complaint(done, 1)
-
-
 def test_without_a_home_and_with_every_standard_stream_closed_the_file_is_the_same(
     sandbox, readings
 ):
