@@ -15,9 +15,10 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
-from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
+from press_capture import DEFAULT as SCENE
+from press_capture import array_source, as_floats
 
-RATE_HZ = 12.5e6
+RATE_HZ, GROUP = 12.5e6, 450_000
 MORE_TAGS = copy.deepcopy(SCENE)
 MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
 # A slow radio with a long press, which is also in the reference where the capture is cut.
@@ -34,7 +35,7 @@ SLOW["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory):
     """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes(tmp_path_factory.mktemp("capture"))
+    return press_codes_of(SCENE, tmp_path_factory.mktemp("capture"))
 
 
 def said_of(samples, scene=SCENE, tags=(), **settings):

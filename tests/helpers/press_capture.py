@@ -6,10 +6,13 @@ from gnuradio import gr
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
+# A quarter of the usual rate costs a quarter of the time; a phase group lasts 36 ms, as usual.
+RATE_HZ, FRAME, SNAPSHOTS = 3.2e6, 360, 320
 # Samples of a phase group.
-GROUP = 450_000
+GROUP = SNAPSHOTS * FRAME
 
-SCENE = {
+# As sampled unless a scene states otherwise.
+DEFAULT = {
     "sensors": [{"name": "arm", "model": "line-900mhz"}],
     "reference_s": 0.3,
     "simulation": {
@@ -31,6 +34,11 @@ SCENE = {
             }
         ],
     },
+}
+SCENE = DEFAULT | {
+    "radio": {"sample_rate_hz": RATE_HZ},
+    "sounding": {"frame_length": FRAME},
+    "phase_group": {"snapshots": SNAPSHOTS},
 }
 
 

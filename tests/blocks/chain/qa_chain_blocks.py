@@ -15,10 +15,8 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from plain import make_air
-from press_capture import GROUP, SCENE, array_source, press_codes
+from press_capture import DEFAULT, FRAME, GROUP, RATE_HZ, SCENE, array_source, press_codes
 from wiforce_app.bench.air import TagOnAir
-
-SAMPLE_RATE_HZ = 12.5e6
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +54,7 @@ def readings_and_ratios_of_chain(plan, source, tracked):
     chain = Chain(plan, readings.append)
     chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
     flowgraph = gr.top_block()
-    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
     chain.connect(flowgraph, source, fold)
     flowgraph.connect(chain.to_force[-2], sink)
     flowgraph.run()
@@ -79,14 +77,14 @@ def readings_of_receiver(plan, codes, lost, tracked):
     """Readings by NumPy alone, in double precision; ``lost`` samples are absent."""
     tap = Tap()
     receiver = wiforce.Receiver(plan, tracked, on_groups=tap.take)
-    frames = codes.astype(float).reshape(25, plan.group_length, 720, 2) / 32768
+    frames = codes.astype(float).reshape(25, plan.group_length, FRAME, 2) / 32768
     used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
     folded = used.reshape(25, plan.group_length, 4, 64).mean(axis=2)
     present = np.ones(len(codes), bool)
     present[lost] = False
     # A frame of which any sample is absent gives no snapshot.
-    present = present.reshape(25, plan.group_length, 720).all(axis=2)
-    factors, rotation = plan.waveform.equalizer(), plan.table.derotation(SAMPLE_RATE_HZ)
+    present = present.reshape(25, plan.group_length, FRAME).all(axis=2)
+    factors, rotation = plan.waveform.equalizer(), plan.table.derotation(RATE_HZ)
     solved = [plan.table.for_present(mask).weights for mask in present]
     rows = [w @ group[mask] for w, group, mask in zip(solved, folded, present, strict=True)]
     tones = (np.fft.fft(np.array(rows) * rotation) * factors)[:, :, plan.waveform.bins]
@@ -98,13 +96,13 @@ def readings_of_receiver(plan, codes, lost, tracked):
 
 @pytest.mark.parametrize(
     "lost, tracked",
-    [(slice(0), False), (slice(18 * GROUP + 100_000, 18 * GROUP + 136_000), True)],
+    [(slice(0), False), (slice(18 * GROUP + 25_000, 18 * GROUP + 34_000), True)],
     ids=["complete", "with a gap, tracked"],
 )
 def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost, tracked):
     kept, tags = np.delete(codes, lost, axis=0), []
     if lost.stop > (lost.start or 0):
-        tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+        tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / RATE_HZ)]
     expected, ratios = readings_of_receiver(plan, codes, lost, tracked)
     assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
     for way in (readings_and_ratios_of_chain, readings_and_ratios_of_reader):
@@ -137,7 +135,7 @@ ROOMS = {
 @pytest.mark.parametrize("room", ROOMS)
 def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_path, room):
     """The blocks do not survey the room: with the scene's own plan they read it otherwise."""
-    scene = wiforce.load_scene(SCENE | ROOMS[room])
+    scene = wiforce.load_scene(DEFAULT | ROOMS[room])
     wiforce.simulate(scene, tmp_path / "press")
     capture = open_capture(tmp_path / "press")
     expected = [reading for batch in RecordingReader(capture, scene) for reading in batch]
@@ -164,12 +162,12 @@ def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
 
 
 def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
-    lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
-    tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+    lost = slice(18 * GROUP + 25_000, 18 * GROUP + 34_000)
+    tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / RATE_HZ)]
     source = array_source(np.delete(codes, lost, axis=0), tags)
     readings = []
     chain = Chain(plan, readings.append)
-    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
     run(source, fold, chain.tones, chain.channel, *chain.to_force)
     chain.check()
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
@@ -196,8 +194,9 @@ def group_tags(count):
     ]
 
 
-def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent(plan):
+def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent():
     """Nobody sends on them: what arrives there is an interferer, or no number at all."""
+    plan = wiforce.plan(DEFAULT)
     count, occupied = 20, np.isin(np.arange(64), plan.waveform.bins)
     air = make_air(plan.group_length, [TagOnAir(untouched_deg=(35.0, -80.0))], 26, 20.0)
     tones = np.full((count, len(plan.table.tones), 64), np.nan, np.complex64)
@@ -246,7 +245,7 @@ def test_block_of_ones_own_is_told_what_the_next_one_needs(plan, codes):
     chain = Chain(plan, print)
     chain.to_force[2] = Mean()
     flowgraph = gr.top_block()
-    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
     chain.connect(flowgraph, blocks.vector_source_s(codes.ravel().tolist(), False, 2), fold)
     flowgraph.run()
     with pytest.raises(InputError, match="^tag state: must hold phase_std_deg, which Subcarrier"):

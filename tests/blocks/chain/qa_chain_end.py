@@ -7,7 +7,7 @@ from chain_from_file import Chain
 from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
-from press_capture import GROUP, SCENE, array_source, press_codes
+from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, press_codes
 
 # Groups of the acquisition, then of the reference: 0.4 s and 0.3 s.
 ACQUISITION, REFERENCE = 11, 8
@@ -43,7 +43,7 @@ class resumed_source(gr.sync_block):
 
 
 def fold():
-    return wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    return wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
 
 
 @pytest.mark.parametrize(
@@ -59,8 +59,8 @@ def test_chain_stream_of_any_length_is_read_as_by_the_reader(codes, plan, groups
 
 def test_chain_gap_at_the_end_of_a_stream_is_read_as_by_the_reader(codes, plan):
     """The snapshots of an incomplete group come as a message, and its sender has ended then."""
-    start, lost, end = 18 * GROUP + 100_000, 36_000, 19 * GROUP
-    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / 12.5e6)]
+    start, lost, end = 18 * GROUP + 25_000, 9_000, 19 * GROUP
+    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / RATE_HZ)]
     kept = np.delete(codes[:end], slice(start, start + lost), axis=0)
     found = readings_of_chain(plan, array_source(kept, tags), fold())
     assert found[18].touch == 1 and "gap" in found[18].flags
@@ -69,7 +69,7 @@ def test_chain_gap_at_the_end_of_a_stream_is_read_as_by_the_reader(codes, plan):
 
 def test_chain_flags_clipped_groups_as_the_reader(codes, plan):
     clipped = codes[: 14 * GROUP].copy()
-    clipped[12 * GROUP + 100 :: 720][:7] = 32767
+    clipped[12 * GROUP + 100 :: FRAME][:4] = 32767
     found = readings_of_chain(plan, array_source(clipped), fold())
     assert [r.group for r in found if "saturated" in r.flags] == [12]
     assert_equal_readings(found, readings_of_reader(plan, array_source(clipped)))

@@ -20,7 +20,7 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader, noise_estimate
 from long_cases import cases
-from press_capture import SCENE, array_source
+from press_capture import DEFAULT, array_source
 from wifi_traffic import wifi_traffic
 
 FRAME = 720
@@ -28,7 +28,7 @@ LONG = pytest.mark.long
 
 
 def scene_of(clocks=(1000,), waveform="repeated", snapshots=625, **simulation):
-    described = copy.deepcopy(SCENE)
+    described = copy.deepcopy(DEFAULT)
     described["sensors"] = [
         {"name": f"arm{n}", "model": "line-900mhz", "clock_hz": hz} for n, hz in enumerate(clocks)
     ]
