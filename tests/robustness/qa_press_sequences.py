@@ -25,7 +25,7 @@ LONG_TURNING = {
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
 IN_STREAMS = "gaps", "silence", "tares", "mixture", "turning mixture"
-# Two sequences of short groups where all that may happen does, six of longer ones of each family.
+# Two sequences of short groups where all that may happen does, four of longer ones of each family.
 SHORT_CASES = [(family, 625) for family in FAMILIES]
 SHORT_CASES += [(family, 125) for family in ("mixture", "turning mixture", "hand")]
 LONG_CASES = sorted({(f, n) for f in FAMILIES for n in (63, 125, 625, 2500)} - {*SHORT_CASES})
@@ -45,7 +45,7 @@ def assert_honest(found, family, limit):
 @pytest.mark.timeout(3000)
 @pytest.mark.parametrize("family, snapshots", cases(*SHORT_CASES, long=LONG_CASES))
 def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshots, long_run):
-    seeds = range(200 if long_run else 1 + snapshots // 125)
+    seeds = range(200 if long_run else 2 + snapshots // 300)
     found = score(seeds, snapshots, family, by_receiver)
     assert_honest(found, family, LONG if long_run else SHORT)
     if family == "off states":
