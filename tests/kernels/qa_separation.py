@@ -7,9 +7,7 @@ from gnuradio.wiforce.estimation.group_tones import GroupWeights
 from gnuradio.wiforce.signal.switching import switch_averages_and_slopes
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.wiforce_kernels import (
-    chi_squared_limit,
     clock_likelihood,
-    coherent_residual,
     end_fit,
     group_weights,
     noise_estimate,
@@ -77,66 +75,6 @@ def test_end_fit_without_tags_leaves_the_tones():
     np.testing.assert_allclose(fit.power(), np.sum(np.abs(tones) ** 2, axis=1), rtol=1e-12)
 
 
-class PlainNoise:
-    """The noise estimate group by group, as docs/theory.md describes it."""
-
-    def __init__(self):
-        self.variance, self.groups, self.ratios, self.held = np.ones(62), 12, [], np.zeros(62, int)
-
-    def raised(self, residual, freedom):
-        ratios = residual / self.variance
-        limit = max(chi_squared_limit(freedom, 5.2), 4.0)
-        quartile = max(1.0, np.sort(ratios)[62 // 4])
-        few = quartile <= 1.5
-        return np.where(few & (ratios > limit * quartile**3), ratios, 1.0)
-
-    def learn(self, residual, ratio, raised):
-        """0 learned, 1 stepped, 2 lost."""
-        self.held = np.where(raised > 1, self.held + 1, 0)
-        residual = np.where((self.held > 0) & (self.held <= 16), self.variance, residual)
-        self.ratios = [*self.ratios, ratio][-8:]
-        full, median = len(self.ratios) == 8, np.sort(self.ratios)[len(self.ratios) // 2]
-        if full and min(self.ratios) > 3:
-            return 2
-        if ratio > 3:
-            return 0
-        if full and median <= 3 and not 1 / 1.33 < median < 1.33:
-            self.variance = median * self.variance
-            return 1
-        self.groups = min(self.groups + 1, 55)
-        self.variance = self.variance + (residual - self.variance) / self.groups
-        return 0
-
-
-@pytest.mark.parametrize("level, verdict", [(1.0, 0), (2.0, 1), (0.5, 1), (20.0, 2)])
-def test_noise_of_a_run_is_that_of_its_groups_one_by_one(level, verdict):
-    """Weights and standard deviations of all readings follow from it."""
-    rng = np.random.default_rng(3)
-    residuals = rng.gamma(14, 1 / 14, (120, 62))
-    residuals[10, 20:28] *= 100  # a hopper
-    residuals[20] *= 30  # an outlier
-    residuals[40:60, 5] *= 40  # a carrier that stays
-    residuals[100:] *= level
-    complete = np.arange(120) != 30
-    noise, plain = noise_estimate(0.036), PlainNoise()
-    noise.set(np.ones(62), 1.0, 12)
-    *found, outcome = noise.follow(residuals, 14, np.ones(120), complete)
-    ratios, all_raised, inverse, variance = found
-    assert outcome == verdict and (len(ratios) == 120 if verdict == 0 else 100 < len(ratios) <= 108)
-    for row in range(len(ratios)):
-        raised = plain.raised(residuals[row], 14)
-        ratio = np.mean(residuals[row] / plain.variance / raised)
-        assert ratios[row] == pytest.approx(ratio, rel=1e-12)
-        np.testing.assert_allclose(all_raised[row], raised, rtol=1e-12)
-        np.testing.assert_allclose(inverse[row], 1 / plain.variance / raised, rtol=1e-12)
-        if complete[row]:
-            last = verdict if row == len(ratios) - 1 else 0
-            assert plain.learn(residuals[row], ratio, raised) == last
-        np.testing.assert_allclose(variance[row], plain.variance, rtol=1e-12)
-    raised = np.flatnonzero((all_raised > 1).any(axis=1))
-    assert 10 in raised and 20 not in raised and {*range(40, 56)} <= {*raised}
-
-
 def test_noise_with_a_profile_keeps_it_and_is_not_below_rounding_errors():
     """What tags spread over the subcarriers of a long symbol is no noise."""
     profile = np.array([1.0, 2.0, 4.0])
@@ -195,9 +133,6 @@ def test_methods_refuse_arrays_of_other_shapes():
     expansion, kernel = phase_expansion(fit), clock_likelihood(np.ones((6, 4)), np.ones(4))
     for call, arrays in (
         (fit.solve, [tones[:2]]),
-        (coherent_residual(2).update, [fit, [0, 1], np.ones((GROUPS, 7))]),
-        (coherent_residual(2).update, [fit, [0], np.ones((GROUPS, 6))]),
-        (noise_estimate(0.036).follow, [np.ones((1, 0)), 14, [1.0], [True]]),
         (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
         (raised_subcarriers, [np.ones(5), 14]),
         (expansion.information, [np.ones(7)]),

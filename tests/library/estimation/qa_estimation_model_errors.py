@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.group_tones import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
@@ -16,7 +15,7 @@ from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.lines import centered_times_s, clutter_basis
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.wiforce_kernels import coherent_residual, conjugate_difference
+from gnuradio.wiforce.wiforce_kernels import conjugate_difference
 
 WAVEFORM = sounding_waveform()
 PERIOD_S = 0.036
@@ -25,49 +24,6 @@ PERIOD_S = 0.036
 def normal(rng, *shape):
     """Complex noise of variance 1."""
     return rng.standard_normal((*shape, 2)) @ [1, 1j] / np.sqrt(2)
-
-
-def fit_of(rng, coherent, tones=24, subcarriers=62):
-    """Least squares of two ends in white noise, and noise along the first end's channel."""
-    white, _ = np.linalg.qr(rng.standard_normal((tones, 2)))
-    ends = np.exp(1j * rng.uniform(0, 6, (2, subcarriers)))
-    received = normal(rng, tones, subcarriers)
-    received += coherent * normal(rng, tones, 1) * ends[0] / np.sqrt(subcarriers)
-    received += white @ (10 * ends)
-    fit = GroupFit(np.arange(2), np.hstack([white, white])[None], received[None])
-    return fit, np.vdot(ends[0], fit.ends[0, 0] - 10 * ends[0]) / np.sqrt(subcarriers)
-
-
-@pytest.mark.parametrize("coherent", [0.0, 1.0, 3.0, 10.0])
-def test_coherent_residual_factor_is_that_of_the_error(coherent):
-    """An interferer that is alike on all subcarriers is not averaged away by 62 of them."""
-    rng, residual = np.random.default_rng(3), coherent_residual(2)
-    factors, errors = [], []
-    for _ in range(400):
-        fit, error = fit_of(rng, coherent)
-        factors.append(residual.update(fit, fit.rows, np.ones((1, 62)))[0][0, 0])
-        errors.append(abs(error) ** 2)
-    # Means of 400 groups: 5 % for the errors, less for the factors.
-    assert np.mean(factors[50:]) == pytest.approx(np.mean(errors), rel=0.2)
-    if not coherent:
-        assert np.mean(np.array(factors) > 1) < 0.01
-
-
-def test_coherent_residual_forgets_a_burst_at_once():
-    """One loud group must not make a second of readings uncertain."""
-    rng, residual = np.random.default_rng(4), coherent_residual(2)
-
-    def largest(fit):
-        return residual.update(fit, fit.rows, np.ones((1, 62)))[0].max()
-
-    quiet = [fit_of(rng, 0.0)[0] for _ in range(20)]
-    assert [residual.update(fit, fit.rows, np.ones((1, 62)))[0].max() for fit in quiet[:10]] == [
-        1
-    ] * 10
-    assert largest(fit_of(rng, 30.0)[0]) > 300
-    assert [residual.update(fit, fit.rows, np.ones((1, 62)))[0].max() for fit in quiet[10:]] == [
-        1
-    ] * 10
 
 
 def received_with(image, channel):

@@ -18,7 +18,7 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.wiforce_kernels import folded_reader, noise_estimate
+from gnuradio.wiforce.wiforce_kernels import folded_reader
 from long_cases import cases
 from press_capture import DEFAULT, array_source
 from wifi_traffic import wifi_traffic
@@ -313,18 +313,6 @@ def test_read_with_hopper_loses_subcarriers_and_no_groups(press, hopped):
     stated = np.array([r.force_std_n for r in readings if 0.54 < r.time_s < 0.8])
     quiet = np.array([r.force_std_n for r in read(scene, name) if 0.54 < r.time_s < 0.8])
     assert np.median(stated) < 1.5 * np.median(quiet)
-
-
-def test_noise_of_few_subcarriers_is_learned_only_if_it_lasts():
-    """A hopper must not spoil the subcarriers that it has left; a lasting carrier is no hopper."""
-    noise, residual = noise_estimate(0.036), np.ones(62)
-    noise.set(np.ones(62), 1.0, 55)
-    residual[20:28] = 100.0
-    _, raised, *_ = noise.follow(np.tile(residual, (16, 1)), 14, [1.0] * 16, [True] * 16)
-    assert np.flatnonzero((raised > 1).all(axis=0)).tolist() == list(range(20, 28))
-    assert noise.variance.max() == pytest.approx(1)
-    noise.follow(np.tile(residual, (150, 1)), 14, [1.0] * 150, [True] * 150)
-    np.testing.assert_allclose(noise.variance[20:28], 100, rtol=0.1)
 
 
 def assert_same(found, wanted):

@@ -3,7 +3,6 @@
 
 #include <kernel/clocks/clock_likelihood.h>
 #include <kernel/clocks/clock_tracker.h>
-#include <kernel/separation/coherent_residual.h>
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/end_separation.h>
 #include <kernel/separation/group_weights.h>
@@ -315,45 +314,6 @@ py::tuple predict_clocks(const clocks& trackers, const array<double>& center_s)
     return py::make_tuple(phase, rate);
 }
 
-py::tuple coherent_factors(coherent_residual& of,
-                           const end_fit& fit,
-                           const std::vector<std::size_t>& rows,
-                           const array<double>& inverse_noise)
-{
-    require_shape(inverse_noise,
-                  by_subcarrier(fit.sizes),
-                  "coherent_residual: inverse_noise must have shape (G, K)");
-    if (rows.size() != fit.sizes.ends)
-        throw std::invalid_argument("coherent_residual: rows must have shape (E,)");
-    const auto found = of.update(fit, rows, inverse_noise.data());
-    const shape by_end{ py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) };
-    py::array_t<bool> disturbed(by_end);
-    std::copy(found.disturbed.begin(), found.disturbed.end(), disturbed.mutable_data());
-    return py::make_tuple(copy(found.factor, by_end), disturbed);
-}
-
-py::tuple follow(noise_estimate& noise,
-                 const array<double>& residuals,
-                 std::size_t freedom,
-                 const std::vector<double>& levels,
-                 const std::vector<bool>& complete)
-{
-    const py::ssize_t groups = levels.size(), subcarriers = noise.variance().size();
-    require_shape(residuals,
-                  { groups, subcarriers },
-                  "noise_estimate: residuals must have shape (G, K)");
-    if (!groups || !subcarriers || complete.size() != levels.size())
-        throw std::invalid_argument("noise_estimate: levels and complete must have shape "
-                                    "(G,), and the noise must be known");
-    const auto found = noise.follow(residuals.data(), freedom, levels, complete);
-    const py::ssize_t count = found.ratio.size();
-    return py::make_tuple(copy(found.ratio, { count }),
-                          copy(found.raised, { count, subcarriers }),
-                          copy(found.inverse, { count, subcarriers }),
-                          copy(found.variance, { count, subcarriers }),
-                          static_cast<int>(found.outcome));
-}
-
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 {
     if (ratios.ndim() != 2 || !ratios.shape(1))
@@ -577,14 +537,6 @@ void bind_separation(py::module& m)
           "trackers"_a,
           "center_s"_a,
           "Phases and rates (G, S) expected at times (G,).");
-    py::class_<coherent_residual>(m, "coherent_residual", "ends: of all tags.")
-        .def(py::init<std::size_t>(), "ends"_a)
-        .def("update",
-             &coherent_factors,
-             "fit"_a,
-             "rows"_a,
-             "inverse_noise"_a,
-             "rows: (E,). inverse_noise: (G, K). Gives factor and disturbed (G, E).");
     py::class_<noise_estimate>(m, "noise_estimate", "profile: (K,), or None.")
         .def(py::init([](double group_period_s,
                          const std::optional<array<double>>& profile) {
@@ -626,16 +578,7 @@ void bind_separation(py::module& m)
             "variance"_a,
             "level"_a,
             "groups"_a = py::none(),
-            "variance: (K,). groups: unchanged when not given.")
-        .def("follow",
-             &follow,
-             "residuals"_a,
-             "freedom"_a,
-             "levels"_a,
-             "complete"_a,
-             "residuals: (G, K). levels, complete: (G,). Gives ratio (n,), raised, "
-             "inverse and\n"
-             "variance (n, K), and the verdict: 0 learned, 1 stepped, 2 lost.");
+            "variance: (K,). groups: unchanged when not given.");
     py::class_<end_separation::tag>(
         m, "locked_tag", "A tag whose clock is tracked; rates in rad/s.")
         .def(py::init([](std::size_t index,
