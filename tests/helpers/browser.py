@@ -67,10 +67,6 @@ class Browser:
             time.sleep(0.03)
         return result
 
-    def overflow_px(self):
-        """By how much the page is wider than its window."""
-        return self.run("return document.documentElement.scrollWidth - window.innerWidth")
-
     def errors(self):
         """Lines of the console that are warnings or errors."""
         lines = self.driver.get_log("browser")
