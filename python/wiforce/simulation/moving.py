@@ -79,8 +79,9 @@ class MainsLamps:
         self._line_hz = 2 * stated.mains_hz
         harmonics = np.arange(1, max(1, int(_HIGHEST_HZ / self._line_hz)) + 1)
         phases = 2 * np.pi * rng.random(len(harmonics))
-        cycles = np.outer(np.arange(_LAMP_POINTS) / _LAMP_POINTS, harmonics)
-        waveform = np.cos(2 * np.pi * cycles + phases) @ (2 / harmonics)
+        spectrum = np.zeros(_LAMP_POINTS, complex)
+        spectrum[harmonics] = 2 / harmonics * np.exp(1j * phases)
+        waveform = _LAMP_POINTS * np.fft.ifft(spectrum).real
         self._waveform = np.r_[waveform, waveform[0]] * np.exp(2j * np.pi * rng.random())
         self.taps = random_taps(rng)
         most = _MOST_DEVIATION * stated.mains_hz
