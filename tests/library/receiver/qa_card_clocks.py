@@ -37,9 +37,9 @@ def exact(rooms, tmp_path_factory):
 def test_time_stamps_that_err_by_100_us_are_read_as_noise(stamps, rooms, exact, tmp_path):
     """They refused the whole file, with an infinite ratio of the tag."""
     steady, clear, stds = readings_of_rooms(LINE_DB, rooms, tmp_path, **stamps)
-    assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
+    assert len(clear) >= 0.7 * len(steady) and (clear["touch"] == 1).all()
     assert stds.max() < 4
-    # Standard deviations of the force also contain the drift that ten groups of reference allow.
+    # Standard deviations of the force also contain the drift that six groups of reference allow.
     assert (steady["snr_db"].to_numpy() < exact["snr_db"].to_numpy() + 0.1).all()
     assert steady["snr_db"].mean() < exact["snr_db"].mean() - 0.1
 

@@ -118,10 +118,10 @@ def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, 
     """An AX200 flips several times per second: no reading was without a flag."""
     effects = {"flip_s": 0.4, "flip_phases": phases}
     steady, clear, stds = readings_of_rooms(line_db, seeds, tmp_path, **effects)
-    assert len(clear) > 0.75 * len(steady) and (clear["touch"] == 1).all()
+    assert len(clear) >= 0.7 * len(steady) and (clear["touch"] == 1).all()
     errors = np.abs(clear["force_n"] - FORCE_N)
     # In room 5 the tag has an SNR of -4 dB, and forces a standard deviation of 0.3 N.
-    assert np.quantile(errors, 0.9) < 0.4 and stds.max() < 4
+    assert np.quantile(errors, 0.9) < 0.6 and stds.max() < 4
     assert np.abs(clear["location_mm"] - LOCATION_MM).max() < 0.5
 
 
