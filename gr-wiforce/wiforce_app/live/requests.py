@@ -5,9 +5,10 @@ import json
 import math
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 
 from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.network.zmq_sockets import Later, Replies, answer_words
+from gnuradio.wiforce.io.network.zmq_sockets import Replies, answer_words
 from gnuradio.wiforce.press.tares import TareState
 
 from .session import LiveSession
@@ -78,12 +79,12 @@ def serve_requests(
     """Accept requests on a ZMQ socket: ``tare``, ``tare force``, ``status`` and ``stop``."""
 
     def tare(force=False):
-        later = Later()
+        later = Future()
 
         def done(state):
             ok = state.state == "complete"
             error = {} if ok else {"error": f"tare {state.state}: {state.reason}"}
-            later.answer(json.dumps({"ok": ok, **error, **state.row()}))
+            later.set_result(json.dumps({"ok": ok, **error, **state.row()}))
 
         tares.request(force, done)
         return later

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 
 import pytest
@@ -16,7 +17,6 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
 from gnuradio.wiforce.io.network.zmq_sockets import (
-    Later,
     ReadingsPublisher,
     Replies,
     answer_words,
@@ -292,7 +292,7 @@ def test_a_request_too_long_is_cut_off_and_the_next_one_answered(ask):
 
 def test_answer_that_comes_later_is_sent_when_it_is_known(port):
     """A tare is answered when it is complete; others must not wait for it."""
-    later, words = Later(), {}
+    later, words = Future(), {}
     words["tare"] = lambda: later
     words["status"] = dict
     replies = Replies(str(port), answer_words(words))
@@ -307,7 +307,7 @@ def test_answer_that_comes_later_is_sent_when_it_is_known(port):
             client.send(word)
         wait_until(lambda: last.poll(5), meanwhile=lambda: replies.serve(10))
         assert json.loads(last.recv()) == {"ok": True} and not first.poll(50)
-        later.answer("complete")
+        later.set_result("complete")
         replies.close()
         assert first.poll(60_000) and first.recv() == b"complete"
 

@@ -8,6 +8,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 from typing import Any
 
 from ...errors import InputError
@@ -168,19 +169,12 @@ class ReadingsPublisher(_Endpoint, Output):
                 time.sleep(0.005)
 
 
-class Later:
-    """An answer that another thread gives later; ``text`` is None until then."""
-
-    def __init__(self) -> None:
-        self.text: str | None = None
-
-    def answer(self, text: str) -> None:
-        """Give the answer."""
-        self.text = text
+# An answer, perhaps one that another thread gives later.
+Answer = str | Future[str]
 
 
 class Replies(_Endpoint):
-    """Requests of REQ sockets, each answered with a string, or a :class:`Later`.
+    """Requests of REQ sockets, each answered with a string, or later.
 
     A ROUTER socket: a REP socket waits where a message is none that a REQ socket sends, and then
     loses an answer to another. With keys it encrypts, and accepts authorised clients only.
@@ -189,10 +183,10 @@ class Replies(_Endpoint):
     kind = "ROUTER"
 
     def __init__(
-        self, endpoint: str, answer: Callable[[str], str | Later], keys: ServerKeys | None = None
+        self, endpoint: str, answer: Callable[[str], Answer], keys: ServerKeys | None = None
     ) -> None:
         self._answer = answer
-        self._later: list[tuple[list[bytes], Later]] = []
+        self._later: list[tuple[list[bytes], Future[str]]] = []
         super().__init__(endpoint, "--control", keys)
 
     def fileno(self) -> int:
@@ -216,19 +210,19 @@ class Replies(_Endpoint):
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
             answer = self._answer(text)
-            if isinstance(answer, Later) and len(self._later) >= _MOST_WAITING:
+            if isinstance(answer, Future) and len(self._later) >= _MOST_WAITING:
                 error = f"{_MOST_WAITING} requests wait already"
                 answer = json.dumps({"ok": False, "error": error})
             self._give(parts[:begin], answer)
         return True
 
-    def _give(self, address: list[bytes], answer: str | Later) -> None:
+    def _give(self, address: list[bytes], answer: Answer) -> None:
         """Send an answer, or keep one that is not given yet."""
-        text = answer if isinstance(answer, str) else answer.text
-        if text is not None:
-            self._socket.send_multipart([*address, text.encode()])
-        elif isinstance(answer, Later):
+        if isinstance(answer, Future) and not answer.done():
             self._later.append((address, answer))
+            return
+        text = answer if isinstance(answer, str) else answer.result()
+        self._socket.send_multipart([*address, text.encode()])
 
     def close(self) -> None:
         """Send the answers that are due, and give the endpoint back."""
@@ -238,16 +232,16 @@ class Replies(_Endpoint):
 
 
 def answer_words(
-    handlers: Mapping[str, Callable[[], dict[str, Any] | Later]],
-) -> Callable[[str], str | Later]:
+    handlers: Mapping[str, Callable[[], dict[str, Any] | Future[str]]],
+) -> Callable[[str], Answer]:
     """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns."""
 
-    def answer(word: str) -> str | Later:
+    def answer(word: str) -> Answer:
         if word not in handlers:
             rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
             return json.dumps({"ok": False, "error": rule})
         result = handlers[word]()
-        return result if isinstance(result, Later) else json.dumps({"ok": True, **result})
+        return result if isinstance(result, Future) else json.dumps({"ok": True, **result})
 
     return answer
 
