@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import re
@@ -23,15 +24,10 @@ from .output_file import LONGEST_ROW, OutputFile
 from .parquet import ParquetWriter
 
 
-class _LineBuffer:
-    """A file for ``csv.writer`` whose ``write`` returns the line, as ``writerow`` then does."""
-
-    @staticmethod
-    def write(line: str) -> str:
-        return line
-
-
-_csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
+def _csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 class ReadingsWriter(Output):
@@ -55,9 +51,10 @@ class ReadingsWriter(Output):
         form = format_of(path)
         self._json = form is not None and form.suffix == ".jsonl"
         self._columns = (*COLUMNS, *also)
-        self._header = "" if self._json else _csv_line(self._columns)
-        # Lines of JSON name their values: a press on a surface has more of them.
-        self._named = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS, *also))
+        self._header = "" if self._json else _csv_text([self._columns])
+        # Lines of JSON name their values: a press on a surface has more of them. What a live run
+        # knows of a row besides its columns is not for files.
+        self._named = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS, *also)) if also else None
         if path is not None:
             check_output(path, inputs)
             if Path(path).exists() and not Path(path).is_file():
@@ -85,9 +82,9 @@ class ReadingsWriter(Output):
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
         self.begin()
-        lines = [self._line(row) for row in rows]
-        self._put("".join(lines))
-        self.rows += len(lines)
+        rows = list(rows)
+        self._put(self._text(rows))
+        self.rows += len(rows)
 
     def close(self) -> None:
         """Close the file; one without readings holds its header only."""
@@ -98,11 +95,12 @@ class ReadingsWriter(Output):
         if self._file is not None:
             self._file.close()
 
-    def _line(self, row: Mapping[str, Any]) -> str:
-        if self._json:
-            values = {name: row[name] for name in self._named if name in row}
-            return json.dumps(values, allow_nan=False) + "\n"
-        return _csv_line(map(row.get, self._columns))
+    def _text(self, rows: Iterable[Mapping[str, Any]]) -> str:
+        if not self._json:
+            return _csv_text(map(row.get, self._columns) for row in rows)
+        if (named := self._named) is not None:
+            rows = ({name: row[name] for name in named if name in row} for row in rows)
+        return "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows)
 
     def _put(self, text: str) -> None:
         if self._file is None:
