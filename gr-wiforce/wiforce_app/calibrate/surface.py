@@ -48,7 +48,7 @@ def calibrate_surface(table, scene, readings, law, output):
     try:
         fit = fit_spreading(skin, taps, law)
     except InputError as error:
-        raise InputError(table, str(error).removeprefix(f"{error.where}: ")) from None
+        raise InputError(table, error.rule) from None
     source = f"{len(presses)} presses of {Path(table).name}, read in {Path(readings).name}"
     found = replace(fit.law, source=source)
     skin = replace(skin, spreading=found.spreading())

@@ -240,8 +240,10 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
                     "were rows exchanged?"
                 )
                 continue
-        row = _farthest_row(curve, fitter, fit, touched_n)
-        if row is None:
+        # The row that lies farthest beside a curve of the others.
+        rest = np.maximum(_rest(fitter.basis(curve.force_n), fit.unit_covariance), 1e-9)
+        row = int(np.argmax((curve.force_n > touched_n) * fit.residual**2 / rest))
+        if not (curve.force_n[row] > touched_n and fit.residual[row]):
             continue
         after = fitter.fit(np.delete(curve.force_n, row), np.delete(curve.added_deg, row))
         residual = np.insert(after.residual, row, 0.0)
@@ -305,16 +307,6 @@ def find_untouched_scatter(fitted: CarrierFit) -> list[str]:
 def _rest(basis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """What a fit leaves of a row (n,), exactly where the coefficients are free."""
     return np.asarray(1.0 - np.sum(basis @ covariance * basis, axis=1))
-
-
-def _farthest_row(
-    curve: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
-) -> int | None:
-    """The row of a press that lies farthest beside a curve of the others; None where none may."""
-    rest = np.maximum(_rest(fitter.basis(curve.force_n), fit.unit_covariance), 1e-9)
-    gain = np.where(curve.force_n > without_n, fit.residual**2 / rest, 0.0)
-    row = int(np.argmax(gain))
-    return row if gain[row] > 0 else None
 
 
 def _best_exchange(

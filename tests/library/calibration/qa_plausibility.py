@@ -15,7 +15,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.mistakes import estimate_line, phase_suspicions, suspicions
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import read_vna_csv, write_vna_csv
+from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv, write_vna_csv
 from gnuradio.wiforce.calibration.validation import calibration_warnings, verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import read_csv
@@ -304,22 +304,10 @@ def test_calibration_of_noisy_forces_and_repeats_is_not_suspected(name, noise_n)
     model, forces = load_sensor(name), np.linspace(1.5, 6.0, 23)
     for seed, places in enumerate([(20.0, 40.0, 60.0), (20.0, 23.0, 34.0, 50.0)]):
         sweeps = [measure_vna(model, places, forces, 0.5, seed=3 * seed + k) for k in range(2)]
-        rows = np.random.default_rng(seed).standard_normal((2, len(sweeps[0].row)))
-        both = {
-            name: np.concatenate([getattr(sweep, name) for sweep in sweeps])
-            for name in ("row", "frequency_hz", "location_mm", "port", "phase_deg")
-        }
-        table = replace(
-            sweeps[0],
-            **both,
-            press=np.repeat(["1", "2"], len(rows[0])),
-            force_n=np.concatenate(
-                [
-                    sweep.force_n + noise_n * ~sweep.untouched * row
-                    for sweep, row in zip(sweeps, rows, strict=True)
-                ]
-            ),
-        )
+        table = CalibrationTable.joined(sweeps)
+        noise = noise_n * np.random.default_rng(seed).standard_normal(len(table.row))
+        press = np.repeat(["1", "2"], len(sweeps[0].row))
+        table = replace(table, press=press, force_n=table.force_n + noise * ~table.untouched)
         assert calibrate(table, "arm").provenance.get("suspicions", []) == []
 
 
@@ -549,10 +537,7 @@ def test_untouched_rows_that_scatter_are_a_suspicion(table, by_deg):
         row = table.take(port1)
         noise = each + 0.2 * rng.standard_normal(len(row.phase_deg))
         parts.append(replace(row, phase_deg=row.phase_deg + noise))
-    fields = [name for name in table.__dataclass_fields__ if name != "source"]
-    joined = replace(
-        table, **{name: np.concatenate([getattr(each, name) for each in parts]) for name in fields}
-    )
+    joined = CalibrationTable.joined(parts)
     (found,) = calibrate(joined, "arm").provenance["suspicions"]
     stated = float(re.match(r"untouched phases of port 1 differ by ([\d.]+) deg, where", found)[1])
     assert stated == pytest.approx(np.ptp(by_deg), abs=2.0)  # with the noise of all rows

@@ -43,12 +43,7 @@ def table(beam, times_s=TIMES_S):
             for f, phase in zip(force, phases[:, port - 1], strict=True):
                 rows.append((0, 900e6, place, port, f, phase, ""))
     touched = CalibrationTable.from_rows("bench", rows)
-    keep = untouched.take(untouched.untouched)
-    joined = {
-        name: np.concatenate([getattr(keep, name), getattr(touched, name)])
-        for name in ("frequency_hz", "location_mm", "port", "force_n", "phase_deg", "press")
-    }
-    return CalibrationTable("bench", np.arange(2, len(joined["port"]) + 2), **joined)
+    return CalibrationTable.joined([untouched.take(untouched.untouched), touched])
 
 
 @pytest.fixture(scope="module")
