@@ -83,22 +83,34 @@ def _check_places(touched: CalibrationTable) -> None:
             raise InputError(where, "must have forces that both ports share", spans)
 
 
-def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (n,) of one carrier, location, port and press by rising force, and phases unwrapped."""
-    order = np.argsort(table.force_n, kind="stable")
-    phase = np.unwrap(table.phase_deg[order], period=360.0)
-    steps = np.abs(np.diff(phase))
-    slope = line.round_trip_deg_per_mm(table.frequency_hz[0], permittivity)
-    gaps = np.diff(table.force_n[order])
+def unwrap_over_force(
+    force_n: np.ndarray, phase_deg: np.ndarray, slope: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows (n,) of one press and port by rising force, their phases unwrapped, and which of the
+    steps (n - 1,) to the next are larger than a press can cause.
+
+    ``slope``: change of the phase along the line, in deg/mm.
+    """
+    order = np.argsort(force_n, kind="stable")
+    phase = np.unwrap(phase_deg[order], period=360.0)
+    steps, gaps = np.abs(np.diff(phase)), np.diff(force_n[order])
     allowed = slope * (_LARGEST_STEP_MM + _LARGEST_SLOPE_MM_PER_N * gaps)
-    allowed = np.maximum(allowed, _ROUGHNESS_FACTOR * np.median(steps) if steps.size else 0.0)
-    for index in np.flatnonzero(steps > allowed):
+    rough = _ROUGHNESS_FACTOR * np.median(steps) if steps.size else 0.0
+    return order, phase, steps > np.maximum(allowed, rough)
+
+
+def _continuous_phase(table: CalibrationTable, slope: float) -> tuple[np.ndarray, np.ndarray]:
+    """The first two of :func:`unwrap_over_force`; steps that are too large are refused."""
+    order, phase, jumps = unwrap_over_force(table.force_n, table.phase_deg, slope)
+    for index in np.flatnonzero(jumps)[:1]:
+        row, after = order[[index, index + 1]]
         rule = (
-            f"must not jump by {steps[index]:.0f} deg (modulo 360) from row "
-            f"{table.row[order[index]]} while the force changes by {gaps[index]:.3g} N "
-            "(rows or cables exchanged, or typed wrong?)"
+            f"must not jump by {abs(phase[index + 1] - phase[index]):.0f} deg (modulo 360) from "
+            f"row {table.row[row]} while the force changes by "
+            f"{table.force_n[after] - table.force_n[row]:.3g} N (rows or cables exchanged, or "
+            "typed wrong?)"
         )
-        raise InputError(f"{table.at(order[index + 1])}: phase_deg", rule)
+        raise InputError(f"{table.at(after)}: phase_deg", rule)
     return order, phase
 
 
@@ -220,7 +232,7 @@ def carrier_data(
             _curve(
                 touched.take((touched.location_mm == place) & (touched.port == port)),
                 line.short_phase_deg(distance, frequency, permittivity),
-                permittivity,
+                line.round_trip_deg_per_mm(frequency, permittivity),
                 place not in own,
             )
             for place, distance in zip(places, distances, strict=True)
@@ -290,13 +302,13 @@ def _mirrored(table: CalibrationTable, length_mm: float, assumed: list[str]) -> 
 
 
 def _curve(
-    rows: CalibrationTable, short_deg: np.ndarray, permittivity: float, copied: bool
+    rows: CalibrationTable, short_deg: np.ndarray, slope: float, copied: bool
 ) -> ContactCurve:
     """The curve of one location and port; ``short_deg``: phase of a short exactly there."""
     parts: list[tuple[np.ndarray, ...]] = []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
-        order, phase = continuous_phase(one, permittivity)
+        order, phase = _continuous_phase(one, slope)
         phase = phase - short_deg
         if parts:
             phase += 360.0 * np.round((np.median(parts[0][1]) - np.median(phase)) / 360.0)

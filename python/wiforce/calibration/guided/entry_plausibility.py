@@ -9,10 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...errors import InputError
 from ...sensor import line
-from ..data import continuous_phase
-from ..tables import CalibrationTable
+from ..data import unwrap_over_force
 from .press_measurement import PressMeasurement
 
 # The widening of the short is compared with what the five nearest forces at this location suggest
@@ -59,16 +57,12 @@ def press_warnings(
     def nearest_turn(change_mm: np.ndarray) -> np.ndarray:
         return np.asarray(360.0 / slope * np.round(change_mm * slope / 360.0))
 
-    first = int(np.lexsort((ratio, step))[0])
+    # The nearest locations first, at each the nearest forces.
+    order = np.lexsort((ratio, step))
+    first, here = order[0], order[step[order] == 0]
     nearest = outward[first] - nearest_turn(outward[first])
-    here = np.flatnonzero(step == 0)
-    here = here[np.argsort(ratio[here], kind="stable")]
-    own = [
-        presses[i] for i in range(len(presses)) if step[i] == 0 and presses[i].sweep == new.sweep
-    ]
-    found = _elsewhere(new, float(step[first]), nearest) or _jump(
-        new, own, frequency_hz, permittivity
-    )
+    sweep = [presses[i] for i in np.flatnonzero(step == 0) if presses[i].sweep == new.sweep]
+    found = _elsewhere(new, float(step[first]), nearest) or _jump(new, sweep, slope)
     if not found and len(here) >= _LEAST_NEIGHBOURS:
         near = here[:_NEIGHBOURS]
         # Whole turns against the nearest force, since the movement between the two is small.
@@ -95,30 +89,19 @@ def _elsewhere(new: PressMeasurement, step: float, outward: np.ndarray) -> list[
     ]
 
 
-def _jump(
-    new: PressMeasurement,
-    sweep: Sequence[PressMeasurement],
-    frequency_hz: float,
-    permittivity: float,
-) -> list[str]:
+def _jump(new: PressMeasurement, sweep: Sequence[PressMeasurement], slope: float) -> list[str]:
     """What would be refused when the sweep is calibrated."""
+    force = np.array([each.force_n for each in [*sweep, new]])
+    phases = np.array([each.phase_deg for each in [*sweep, new]])
 
-    def continues(presses: Sequence[PressMeasurement], port: int) -> bool:
-        rows = [
-            (0, frequency_hz, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "")
-            for each in presses
-        ]
-        try:
-            continuous_phase(CalibrationTable.from_rows("", rows), permittivity)
-        except InputError:
-            return False
-        return True
+    def jumps(count: int, port: int) -> bool:
+        return bool(unwrap_over_force(force[:count], phases[:count, port - 1], slope)[2].any())
 
     return [
         f"the phase of port {port} jumps against those at other forces, further than a press can "
         "move the short"
         for port in (1, 2)
-        if sweep and continues(sweep, port) and not continues([*sweep, new], port)
+        if jumps(len(force), port) and not jumps(len(sweep), port)
     ]
 
 
