@@ -14,12 +14,10 @@ _FORCES_SHOWN = 4
 
 
 def plot_calibration(table, model, path):
-    """Plot a calibration's phases, the model's curves, and the residuals of the fit.
+    """Plot phases against force and against location, and residuals, of each carrier and port.
 
-    Each carrier and port has a row of three panels: phase against force at each calibrated
-    location, phase against location at some forces, and measurement minus model. Phases are
-    not wrapped: measurements and the untouched phase, which is dashed, are shown at the turn that
-    is closest to the curves.
+    Phases are not wrapped: measurements and the untouched phase, which is dashed, are shown at the
+    turn that is closest to the curves.
     """
     from matplotlib.figure import Figure
 

@@ -248,11 +248,9 @@ _FORCES = 50
 
 
 def find_hysteresis(fitted: CarrierFit) -> float | None:
-    """Compare loading and unloading over all locations and ports of a carrier.
+    """What must at most be added to a force, in N, for the contact that it has while unloading.
 
-    Returns float or None: largest difference within the calibrated forces, in N: what must be added
-    to a force while loading for the contact that it has while unloading. 0 where it is not
-    distinguished from noise, None where the data do not hold both branches.
+    0 where it is not distinguished from noise, None where the data do not hold both branches.
 
     A soft beam opens later than it closed, and creeps while it is held: at the same force, its
     contact is that of a larger force while unloading.

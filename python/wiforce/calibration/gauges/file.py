@@ -71,8 +71,7 @@ class GaugeForce(NamedTuple):
 class ForceGauge:
     """What a gauge or scale sends, line by line, with the times at which it arrived.
 
-    ``name``: of the gauge, for messages; ``unit``: unit of lines that contain none; ``now_s``: time
-    at which listening begins.
+    ``unit``: of lines that contain none; ``now_s``: time at which listening begins.
     """
 
     def __init__(self, name: str, unit: str = "N", now_s: float = 0.0) -> None:
@@ -171,13 +170,10 @@ def read_gauge_file(
 
     Commas, semicolons or tabs separate columns; with the latter two, numbers may have decimal
     commas. Times are seconds, or of the unit that the column's name ends in, or dates in ISO 8601.
+    Rows without a force are left out.
 
-    Returns GaugeRecord: rows without a force are left out; a longer interval between two values
-    remains.
-
-    ``time_column``, ``force_column``: their names; by default the only ones that sound like a time
-    and a force; ``unit``: of the force; by default the one in the column's name, and N where there
-    is none.
+    ``time_column``, ``force_column``: by default the only ones that sound like a time and a force;
+    ``unit``: of the force; by default the one in the column's name, and N where there is none.
     """
     return gauge_of(path, _table(path), time_column, force_column, unit)
 
