@@ -206,21 +206,19 @@ def guided_options(command):
     """
 
     @functools.wraps(command)
-    def with_guided(*values, **parameters):
+    def with_guided(*values, live, **parameters):
         guided = {name: parameters.pop(name) for name in names}
-        if not guided.pop("live"):
-            source = click.get_current_context().get_parameter_source
-            given = [n for n in guided if source(n) is click.core.ParameterSource.COMMANDLINE]
-            if given:
-                option = given[0].replace("scene_path", "scene").replace("_", "-")
-                raise click.UsageError(f"--{option} needs --live.", click.get_current_context())
-            guided = None
-        return command(*values, guided=guided, **parameters)
+        context = click.get_current_context()
+        for name in () if live else guided:
+            if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+                option = name.replace("scene_path", "scene").replace("_", "-")
+                raise click.UsageError(f"--{option} needs --live.", context)
+        return command(*values, guided=guided if live else None, **parameters)
 
     for option in reversed(_OPTIONS):
         with_guided = option(with_guided)
     before = {parameter.name for parameter in getattr(command, "__click_params__", ())}
-    names = [p.name for p in with_guided.__click_params__ if p.name not in before]
+    names = [p.name for p in with_guided.__click_params__ if p.name not in before | {"live"}]
     return with_guided
 
 

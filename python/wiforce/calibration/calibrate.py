@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..sensor import curves
 from ..sensor.model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, check_onset
-from .data import anchor_force, carrier_data, carriers_of, check_table
+from .data import carrier_data, carriers_of, check_table
 from .fit import fit_carrier
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
@@ -132,7 +132,7 @@ def calibrate(
     if location_steps == "line":
         assumed.append(
             "movement with force as measured, location steps those of the line: at "
-            f"{anchor_force(data[0]):.3g} N each end sees a short right at the press"
+            f"{data[0].anchor_n:.3g} N each end sees a short right at the press"
         )
     elif location_steps == "given":
         assumed.append("phases of different locations as given, multiples of 360 deg included")

@@ -179,6 +179,11 @@ class CarrierData:
         return [curve for port in self.curves for curve in port]
 
     @property
+    def anchor_n(self) -> float:
+        """Middle of the span of force that all locations share, in N."""
+        return sum(self.shared_span_n) / 2
+
+    @property
     def shared_span_n(self) -> tuple[float, float]:
         """Least and greatest force that all locations share; in reverse where they share none."""
         spans = np.array([curve.force_n[[0, -1]] for curve in self.all_curves()])
@@ -326,7 +331,7 @@ def _with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
     rows = []
     for port in data.curves:
         if location_steps == "line":
-            shifts = np.array([-_value_at(curve, anchor_force(data)) for curve in port])
+            shifts = np.array([-_value_at(curve, data.anchor_n) for curve in port])
         else:
             # the phase added by the contact differs little from one location to the next
             middles = np.array([np.median(curve.added_deg) for curve in port])
@@ -334,11 +339,6 @@ def _with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
         moved = zip(port, shifts.tolist(), strict=True)
         rows.append([replace(curve, added_deg=curve.added_deg + by) for curve, by in moved])
     return replace(data, curves=rows)
-
-
-def anchor_force(data: CarrierData) -> float:
-    """Middle of the span of force that all locations share, in N."""
-    return float(np.mean(data.shared_span_n))
 
 
 def _value_at(curve: ContactCurve, force: float) -> float:
