@@ -38,6 +38,12 @@ def codes(tmp_path_factory):
     return press_codes_of(SCENE, tmp_path_factory.mktemp("capture"))
 
 
+@pytest.fixture(scope="module")
+def slow_codes(tmp_path_factory):
+    """The same of the slow radio."""
+    return press_codes_of(SLOW, tmp_path_factory.mktemp("slow"))
+
+
 def said_of(samples, scene=SCENE, tags=(), **settings):
     """What a reader says of samples."""
     said = []
@@ -177,16 +183,15 @@ def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):
     assert "such as another tag with the same clock" in sentence
 
 
-def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(tmp_path):
+def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(slow_codes):
     """Hundreds of readings were ambiguous, or moved, and the log was empty."""
-    codes = press_codes_of(SLOW, tmp_path)
-    (sentence,) = said_of(codes[3125 * 360 :], SLOW)
+    (sentence,) = said_of(slow_codes[3125 * 360 :], SLOW)
     assert "arm: it may have been touched while its reference was measured" in sentence
-    (sentence,) = said_of(codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
+    (sentence,) = said_of(slow_codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
     assert (
         "a tag is found at 1340 Hz, 2 times the clock_hz of arm; check clock_hz, and " in sentence
     )
-    assert said_of(codes, SLOW) == []
+    assert said_of(slow_codes, SLOW) == []
 
 
 def test_reader_names_a_press_in_the_reference_that_later_groups_solve(tmp_path):
@@ -212,10 +217,9 @@ def chain_says(codes, scene, monkeypatch):
     return logged, readings
 
 
-def test_chain_names_a_press_in_the_whole_reference(tmp_path, monkeypatch):
+def test_chain_names_a_press_in_the_whole_reference(slow_codes, monkeypatch):
     """It gave clear readings before the release, and doubtful ones without a word behind it."""
-    codes = press_codes_of(SLOW, tmp_path)[3125 * 360 :]
-    logged, readings = chain_says(codes, SLOW, monkeypatch)
+    logged, readings = chain_says(slow_codes[3125 * 360 :], SLOW, monkeypatch)
     assert any(reading.flags == () for reading in readings)  # before the release
     (sentence,) = logged
     assert sentence.startswith("force_inversion: arm: it may have been touched while its reference")
