@@ -15,7 +15,10 @@ from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.capture.slips import Slips
 from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
-from press_capture import FRAME, RATE_HZ, SCENE, array_source
+from press_capture import DEFAULT as SCENE
+from press_capture import array_source
+
+RATE_HZ = 12.5e6
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +88,8 @@ def test_samples_lost_within_the_reference_cost_their_groups_only(
     """
     slip(press, tmp_path / "a", at_s, lost)
     readings = wiforce.read(tmp_path / "a")
-    # A slip is found after 1072 frames at most, 0.12 s, and groups last 36 ms.
-    assert 1 <= readings["flags"].str.contains("gap").sum() <= 5
+    # A slip is found after 1072 frames at most, 62 ms, and groups last 36 ms.
+    assert 1 <= readings["flags"].str.contains("gap").sum() <= 4
     steady = (whole["flags"] == "") & (whole["time_s"] > 0.55)
     found = readings.set_index("group").loc[whole.loc[steady, "group"]]
     assert (found["flags"] == "").mean() > 0.85
@@ -105,7 +108,7 @@ def test_samples_lost_at_two_antennas_cost_their_groups_only(
         lost_here = lost if antenna in antennas else 0
         slip(f"{press_of_two}{suffix}", f"{tmp_path / 'a'}{suffix}", 0.25, lost_here)
     readings, whole = wiforce.read(tmp_path / "a"), whole_of_two
-    assert 1 <= readings["flags"].str.contains("gap").sum() <= 5
+    assert 1 <= readings["flags"].str.contains("gap").sum() <= 4
     steady = (whole["flags"] == "") & (whole["time_s"] > 0.55)
     found = readings.set_index("group").loc[whole.loc[steady, "group"]]
     assert (found["flags"] == "").mean() > 0.85
@@ -193,7 +196,7 @@ def test_antennas_that_lost_other_frames_are_read_to_their_end(
     """
     for suffix, first in (("", 0.6), (".antenna2", 0.8)):
         codes = np.fromfile(f"{press_of_two}{suffix}.sigmf-data", "<i2").reshape(-1, 2)
-        start, end = (FRAME * round(at_s * RATE_HZ / FRAME) for at_s in (first, first + 0.15))
+        start, end = (720 * round(at_s * RATE_HZ / 720) for at_s in (first, first + 0.15))
         np.delete(codes, slice(start, end), axis=0).tofile(f"{tmp_path / 'a'}{suffix}.sigmf-data")
         meta = json.loads(Path(f"{press_of_two}{suffix}.sigmf-meta").read_text())
         meta["captures"] += [{"core:sample_start": start, "core:global_index": end}]
