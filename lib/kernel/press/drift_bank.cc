@@ -85,6 +85,21 @@ void drift_bank::predict(double seconds)
     summarize();
 }
 
+void drift_bank::merge(const drift_bank& other, double share)
+{
+    for (std::size_t i = 0; i < d_count; i++) {
+        const double own = (1 - share) * d_weight[i], others = share * other.d_weight[i],
+                     part = others / (own + others),
+                     apart = wrapped(other.d_mean[i] - d_mean[i]);
+        d_variance[i] += part * (other.d_variance[i] - d_variance[i]) +
+                         part * (1 - part) * apart * apart;
+        d_mean[i] += part * apart;
+        d_weight[i] = own + others;
+    }
+    find_usual_rate();
+    summarize();
+}
+
 double drift_bank::least_square(double phase, double noise) const
 {
     double least = 1e300;

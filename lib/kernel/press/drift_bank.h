@@ -47,6 +47,9 @@ public:
         summarize();
     }
 
+    //! A share of what it says, and the rest of what another says, in one.
+    void merge(const drift_bank& other, double share);
+
     moments estimate() const { return d_estimate; }
     //! Of the phase from what is expected, over its variance: by the rate that expects it
     //! best.

@@ -109,6 +109,24 @@ void drifting_phases::share_rates(const drifting_phases& other)
     difference.share_rates(other.difference);
 }
 
+void drifting_phases::merge(const drifting_phases& other, double share)
+{
+    common.merge(other.common, share);
+    difference.merge(other.difference, share);
+}
+
+void both_amplitudes::merge(const both_amplitudes& other, double share)
+{
+    const double apart = other.mean - mean, differs = other.difference - difference,
+                 spread = share * (1 - share);
+    mean += share * apart;
+    difference += share * differs;
+    mean_variance +=
+        share * (other.mean_variance - mean_variance) + spread * apart * apart;
+    difference_variance += share * (other.difference_variance - difference_variance) +
+                           spread * differs * differs;
+}
+
 void both_amplitudes::grow(const pair_of_ends& by)
 {
     mean += (by[0] + by[1]) / 2;
@@ -150,6 +168,63 @@ void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
         for (int e = 0; e < 2; e++)
             for (auto* ends : { &mixture.start, &mixture.seen })
                 (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
+}
+
+namespace {
+
+void merge_outcomes(press_outcome& own, const press_outcome& other, double share)
+{
+    const auto [turned, apart] =
+        mean_and_difference({ wrapped(other.baseline[0] - own.baseline[0]),
+                              wrapped(other.baseline[1] - own.baseline[1]) });
+    const double spread = share * (1 - share);
+    own.common_variance += share * (other.common_variance - own.common_variance) +
+                           spread * turned * turned;
+    own.difference_variance +=
+        share * (other.difference_variance - own.difference_variance) +
+        spread * apart * apart;
+    own.amplitude += share * (other.amplitude - own.amplitude);
+    own.baseline[0] += share * (turned + apart / 2);
+    own.baseline[1] += share * (turned - apart / 2);
+}
+
+} // namespace
+
+// By moments: mean and covariance of both.
+void explanation::merge(const explanation& other, double share)
+{
+    const auto mean = [share](double& own, double others) {
+        own += share * (others - own);
+    };
+    const double line_apart = wrapped(other.line.common.estimate().mean -
+                                      line.common.estimate().mean),
+                 strength_apart = other.press.strength.difference -
+                                  press.strength.difference;
+    mean(press.with_common, other.press.with_common);
+    press.with_common += share * (1 - share) * line_apart * strength_apart;
+    line.merge(other.line, share);
+    line.amplitude.merge(other.line.amplitude, share);
+    press.held.merge(other.press.held, share);
+    press.motion.merge(other.press.motion, share);
+    press.strength.merge(other.press.strength, share);
+    mean(age_s, other.age_s);
+    mean(turn.velocity, other.turn.velocity);
+    mean(turn.seen, other.turn.seen);
+    mean(turn.watched_s, other.turn.watched_s);
+    mean(hand.quiet_amplitude, other.hand.quiet_amplitude);
+    mean(hand.quiet_phase,
+         hand.quiet_phase + wrapped(other.hand.quiet_phase - hand.quiet_phase));
+    mean(hand.square, other.hand.square);
+    mean(mixture.age_s, other.mixture.age_s);
+    mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +
+                                    share * std::exp(-other.mixture.log_density));
+    for (int e = 0; e < 2; e++) {
+        mean(press.shown[e], other.press.shown[e]);
+        mixture.start[e] += share * (other.mixture.start[e] - mixture.start[e]);
+    }
+    merge_outcomes(now, other.now, share);
+    merge_outcomes(last, other.last, share);
+    log_weight -= std::log1p(-share);
 }
 
 } // namespace gr::wiforce::kernel

@@ -61,6 +61,7 @@ struct drifting_phases {
     //! Of what is seen from what is expected, over the variances.
     double least_square(const pair_of_ends& phase, const phase_covariance& noise) const;
     void share_rates(const drifting_phases& other);
+    void merge(const drifting_phases& other, double share);
 
 private:
     pair_of_ends beside(const pair_of_ends& phase) const;
@@ -71,6 +72,7 @@ struct both_amplitudes {
     double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
 
     void grow(const pair_of_ends& by);
+    void merge(const both_amplitudes& other, double share);
     //! Take both as they are seen, the difference with four times the noise of the mean;
     //! give the log density that was expected.
     double update(double seen_mean, double seen_difference, double noise);
@@ -142,6 +144,8 @@ struct explanation {
     pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
     //! Counted from where everything has turned and grown by this.
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);
+    //! Become one with another of the same kind, which has a share of both weights.
+    void merge(const explanation& other, double share);
     //! Press from where it is now.
     void hold_level()
     {

@@ -101,6 +101,40 @@ bool phase_motion::near(const phase_motion& other) const
     return true;
 }
 
+void phase_motion::merge(const phase_motion& other, double share)
+{
+    double apart[4];
+    for (int i = 0; i < 4; i++) {
+        apart[i] = other.d_state[i] - d_state[i];
+        if (i < 2)
+            apart[i] = wrapped(apart[i]);
+        d_state[i] += share * apart[i];
+    }
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            d_covariance[i][j] +=
+                share * (other.d_covariance[i][j] - d_covariance[i][j]) +
+                share * (1 - share) * apart[i] * apart[j];
+}
+
+std::array<double, 4> phase_motion::means() const
+{
+    const auto& x = d_state;
+    return { (x[0] + x[1]) / 2, x[0] - x[1], (x[2] + x[3]) / 2, x[2] - x[3] };
+}
+
+std::array<double, 4> phase_motion::variances() const
+{
+    std::array<double, 4> found;
+    for (int i = 0; i < 4; i += 2) {
+        const auto& own = d_covariance;
+        const double each = own[i][i] + own[i + 1][i + 1], both = 2 * own[i][i + 1];
+        found[i] = (each + both) / 4;
+        found[i + 1] = each - both;
+    }
+    return found;
+}
+
 double phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)
 {
     const double first = d_covariance[0][0] + noise.first,

@@ -62,6 +62,11 @@ public:
     //! Whether phases and velocities are the same within a third of what is known of
     //! them.
     bool near(const phase_motion& other) const;
+    //! A share of another in one with what is left of this.
+    void merge(const phase_motion& other, double share);
+    //! Mean of both phases and their difference, and how fast they change.
+    std::array<double, 4> means() const;
+    std::array<double, 4> variances() const;
     //! Takes phases with this noise; returns the logarithm of their density.
     double update(const pair_of_ends& phase, const phase_covariance& noise);
 

@@ -14,6 +14,12 @@ namespace {
 
 constexpr double unlimited = std::numeric_limits<double>::infinity();
 
+// Of the second in the weight of both.
+double share_of(const explanation& a, const explanation& b)
+{
+    return 1 / (1 + std::exp(a.log_weight - b.log_weight));
+}
+
 } // namespace
 
 press_filter::press_filter(std::shared_ptr<const press_image> image,
@@ -437,24 +443,21 @@ void press_filter::settle()
     d_kept.clear();
     for (const auto* each : likely) {
         const auto& next = *each;
-        if (next.log_weight < d_best + negligible || d_kept.size() == most_kept)
+        const double counts = next.log_weight - d_best - negligible;
+        if (counts < 0)
             break;
-        const auto same =
-            std::find_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
-                return alike(kept, next);
-            });
-        if (same != d_kept.end()) {
-            same->log_weight = log_sum(same->log_weight, next.log_weight);
-            continue;
-        }
-        std::size_t of_line = 0, of_kind = 0;
-        for (const auto& kept : d_kept)
-            if (one_line(kept, next)) {
-                of_line++;
-                of_kind += kept.is == next.is &&
-                           kept.state_before_change() == next.state_before_change();
-            }
-        if (of_line < most_of_line || of_kind == 0)
+        const bool full = d_kept.size() == most_kept;
+        double least = full ? counts : no_loss;
+        explanation* with = nullptr;
+        for (auto& kept : d_kept)
+            if (one_kind(kept, next))
+                if (const double loss = loss_of_merging(kept, next, least); loss < least) {
+                    least = loss;
+                    with = &kept;
+                }
+        if (with)
+            with->merge(next, share_of(*with, next));
+        else if (!full)
             d_kept.push_back(next);
     }
     double total = 0;
@@ -490,57 +493,75 @@ double press_filter::turn_rate(const explanation& of) const
            (d_set.turns_s + of.turn.watched_s);
 }
 
-// Whether both have the untouched line at the same place, as far as they know it. Off
-// states show whether it turns, so that turning ones count apart there, and groups of
-// change, which many courses of a press would leave no room.
-bool press_filter::one_line(const explanation& a, const explanation& b) const
+// Whether one explanation may stand for both.
+bool press_filter::one_kind(const explanation& a, const explanation& b)
 {
-    const auto one = a.line.common.estimate(), other = b.line.common.estimate();
-    const bool same_kind =
-        a.turn.goes_on == b.turn.goes_on && (a.is == mixed) == (b.is == mixed);
-    return a.line.known == b.line.known && (!d_off_differ || same_kind) &&
-           squared(wrapped(one.mean - other.mean)) <
-               9 * (std::min(one.variance, other.variance) + d_common_noise);
+    return a.is == b.is && a.line.known == b.line.known &&
+           a.turn.goes_on == b.turn.goes_on && a.claimed == b.claimed &&
+           (!a.turn.goes_on ||
+            (a.turn.by_hand == b.turn.by_hand && a.turn.speed == b.turn.speed)) &&
+           a.press.steady == b.press.steady &&
+           (!a.press.steady ||
+            (a.press.speed == b.press.speed && a.press.slides == b.press.slides)) &&
+           a.last.is == b.last.is && a.last.known == b.last.known &&
+           (a.is != mixed || (a.mixture.before == b.mixture.before &&
+                              a.mixture.groups == b.mixture.groups &&
+                              a.mixture.after_silence == b.mixture.after_silence));
 }
 
-// What is not compared follows from the rest: given the untouched line and the phases of
-// a press, its strength is what the amplitudes of the group leave.
-bool press_filter::alike(const explanation& a, const explanation& b) const
+// How much of the evidence for the one that loses more of it is lost, in nats, where one
+// explanation with the mean and the variance of both takes the weight of both: its
+// divergence from that, less what it gains of the weight of the other.
+double press_filter::loss_of_merging(const explanation& a,
+                                     const explanation& b,
+                                     double most) const
 {
-    if (a.is != b.is || a.state_before_change() != b.state_before_change() ||
-        a.line.known != b.line.known || a.turn.goes_on != b.turn.goes_on ||
-        (a.turn.goes_on &&
-         (a.turn.by_hand != b.turn.by_hand || a.turn.speed != b.turn.speed)) ||
-        (a.press.steady &&
-         (a.press.speed != b.press.speed || a.press.slides != b.press.slides)) ||
-        a.last.is != b.last.is || a.last.known != b.last.known)
-        return false;
-    if (a.is == mixed && a.mixture.groups != b.mixture.groups)
-        return false;
-    const auto near = [](double x, double y, double variance) {
-        return squared(wrapped(x - y)) < 0.1 * variance;
+    const double share = share_of(a, b);
+    double from_a = 2 * std::log1p(-share), from_b = 2 * std::log(share);
+    const auto compare = [&](double apart, double of_a, double of_b, double noise) {
+        of_a += noise;
+        of_b += noise;
+        const double all =
+            of_a + share * (of_b - of_a) + share * (1 - share) * squared(apart);
+        from_a += std::log(all / of_a) + (of_a + squared(share * apart)) / all - 1;
+        from_b += std::log(all / of_b) + (of_b + squared((1 - share) * apart)) / all - 1;
     };
-    // A press may go on changing through a group of change.
-    if (a.state_before_change() != untouched &&
-        (a.press.steady != b.press.steady || !a.press.motion.near(b.press.motion)))
-        return false;
-    const auto common = a.line.common.estimate(), other = b.line.common.estimate();
-    const auto apart = a.line.difference.estimate(),
-               other_apart = b.line.difference.estimate();
-    if (!near(common.mean, other.mean, common.variance + d_common_noise) ||
-        !near(apart.mean, other_apart.mean, apart.variance + d_difference_noise) ||
-        common.variance > 4 * other.variance + d_common_noise ||
-        other.variance > 4 * common.variance + d_common_noise)
-        return false;
-    if (a.hand.square > 4 * b.hand.square + d_common_noise ||
-        b.hand.square > 4 * a.hand.square + d_common_noise)
-        return false;
-    return a.last.is != pressed || (near(a.last.baseline[0],
-                                         b.last.baseline[0],
-                                         a.last.common_variance + d_common_noise) &&
-                                    near(a.last.baseline[1],
-                                         b.last.baseline[1],
-                                         a.last.common_variance + d_common_noise));
+    const auto compare_amplitudes = [&](const both_amplitudes& x,
+                                        const both_amplitudes& y) {
+        compare(
+            y.mean - x.mean, x.mean_variance, y.mean_variance, d_amplitude_noise);
+        compare(y.difference - x.difference,
+                x.difference_variance,
+                y.difference_variance,
+                4 * d_amplitude_noise);
+    };
+    if (a.line.known) {
+        const auto x = a.line.common.estimate(), y = b.line.common.estimate();
+        compare(wrapped(y.mean - x.mean), x.variance, y.variance, d_common_noise);
+        const auto u = a.line.difference.estimate(), v = b.line.difference.estimate();
+        compare(wrapped(v.mean - u.mean), u.variance, v.variance, d_difference_noise);
+        compare_amplitudes(a.line.amplitude, b.line.amplitude);
+        compare(0, a.hand.square / 2, b.hand.square / 2, d_common_noise);
+    }
+    if (std::max(from_a, from_b) > 2 * most)
+        return most;
+    if (a.is != untouched || a.turn.goes_on) {
+        const auto x = a.press.motion.means(), y = b.press.motion.means(),
+                   u = a.press.motion.variances(), v = b.press.motion.variances();
+        compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);
+        compare(wrapped(y[1] - x[1]), u[1], v[1], d_difference_noise);
+        const double lasts2 = squared(d_set.steady_s);
+        compare(y[2] - x[2], u[2], v[2], d_common_noise / lasts2);
+        compare(y[3] - x[3], u[3], v[3], d_difference_noise / lasts2);
+        compare_amplitudes(a.press.strength, b.press.strength);
+    }
+    if (a.is == mixed)
+        for (int e = 0; e < 2; e++) {
+            const auto apart = b.mixture.start[e] - a.mixture.start[e];
+            compare(apart.real(), 0, 0, a.mixture.seen_variance);
+            compare(apart.imag(), 0, 0, a.mixture.seen_variance);
+        }
+    return std::max(from_a, from_b) / 2;
 }
 
 std::vector<press_filter::outcome>

@@ -99,8 +99,9 @@ private:
     double between_groups() const;
     void settle();
     void keep_claim();
-    bool one_line(const explanation& a, const explanation& b) const;
-    bool alike(const explanation& a, const explanation& b) const;
+    static bool one_kind(const explanation& a, const explanation& b);
+    double
+    loss_of_merging(const explanation& a, const explanation& b, double most) const;
     std::vector<outcome> collect(outcome explanation::*which) const;
 
     // press_events.cc: each event adds what follows `from` with this probability.

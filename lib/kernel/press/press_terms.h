@@ -11,11 +11,10 @@
 
 namespace gr::wiforce::kernel {
 
-// Explanations that are kept, and of them those that agree on where the untouched line
-// lies, beside the likeliest of each state: otherwise the many courses of what is likely
-// leave no room for what is not, and the deviation of presses beside turning tags grows
-// from 0.2 to 0.55 N.
-constexpr std::size_t most_kept = 32, most_of_line = 12;
+// Explanations that are kept.
+constexpr std::size_t most_kept = 64;
+// Nats: two are one where no more of the evidence for either is lost.
+constexpr double no_loss = 0.1;
 // Logarithm of a weight that counts, of 1e-8; explanations with less than 1e-5 change no
 // reading.
 constexpr double negligible = -18, least_weight = 1e-5;
