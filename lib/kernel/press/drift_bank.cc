@@ -89,26 +89,13 @@ void drift_bank::merge(const drift_bank& other, double share)
 {
     for (std::size_t i = 0; i < d_count; i++) {
         const double own = (1 - share) * d_weight[i], others = share * other.d_weight[i],
-                     part = others / (own + others),
                      apart = wrapped(other.d_mean[i] - d_mean[i]);
-        d_variance[i] += part * (other.d_variance[i] - d_variance[i]) +
-                         part * (1 - part) * apart * apart;
-        d_mean[i] += part * apart;
         d_weight[i] = own + others;
+        mix_moments(
+            d_mean[i], d_variance[i], apart, other.d_variance[i], others / d_weight[i]);
     }
     find_usual_rate();
     summarize();
-}
-
-double drift_bank::least_square(double phase, double noise) const
-{
-    double least = 1e300;
-    const double first = d_mean[0], first_off = wrapped(phase - first);
-    for (std::size_t i = 0; i < d_count; i++) {
-        const double off = first_off + first - d_mean[i];
-        least = std::min(least, off * off / (d_variance[i] + noise));
-    }
-    return least;
 }
 
 double drift_bank::update(double phase, double noise, double memory)

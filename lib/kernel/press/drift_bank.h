@@ -51,9 +51,6 @@ public:
     void merge(const drift_bank& other, double share);
 
     moments estimate() const { return d_estimate; }
-    //! Of the phase from what is expected, over its variance: by the rate that expects it
-    //! best.
-    double least_square(double phase, double noise) const;
     //! Geometric mean of the rates.
     double usual_rate() const { return d_usual_rate; }
 

@@ -95,14 +95,6 @@ double drifting_phases::update(const pair_of_ends& phase,
            difference.update(apart, of_difference(noise), memory);
 }
 
-double drifting_phases::least_square(const pair_of_ends& phase,
-                                     const phase_covariance& noise) const
-{
-    const auto [mean, apart] = beside(phase);
-    return common.least_square(mean, of_mean(noise)) +
-           difference.least_square(apart, of_difference(noise));
-}
-
 void drifting_phases::share_rates(const drifting_phases& other)
 {
     common.share_rates(other.common);
@@ -117,14 +109,12 @@ void drifting_phases::merge(const drifting_phases& other, double share)
 
 void both_amplitudes::merge(const both_amplitudes& other, double share)
 {
-    const double apart = other.mean - mean, differs = other.difference - difference,
-                 spread = share * (1 - share);
-    mean += share * apart;
-    difference += share * differs;
-    mean_variance +=
-        share * (other.mean_variance - mean_variance) + spread * apart * apart;
-    difference_variance += share * (other.difference_variance - difference_variance) +
-                           spread * differs * differs;
+    mix_moments(mean, mean_variance, other.mean - mean, other.mean_variance, share);
+    mix_moments(difference,
+                difference_variance,
+                other.difference - difference,
+                other.difference_variance,
+                share);
 }
 
 void both_amplitudes::grow(const pair_of_ends& by)
@@ -174,18 +164,16 @@ namespace {
 
 void merge_outcomes(press_outcome& own, const press_outcome& other, double share)
 {
-    const auto [turned, apart] =
+    const auto [common, difference] =
         mean_and_difference({ wrapped(other.baseline[0] - own.baseline[0]),
                               wrapped(other.baseline[1] - own.baseline[1]) });
-    const double spread = share * (1 - share);
-    own.common_variance += share * (other.common_variance - own.common_variance) +
-                           spread * turned * turned;
-    own.difference_variance +=
-        share * (other.difference_variance - own.difference_variance) +
-        spread * apart * apart;
+    double turned = 0, parted = 0;
+    mix_moments(turned, own.common_variance, common, other.common_variance, share);
+    mix_moments(
+        parted, own.difference_variance, difference, other.difference_variance, share);
+    own.baseline[0] += turned + parted / 2;
+    own.baseline[1] += turned - parted / 2;
     own.amplitude += share * (other.amplitude - own.amplitude);
-    own.baseline[0] += share * (turned + apart / 2);
-    own.baseline[1] += share * (turned - apart / 2);
 }
 
 } // namespace
@@ -198,8 +186,8 @@ void explanation::merge(const explanation& other, double share)
     };
     const double line_apart = wrapped(other.line.common.estimate().mean -
                                       line.common.estimate().mean),
-                 strength_apart = other.press.strength.difference -
-                                  press.strength.difference;
+                 strength_apart =
+                     other.press.strength.difference - press.strength.difference;
     mean(press.with_common, other.press.with_common);
     press.with_common += share * (1 - share) * line_apart * strength_apart;
     line.merge(other.line, share);

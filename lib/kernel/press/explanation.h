@@ -58,8 +58,6 @@ struct drifting_phases {
     //! Take phases with this noise; give the log density that was expected of them.
     double
     update(const pair_of_ends& phase, const phase_covariance& noise, double memory);
-    //! Of what is seen from what is expected, over the variances.
-    double least_square(const pair_of_ends& phase, const phase_covariance& noise) const;
     void share_rates(const drifting_phases& other);
     void merge(const drifting_phases& other, double share);
 

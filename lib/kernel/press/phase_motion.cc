@@ -90,17 +90,6 @@ void phase_motion::predict(double seconds)
             d_covariance[i][j] += seconds * d_covariance[i][j + 2];
 }
 
-bool phase_motion::near(const phase_motion& other) const
-{
-    for (int i = 0; i < 4; i++) {
-        const double off = i < 2 ? wrapped(d_state[i] - other.d_state[i])
-                                 : d_state[i] - other.d_state[i];
-        if (off * off > 0.1 * d_covariance[i][i])
-            return false;
-    }
-    return true;
-}
-
 void phase_motion::merge(const phase_motion& other, double share)
 {
     double apart[4];

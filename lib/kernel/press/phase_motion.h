@@ -7,6 +7,15 @@
 
 namespace gr::wiforce::kernel {
 
+//! Mean and variance of what is a mixture from now on: the other part has this share, and
+//! a mean that lies so far apart.
+inline void
+mix_moments(double& mean, double& variance, double apart, double others, double share)
+{
+    variance += share * (others - variance) + share * (1 - share) * apart * apart;
+    mean += share * apart;
+}
+
 //! Covariance of both phases, rad^2.
 struct phase_covariance {
     double first = 0, second = 0, both = 0;
@@ -59,9 +68,6 @@ public:
     void stop(double seconds);
     void predict(double seconds);
 
-    //! Whether phases and velocities are the same within a third of what is known of
-    //! them.
-    bool near(const phase_motion& other) const;
     //! A share of another in one with what is left of this.
     void merge(const phase_motion& other, double share);
     //! Mean of both phases and their difference, and how fast they change.

@@ -10,7 +10,7 @@ namespace gr::wiforce::kernel {
 
 void press_filter::remain_untouched(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->turn.goes_on = false;
@@ -21,7 +21,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_turn_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->turn.seen += sees_turns(from, from.is);
@@ -40,7 +40,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
 void press_filter::turn_slowly(
     const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->turn.speed = speed;
@@ -116,8 +116,7 @@ double press_filter::follow_turn(explanation& to,
 
 void press_filter::release(const explanation& from, double probability)
 {
-    auto next =
-        follow(from, probability, from.line.known ? best_baseline(from) : d_contact_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->is = untouched;
@@ -145,7 +144,7 @@ void press_filter::release(const explanation& from, double probability)
 
 void press_filter::touch(const explanation& from, double probability, state is)
 {
-    auto next = follow(from, probability, d_contact_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->is = is;
@@ -167,7 +166,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
 {
     if (!from.line.known)
         return;
-    auto next = follow(from, probability, d_move_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     if (from.is != untouched)
@@ -194,7 +193,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
 
 void press_filter::stop_changing(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->press.motion.predict(d_elapsed_s);
@@ -204,7 +203,7 @@ void press_filter::stop_changing(const explanation& from, double probability)
 
 void press_filter::hold(const explanation& from, double probability)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->lasts = true;
@@ -222,7 +221,7 @@ void press_filter::change_steadily(const explanation& from,
                                    bool slides,
                                    std::size_t speed)
 {
-    auto next = follow(from, probability, d_peak);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->press.steady = true;
@@ -298,7 +297,7 @@ void press_filter::jump(const explanation& from, double probability)
         jumped += squared(wrapped(d_group.phase[e] - was[e]));
     const double log_differs =
         std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
-    auto next = follow(from, probability, d_peak + log_differs);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->press.motion.rest();
@@ -325,7 +324,7 @@ double press_filter::rest_pressed(explanation& to) const
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
     const auto mixture = mixture_after(from, ends);
-    auto next = follow(from, probability, log_any_mixture + mixture.log_density);
+    auto next = follow(from, probability);
     if (!next)
         return;
     next->is = mixed;

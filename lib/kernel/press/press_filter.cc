@@ -5,14 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 namespace gr::wiforce::kernel {
 
 namespace {
-
-constexpr double unlimited = std::numeric_limits<double>::infinity();
 
 // Of the second in the weight of both.
 double share_of(const explanation& a, const explanation& b)
@@ -67,7 +64,7 @@ void press_filter::take(const press_observation& group)
     d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
     d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
-    find_peaks();
+    find_peak();
     d_next.clear();
     d_best = -1e300;
     if (d_first)
@@ -94,7 +91,7 @@ void press_filter::take(const press_observation& group)
             branch(from);
         }
         from.log_weight = log_weight;
-        if (steps > 0 && may_count(from, steps, d_peak)) {
+        if (steps > 0 && may_count(from, steps)) {
             from.log_weight = log_weight + std::log(steps);
             step_receiver(from);
             branch(from);
@@ -183,17 +180,14 @@ struct changes {
 } // namespace
 
 // What the tag may do while the press changes: nothing, or turn suddenly; or go on
-// turning, or come to rest. Calls `event` with the tag and with the probability, where
-// that may count for an event of this probability and best log density.
+// turning, or come to rest. Calls `event` with the tag and with its part of the
+// probability.
 template <class Event>
 void press_filter::with_courses(const explanation& from,
                                 double probability,
-                                double best,
                                 Event&& event) const
 {
     const auto course = [&](double share, const auto& changed) {
-        if (!may_count(from, probability * share, best))
-            return;
         auto other = from;
         changed(other);
         event(other, probability * share);
@@ -211,8 +205,7 @@ void press_filter::with_courses(const explanation& from,
         return;
     }
     const double turns = turn_probability(from);
-    if (may_count(from, probability * (1 - turns), best))
-        event(from, probability * (1 - turns));
+    event(from, probability * (1 - turns));
     course(turns, [&](explanation& other) {
         const double variance = squared(d_set.turn_deg * deg);
         other.turn.sudden = true;
@@ -248,12 +241,10 @@ void press_filter::branch_untouched(const explanation& from)
     touch(from, between * may.unexplained / 2, unexplained);
     move_line(from, between * may.unexplained / 2);
     move_line(from, (1 - between) * may.unexplained / 2, true);
-    with_courses(from,
-                 between * may.press,
-                 d_contact_peak,
-                 [&](const explanation& tag, double probability) {
-                     touch(tag, probability, pressed);
-                 });
+    with_courses(
+        from, between * may.press, [&](const explanation& tag, double probability) {
+            touch(tag, probability, pressed);
+        });
     mix(from, (1 - between) * sudden);
 }
 
@@ -287,7 +278,7 @@ void press_filter::branch_touched(const explanation& from)
     } else if (from.press.steady) {
         go_on_changing(from, quiet * goes_on * (1 - turns));
         const double each = quiet * goes_on * turns / turning_speeds;
-        if (may_count(from, each, d_peak)) {
+        if (may_count(from, each)) {
             auto turning = from;
             turning.turn.goes_on = true;
             turning.turn.seen += sees_turns(from, from.is);
@@ -308,12 +299,11 @@ void press_filter::branch_touched(const explanation& from)
     touch(from, between * may.unexplained / 2, unexplained);
     move_line(from, between * may.unexplained / 2);
     const double ends = may.release + may.exchange + may.jump;
-    with_courses(
-        from, between * ends, d_peak, [&](const explanation& tag, double probability) {
-            release(tag, probability * may.release / ends);
-            touch(tag, probability * may.exchange / ends, pressed);
-            jump(tag, probability * may.jump / ends);
-        });
+    with_courses(from, between * ends, [&](const explanation& tag, double probability) {
+        release(tag, probability * may.release / ends);
+        touch(tag, probability * may.exchange / ends, pressed);
+        jump(tag, probability * may.jump / ends);
+    });
     mix(from, (1 - between) * sudden, may.release / sudden);
 }
 
@@ -338,8 +328,7 @@ void press_filter::branch_mixed(const explanation& from)
     turn_suddenly(next, turns / all);
     touch(next, may.unexplained / all / 2, unexplained);
     move_line(next, may.unexplained / all / 2);
-    // How well the mixture is explained is not known before.
-    with_courses(from, 1, unlimited, [&](const explanation& tag, double share) {
+    with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture, untouched_ratio(tag), 0) - known
                                         : to_this;
@@ -443,18 +432,22 @@ void press_filter::settle()
     d_kept.clear();
     for (const auto* each : likely) {
         const auto& next = *each;
+        // All of its evidence is lost where it is dropped.
         const double counts = next.log_weight - d_best - negligible;
         if (counts < 0)
             break;
         const bool full = d_kept.size() == most_kept;
         double least = full ? counts : no_loss;
         explanation* with = nullptr;
-        for (auto& kept : d_kept)
-            if (one_kind(kept, next))
-                if (const double loss = loss_of_merging(kept, next, least); loss < least) {
-                    least = loss;
-                    with = &kept;
-                }
+        for (auto& kept : d_kept) {
+            if (!one_kind(kept, next))
+                continue;
+            const double loss = loss_of_merging(kept, next, least);
+            if (loss < least) {
+                least = loss;
+                with = &kept;
+            }
+        }
         if (with)
             with->merge(next, share_of(*with, next));
         else if (!full)
@@ -511,7 +504,8 @@ bool press_filter::one_kind(const explanation& a, const explanation& b)
 
 // How much of the evidence for the one that loses more of it is lost, in nats, where one
 // explanation with the mean and the variance of both takes the weight of both: its
-// divergence from that, less what it gains of the weight of the other.
+// divergence from that, less what it gains of the weight of the other. `most` where that
+// is no less.
 double press_filter::loss_of_merging(const explanation& a,
                                      const explanation& b,
                                      double most) const
@@ -528,8 +522,7 @@ double press_filter::loss_of_merging(const explanation& a,
     };
     const auto compare_amplitudes = [&](const both_amplitudes& x,
                                         const both_amplitudes& y) {
-        compare(
-            y.mean - x.mean, x.mean_variance, y.mean_variance, d_amplitude_noise);
+        compare(y.mean - x.mean, x.mean_variance, y.mean_variance, d_amplitude_noise);
         compare(y.difference - x.difference,
                 x.difference_variance,
                 y.difference_variance,

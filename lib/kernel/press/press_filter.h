@@ -35,7 +35,7 @@ struct press_observation {
  * docs/press.md explains it. Every explanation holds the phases that both ends would show
  * if nobody touched, and what the press is doing. With every group it branches into what
  * may have happened next, each branch is weighted by how well it predicts the group,
- * branches that have come to the same are merged, and unlikely ones are dropped.
+ * and those that one may stand for are merged.
  */
 class press_filter
 {
@@ -88,10 +88,7 @@ private:
     void begin_changing(const explanation& from, double probability);
     void go_on_changing(const explanation& from, double probability);
     template <class Event>
-    void with_courses(const explanation& from,
-                      double probability,
-                      double best,
-                      Event&& event) const;
+    void with_courses(const explanation& from, double probability, Event&& event) const;
     double turn_rate(const explanation& of) const;
     double turn_probability(const explanation& of) const;
     double going_on() const;
@@ -100,8 +97,7 @@ private:
     void settle();
     void keep_claim();
     static bool one_kind(const explanation& a, const explanation& b);
-    double
-    loss_of_merging(const explanation& a, const explanation& b, double most) const;
+    double loss_of_merging(const explanation& a, const explanation& b, double most) const;
     std::vector<outcome> collect(outcome explanation::*which) const;
 
     // press_events.cc: each event adds what follows `from` with this probability.
@@ -135,11 +131,9 @@ private:
     mixture mixture_after(const explanation& from, double ends) const;
 
     // press_likelihood.cc: what events share.
-    void find_peaks();
-    double best_baseline(const explanation& of) const;
-    bool may_count(const explanation& from, double probability, double best) const;
-    std::optional<explanation>
-    follow(const explanation& from, double probability, double best) const;
+    void find_peak();
+    bool may_count(const explanation& from, double probability) const;
+    std::optional<explanation> follow(const explanation& from, double probability) const;
     void give(explanation& next, double log_likelihood);
     void average(explanation& to) const;
     double step_probability() const;
@@ -186,10 +180,7 @@ private:
     std::vector<explanation> d_kept, d_next;
     double d_best = 0;    // largest log weight so far
     double d_claimed = 0; // probability of what the user has said
-    // Largest log densities of amplitudes, of a group, and of one in which the tag turns
-    // suddenly, a line moves, or a contact begins.
-    double d_amplitude_peak = 0, d_peak = 0, d_turn_peak = 0, d_move_peak = 0,
-           d_contact_peak = 0;
+    double d_peak = 0;    // largest log density of a group
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it

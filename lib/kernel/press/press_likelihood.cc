@@ -16,53 +16,27 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 
 } // namespace
 
-// No event predicts a group better than its noise, and what is not known beforehand,
-// allow.
-void press_filter::find_peaks()
+// No event predicts a group better than its noise, and what contacts look like, allow.
+void press_filter::find_peak()
 {
     const auto [first, second, both] = d_noise;
-    const double determinant = first * second - both * both,
-                 turn = squared(d_set.turn_deg * deg), turn_np = squared(d_set.turn_np);
-    d_amplitude_peak =
-        log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise);
-    d_peak = d_amplitude_peak - std::log(two_pi) - std::log(determinant) / 2;
-    d_turn_peak =
-        d_peak - std::log1p(turn * (first + second - 2 * both) / determinant) / 2;
-    d_move_peak = log_normal(0, turn / 2 + d_common_noise) +
-                  log_normal(0, 2 * turn + d_difference_noise) +
-                  log_normal(0, turn_np + d_amplitude_noise) +
-                  log_normal(0, 4 * d_amplitude_noise);
-    d_contact_peak =
-        d_amplitude_peak +
-        std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
+    d_peak = log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise) +
+             std::max({ -std::log(two_pi) - std::log(first * second - both * both) / 2,
+                        log_any_phases,
+                        std::log(d_image->largest_density() + 1e-12) });
 }
 
-// Largest log density that the untouched line may predict the group with.
-double press_filter::best_baseline(const explanation& of) const
+// Whether what follows with this probability may keep a weight.
+bool press_filter::may_count(const explanation& from, double probability) const
 {
-    const auto& line = of.line.amplitude;
-    const double square =
-        of.line.least_square(d_group.phase, d_noise) +
-        squared(d_amplitude - line.mean) / (line.mean_variance + d_amplitude_noise) +
-        squared(d_amplitude_difference - line.difference) /
-            (line.difference_variance + 4 * d_amplitude_noise);
-    return d_peak - square / 2;
-}
-
-// Whether what follows with this probability, and predicts the group with this log
-// density at best, may keep a weight.
-bool press_filter::may_count(const explanation& from,
-                             double probability,
-                             double best) const
-{
-    return from.log_weight + std::log(probability) + best > d_best + negligible;
+    return from.log_weight + std::log(probability) + d_peak > d_best + negligible;
 }
 
 // What follows, before the event has changed it; nothing where it cannot count.
-std::optional<explanation>
-press_filter::follow(const explanation& from, double probability, double best) const
+std::optional<explanation> press_filter::follow(const explanation& from,
+                                                double probability) const
 {
-    if (!may_count(from, probability, best))
+    if (!may_count(from, probability))
         return std::nullopt;
     auto next = from;
     next.log_weight = from.log_weight + std::log(probability);
@@ -154,7 +128,7 @@ bool press_filter::step_level(explanation& to) const
     to.recount({}, { by, by });
     to.mixture = mixture;
     to.log_weight += log_step - log_normal(0, variance);
-    return may_count(to, 1, d_peak);
+    return may_count(to, 1);
 }
 
 void press_filter::reset_baseline(explanation& to) const
