@@ -82,7 +82,6 @@ public:
             produced += count;
             d_expected = first + count;
         }
-        d_reader.let_go();
         return produced > 0 ? produced : WORK_DONE;
     }
 

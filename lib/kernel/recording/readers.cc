@@ -60,7 +60,6 @@ folded_reader::batch folded_reader::read(std::size_t max_frames)
         for (const int frame : d_reader.saturated())
             frames.saturated[before + frame] = 1;
     }
-    d_reader.let_go();
     frames.folded.resize(frames.snapshot.size() * length);
     frames.noise.resize(frames.snapshot.size());
     return frames;

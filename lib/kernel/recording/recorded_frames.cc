@@ -5,6 +5,15 @@
 
 namespace gr::wiforce::kernel {
 
+namespace {
+
+// A read of half a megabyte costs little more than its copy, and leaves the samples in
+// the second cache. Guards are read as well: leaving them out takes a call per frame,
+// which doubles the time (frames of 720 samples, page cache).
+constexpr std::uint64_t READ_BYTES = 1 << 19;
+
+} // namespace
+
 recorded_frames::recorded_frames(const std::string& path,
                                  const std::string& datatype,
                                  const std::vector<recording::segment>& segments,
@@ -15,7 +24,7 @@ recorded_frames::recorded_frames(const std::string& path,
     : d_folder(folder),
       d_recording(path, datatype, segments, header_bytes),
       d_walk(folder, frame_offset),
-      d_watched(recording::READ_BYTES),
+      d_watched(READ_BYTES),
       d_on_slip(std::move(on_slip))
 {
 }
@@ -84,13 +93,13 @@ bool recorded_frames::start_segment()
 
 std::uint64_t recorded_frames::read_at_once() const
 {
-    return recording::READ_BYTES / d_recording.sample_bytes();
+    return READ_BYTES / d_recording.sample_bytes();
 }
 
 frame_reader::frame_reader(recorded_frames& frames)
     : d_frames(frames),
       d_at_once(std::max<std::uint64_t>(
-          frames.d_recording.look_at_once() / frames.d_folder.frame_length(), 1))
+          frames.read_at_once() / frames.d_folder.frame_length(), 1))
 {
 }
 
@@ -98,7 +107,10 @@ void frame_reader::read_on()
 {
     const std::uint64_t frames = std::min(d_run.count, d_at_once);
     const std::uint64_t wanted = d_frames.span(frames);
-    const std::uint64_t read = d_frames.d_recording.look(d_run.sample, wanted, d_piece);
+    d_buffer.resize(
+        std::max(d_buffer.size(), wanted * d_frames.d_recording.sample_bytes()));
+    const std::uint64_t read =
+        d_frames.d_recording.read(d_run.sample, wanted, d_buffer.data());
     d_held = frames;
     while (d_held > 0 && d_frames.span(d_held) > read)
         d_held--;
@@ -113,7 +125,7 @@ std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_nois
         read_on();
     const std::uint64_t count = std::min(most, d_held);
     const std::uint64_t stride = d_frames.d_folder.frame_length();
-    d_frames.d_recording.visit(d_piece.samples, [&](const auto* samples) {
+    d_frames.d_recording.visit(d_buffer.data(), [&](const auto* samples) {
         d_frames.d_folder.fold(
             samples + d_first * stride, count, folded, noise, &d_saturated);
     });
@@ -123,15 +135,7 @@ std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_nois
     d_run.frame += count;
     d_run.count -= count;
     d_frames.d_folded += count;
-    if (d_held == 0)
-        let_go();
     return count;
-}
-
-void frame_reader::let_go()
-{
-    if (d_frames.d_recording.let_go(d_piece))
-        d_held = 0;
 }
 
 } // namespace gr::wiforce::kernel

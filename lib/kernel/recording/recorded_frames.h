@@ -84,11 +84,9 @@ class frame_reader
 {
 public:
     explicit frame_reader(recorded_frames& frames);
-    ~frame_reader() { let_go(); }
 
     void begin(const frame_run& run)
     {
-        let_go();
         d_run = run;
         d_held = 0;
     }
@@ -97,8 +95,6 @@ public:
     // Folds the next ones; returns how many. 0 at the end of the run, which is where the
     // file was cut short if that comes first.
     std::uint64_t fold(std::uint64_t most, fc32* folded, snapshot_noise* noise);
-    // Lets others write to the file, until the next fold.
-    void let_go();
     // Of the frames last folded, those that hold samples at full scale.
     const std::vector<int>& saturated() const { return d_saturated; }
 
@@ -107,9 +103,9 @@ private:
 
     recorded_frames& d_frames;
     frame_run d_run = {};
-    recording::piece d_piece;
+    std::vector<char> d_buffer;
     std::uint64_t d_at_once;  // frames that it holds
-    std::uint64_t d_held = 0; // in the piece
+    std::uint64_t d_held = 0; // in the buffer
     std::uint64_t d_first = 0;
     std::vector<int> d_saturated;
 };

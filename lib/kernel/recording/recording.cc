@@ -4,13 +4,11 @@
 #include "../require.h"
 
 #include <fcntl.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <csignal>
 #include <cstring>
 
 namespace gr::wiforce::kernel {
@@ -18,10 +16,6 @@ namespace gr::wiforce::kernel {
 namespace {
 
 constexpr const char* WHERE = "recording";
-
-// Pages of 4 MB are mapped in two thirds of the time per byte that those of 256 kB take;
-// more are no faster (ext4, Linux 6.18).
-constexpr std::uint64_t MAPPED_BYTES = 1 << 22;
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason)
 {
@@ -71,14 +65,9 @@ recording::recording(const std::string& path,
         close(d_file);
         refuse(path, "holds no sample");
     }
-    map();
 }
 
-recording::~recording()
-{
-    unmap();
-    close(d_file);
-}
+recording::~recording() { close(d_file); }
 
 void recording::open(const std::string& path)
 {
@@ -92,30 +81,6 @@ void recording::open(const std::string& path)
         refuse(path, "must be a regular file");
     }
     posix_fadvise(d_file, 0, 0, POSIX_FADV_SEQUENTIAL);
-}
-
-void recording::map()
-{
-    if (d_header_bytes % alignof(fc32) != 0)
-        return;
-    d_mapped_bytes = d_header_bytes + d_end * d_sample_bytes;
-    void* const mapping = mmap(nullptr, d_mapped_bytes, PROT_READ, MAP_SHARED, d_file, 0);
-    if (mapping == MAP_FAILED)
-        return;
-    d_mapping = static_cast<char*>(mapping);
-    madvise(d_mapping, d_mapped_bytes, MADV_SEQUENTIAL);
-    // Where the system cannot do it once, it never can.
-    piece first;
-    look(0, 1, first);
-    if (!let_go(first))
-        unmap();
-}
-
-void recording::unmap()
-{
-    if (d_mapping)
-        munmap(d_mapping, d_mapped_bytes);
-    d_mapping = nullptr;
 }
 
 std::uint64_t recording::samples_in_file() const
@@ -187,72 +152,6 @@ recording::read(std::uint64_t sample, std::uint64_t count, char* samples) const
     if (got < count)
         note_end(sample + got);
     return got;
-}
-
-// Keeps others from writing to the file, or fails where somebody does or waits to. To
-// read a page of a mapping that was cut off would end the process.
-bool recording::guard() const
-{
-    const std::lock_guard<std::mutex> lock(d_mutex);
-    if (d_guards == 0) {
-        // The signal that says that somebody waits is one that is ignored unless handled.
-        if (fcntl(d_file, F_SETSIG, SIGURG) != 0 ||
-            fcntl(d_file, F_SETLEASE, F_RDLCK) != 0)
-            return false;
-    } else if (fcntl(d_file, F_GETLEASE) != F_RDLCK)
-        return false;
-    d_guards++;
-    return true;
-}
-
-void recording::unguard() const
-{
-    const std::lock_guard<std::mutex> lock(d_mutex);
-    if (--d_guards == 0)
-        fcntl(d_file, F_SETLEASE, F_UNLCK);
-}
-
-std::uint64_t recording::look_at_once() const
-{
-    return (d_mapping ? MAPPED_BYTES : READ_BYTES) / d_sample_bytes;
-}
-
-std::uint64_t recording::look(std::uint64_t sample, std::uint64_t count, piece& at) const
-{
-    if (d_mapping && guard()) {
-        const std::uint64_t in_file = samples_in_file();
-        const std::uint64_t held = std::min(count, in_file - std::min(in_file, sample));
-        at.samples = d_mapping + d_header_bytes + sample * d_sample_bytes;
-        at.mapped_bytes = held * d_sample_bytes;
-        if (held > 0 && advise(at, MADV_POPULATE_READ)) {
-            if (held < count)
-                note_end(sample + held);
-            return held;
-        }
-        at.mapped_bytes = 0;
-        unguard();
-    }
-    at.copy.resize(std::max(at.copy.size(), count * d_sample_bytes));
-    at.samples = at.copy.data();
-    return read(sample, count, at.copy.data());
-}
-
-bool recording::let_go(piece& at) const
-{
-    if (at.mapped_bytes == 0)
-        return false;
-    advise(at, MADV_DONTNEED); // the file's pages stay in memory, as after a read
-    at.mapped_bytes = 0;
-    unguard();
-    return true;
-}
-
-// For all pages of a piece.
-bool recording::advise(const piece& at, int advice) const
-{
-    const std::uint64_t first = at.samples - d_mapping;
-    const std::uint64_t from = first - first % sysconf(_SC_PAGESIZE);
-    return madvise(d_mapping + from, first - from + at.mapped_bytes, advice) == 0;
 }
 
 } // namespace gr::wiforce::kernel

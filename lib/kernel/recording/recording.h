@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -59,24 +58,6 @@ public:
     std::uint64_t sample_bytes() const { return d_sample_bytes; }
     // Reads samples from a place in the file on; returns how many it held.
     std::uint64_t read(std::uint64_t sample, std::uint64_t count, char* samples) const;
-    // A read of half a megabyte costs little more than its copy, and leaves the samples
-    // in the second cache. Guards are read as well: leaving them out takes a call per
-    // frame, which doubles the time (frames of 720 samples, page cache).
-    static constexpr std::uint64_t READ_BYTES = 1 << 19;
-
-    // Samples in memory: in the mapping of the file, or a copy where it has none.
-    struct piece {
-        const char* samples = nullptr;
-        std::size_t mapped_bytes = 0; // 0: a copy
-        std::vector<char> copy;
-    };
-    // Samples to look at at a time.
-    std::uint64_t look_at_once() const;
-    // Looks at samples from a place in the file on; returns how many it held. Who wants
-    // to write to the file waits until it is let go of.
-    std::uint64_t look(std::uint64_t sample, std::uint64_t count, piece& at) const;
-    // Returns whether the samples are gone, as those of a mapping are.
-    bool let_go(piece& at) const;
     // Calls the visitor with samples that were read, in their type.
     template <class Visitor>
     void visit(const char* samples, const Visitor& visitor) const
@@ -89,22 +70,13 @@ public:
 
 private:
     void open(const std::string& path);
-    void map();
-    void unmap();
     std::uint64_t samples_in_file() const;
     void note_end(std::uint64_t sample) const;
-    bool guard() const;
-    void unguard() const;
-    bool advise(const piece& at, int advice) const;
 
     const bool d_is_integer;
     const std::uint64_t d_sample_bytes;
     const std::uint64_t d_header_bytes;
     int d_file = -1;
-    char* d_mapping = nullptr;
-    std::size_t d_mapped_bytes = 0;
-    mutable std::mutex d_mutex;
-    mutable int d_guards = 0;        // pieces of the mapping that are looked at
     std::vector<segment> d_segments; // as they are stated
     std::size_t d_next_segment = 0;
     std::uint64_t d_next_sample = 0; // to be read, in the file

@@ -202,17 +202,6 @@ def test_groups_folded_side_by_side_are_those_of_one_processor(long_groups):
             np.testing.assert_array_equal(of_same, value)
 
 
-@pytest.mark.parametrize("processors", [1, 2])
-def test_groups_of_a_file_with_a_writer_are_those_of_a_mapped_one(long_groups, processors):
-    """A recording must not read otherwise on a disk that refuses leases."""
-    mapped, incomplete = read_on_processors(processors, long_groups)
-    with open(long_groups[0], "r+b"):
-        copied, incomplete_too = read_on_processors(processors, long_groups)
-    for key, values in mapped.items():
-        np.testing.assert_array_equal(copied[key], values)
-    assert len(incomplete) == len(incomplete_too) == 10
-
-
 def test_a_transform_that_gnu_radio_measured_changes_no_bit(long_groups):
     """Else a capture reads otherwise beside a spectrum display than alone."""
     before = tone_reader(*long_groups).read(100, lambda *_: None)["tones"]
