@@ -15,9 +15,9 @@ namespace gr::wiforce::kernel {
 constexpr std::size_t most_kept = 64;
 // Nats: two are one where no more of the evidence for either is lost.
 constexpr double no_loss = 0.1;
-// Logarithm of a weight that counts, of 1e-8; explanations with less than 1e-5 change no
+// Logarithm of a weight that counts, of 1e-8; explanations with less than 3e-5 change no
 // reading.
-constexpr double negligible = -18, least_weight = 1e-5;
+constexpr double negligible = -18, least_weight = 3e-5;
 constexpr double deg = two_pi / 360; // rad
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
 // tap. The first three are those of tags, the first two those of hands nearby.

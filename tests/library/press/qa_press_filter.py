@@ -338,7 +338,8 @@ def test_press_at_mid_line_beside_a_turn_is_not_missed(moves):
     untouched = probability(found, found["is"] == UNTOUCHED, len(rows))
     pressed = force_n.reshape(-1, parts).min(axis=1) > 1.2
     pressed[-1] = False  # of which nothing is given yet
-    assert pressed.sum() == 33 and untouched[pressed].max() < 0.99
+    # A release to where the line was speaks for a turn back as well, in the group before it.
+    assert pressed.sum() == 33 and untouched[pressed][:-1].max() < 0.9
 
 
 @pytest.mark.parametrize("period_s", [0.0072, 0.144])
