@@ -96,6 +96,9 @@ class Outputs(Output):
             raise failure
         self.rows += len(rows)
 
+    def close(self) -> None:
+        self._ending.close()
+
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         for output in self._outputs:
             output.send(kind, report)

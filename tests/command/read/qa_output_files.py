@@ -23,6 +23,7 @@ from gnuradio.wiforce.io.files.parquet import ParquetWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
+from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.ros_messages import topics_of
 from mcap.reader import make_reader
@@ -108,6 +109,30 @@ def test_writer_that_is_refused_keeps_former_file(tmp_path, suffix):
     with OutputFile(path, append=True):
         with pytest.raises(InputError, match="is being written to by another process"):
             writer.begin()
+
+
+def test_mcap_that_never_began_keeps_former_file(tmp_path):
+    """A run that was ended before its device answered emptied the recording of the day before."""
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"former")
+    with Outputs(McapWriter(path)):
+        pass
+    assert path.read_bytes() == b"former"
+
+
+def test_content_that_the_system_does_not_cut_off_is_named(tmp_path, monkeypatch):
+    """Rows were written behind those of another run."""
+    path = tmp_path / "out.csv"
+    path.write_text("former\n")
+
+    class AppendOnly(io.FileIO):
+        def truncate(self, _):
+            raise OSError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(output_file, "open", lambda path, *_, **__: AppendOnly(path, "a"), False)
+    with pytest.raises(InputError, match=r"out.csv: cannot be cut off \(Operation not permitted"):
+        OutputFile(path)
+    assert path.read_text() == "former\n"
 
 
 @pytest.mark.parametrize("options", [["--append"], ["--rotate", "1h"]])

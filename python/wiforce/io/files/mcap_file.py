@@ -170,6 +170,11 @@ class McapWriter(EndedOutput):
             except OutputError:
                 pass
 
+    def close(self) -> None:
+        """End the file; a run that never began leaves the former one as it was."""
+        if self._file is not None:
+            super().close()
+
     def _begin_next(self, folder: Path) -> None:
         with self._lock:
             self.close()
@@ -178,7 +183,7 @@ class McapWriter(EndedOutput):
 
     def _put(self, message: RosMessage, else_ns: int) -> None:
         with self._lock:
-            if self._ended and self._failure is None:
+            if (self._ended or self._writer is None) and self._failure is None:
                 return
             self._utc_ns = message.stamp_ns or self._utc_ns
             time_ns = else_ns if self._utc_ns is None else self._utc_ns

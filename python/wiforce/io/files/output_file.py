@@ -52,6 +52,7 @@ class OutputFile:
                 if not append:
                     self._empty(reserve_bytes)
         except (InputError, OutputError):
+            self._file.close()
             raise
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
@@ -95,7 +96,8 @@ class OutputFile:
                     continue
                 if self._lines:
                     self.size_bytes += bytes(data).rfind(b"\n", 0, length - len(rest)) + 1
-                self.cut(self.size_bytes)
+                with suppress(InputError):
+                    self.cut(self.size_bytes)
                 rule = f"cannot be written further ({error.strerror}); {self._kept}"
                 self._failure = OutputError(self._path, rule)
                 raise self._failure from error
@@ -103,10 +105,12 @@ class OutputFile:
         return length
 
     def cut(self, size_bytes: int) -> None:
-        """Cut off what lies behind so many bytes, unless this is no regular file."""
-        self.size_bytes = size_bytes
-        with suppress(OSError):
+        """Cut off what lies behind so many bytes; InputError where the system refuses that."""
+        try:
             self._file.truncate(size_bytes)
+        except OSError as error:
+            raise InputError(self._path, f"cannot be cut off ({error.strerror})") from error
+        self.size_bytes = size_bytes
 
     def close(self) -> None:
         """Close the file, which then holds what was written."""
@@ -124,7 +128,8 @@ class OutputFile:
                 self._file.close()
                 rule = f"cannot be replaced ({error.strerror}); its former content is kept"
                 raise OutputError(self._path, rule) from error
-        self.cut(0)
+        if self.size_bytes:
+            self.cut(0)
         if reserve_bytes:
             with suppress(OSError):
                 self._reserve = _reserved(folder, reserve_bytes)

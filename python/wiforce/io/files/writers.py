@@ -270,8 +270,8 @@ class RotatingWriter(ReadingsWriter):
         for row in rows:
             if row["time_s"] != self._last_s and self._last_s is not None and self._is_due():
                 self.abandon()
-                self._rename()
                 self._begun = False
+                self._rename()
             self._last_s = row["time_s"]
             super().write_rows([row])
 

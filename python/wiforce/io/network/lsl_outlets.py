@@ -82,7 +82,7 @@ class LslOutlets(Output):
             values = {**row, "flags": flag_bits(tuple(row["flags"].split()))}
             known = [values[name] for name, *_ in self._channels[row["sensor"]]]
             lsl_s = self._pylsl.local_clock()
-            if row["time_utc"]:
+            if row.get("time_utc"):
                 utc_s = parsed_utc(row["time_utc"]).timestamp()
                 lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
             sample = [math.nan if value is None else float(value) for value in known]
