@@ -42,7 +42,9 @@ def summary(phase_deg, force_n, location_mm):
 
 
 def figure_text(value):
-    """A number as text for a table; what is text already stays."""
+    """A number as text for a table, or none; what is text already stays."""
+    if value is None:
+        return ""
     return value if isinstance(value, str) else f"{value:.3g}"
 
 

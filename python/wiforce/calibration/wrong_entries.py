@@ -223,6 +223,8 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
         for place, curve, fit in zip(fitted.data.location_mm, row, fits, strict=True)
         if not curve.copied
     ]
+    if len({place for place, *_ in own}) < 2:
+        return found  # nothing tells the noise
     exchanges = [_best_exchange(curve, fitter, fit, without_n) for _, _, curve, fit, _ in own]
     pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for *_, slope in own)
     for (place, port, curve, fit, slope), (pair, _) in zip(own, exchanges, strict=True):
