@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Starts the command: Ctrl-C ends it by one line from the first moment on, and not by a traceback.
+"""Starts the command: Ctrl-C while the rest is loaded ends it by one line, not by a traceback.
 
 Loading the rest takes longer than typing Ctrl-C. Installed programs import this module first.
 """
