@@ -160,23 +160,19 @@ void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
                 (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
 }
 
-namespace {
-
-void merge_outcomes(press_outcome& own, const press_outcome& other, double share)
+void press_outcome::merge(const press_outcome& other, double share)
 {
     const auto [common, difference] =
-        mean_and_difference({ wrapped(other.baseline[0] - own.baseline[0]),
-                              wrapped(other.baseline[1] - own.baseline[1]) });
+        mean_and_difference({ wrapped(other.baseline[0] - baseline[0]),
+                              wrapped(other.baseline[1] - baseline[1]) });
     double turned = 0, parted = 0;
-    mix_moments(turned, own.common_variance, common, other.common_variance, share);
+    mix_moments(turned, common_variance, common, other.common_variance, share);
     mix_moments(
-        parted, own.difference_variance, difference, other.difference_variance, share);
-    own.baseline[0] += turned + parted / 2;
-    own.baseline[1] += turned - parted / 2;
-    own.amplitude += share * (other.amplitude - own.amplitude);
+        parted, difference_variance, difference, other.difference_variance, share);
+    baseline[0] += turned + parted / 2;
+    baseline[1] += turned - parted / 2;
+    amplitude += share * (other.amplitude - amplitude);
 }
-
-} // namespace
 
 // By moments: mean and covariance of both.
 void explanation::merge(const explanation& other, double share)
@@ -210,8 +206,8 @@ void explanation::merge(const explanation& other, double share)
         mean(press.shown[e], other.press.shown[e]);
         mixture.start[e] += share * (other.mixture.start[e] - mixture.start[e]);
     }
-    merge_outcomes(now, other.now, share);
-    merge_outcomes(last, other.last, share);
+    now.merge(other.now, share);
+    last.merge(other.last, share);
     log_weight -= std::log1p(-share);
 }
 

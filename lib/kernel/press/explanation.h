@@ -41,6 +41,9 @@ struct press_outcome {
     double common_variance = 0, difference_variance = 0; // of their mean and difference
     double amplitude = 0;                                // of both ends, Np
     average_of_groups mean;                              // of what was received
+
+    //! Become one with another, whose share this is, but for what was received.
+    void merge(const press_outcome& other, double share);
 };
 
 //! Phases of both ends, rad, whose mean and difference drift, each by itself.

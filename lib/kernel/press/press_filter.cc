@@ -17,6 +17,52 @@ double share_of(const explanation& a, const explanation& b)
     return 1 / (1 + std::exp(a.log_weight - b.log_weight));
 }
 
+// Of one explanation with the mean and the variance of two in place of both.
+class merging_loss
+{
+public:
+    explicit merging_loss(double share) : d_share(share) {}
+
+    void compare(double apart, double of_first, double of_second)
+    {
+        const double all = of_first + d_share * (of_second - of_first) +
+                           d_share * (1 - d_share) * squared(apart);
+        d_first +=
+            std::log(all / of_first) + (of_first + squared(d_share * apart)) / all - 1;
+        d_second += std::log(all / of_second) +
+                    (of_second + squared((1 - d_share) * apart)) / all - 1;
+    }
+
+    //! How much of the evidence for the one that loses more of it is lost, in nats: its
+    //! divergence, less what it gains of the weight of the other.
+    double nats() const
+    {
+        return std::max(d_first / 2 + std::log1p(-d_share),
+                        d_second / 2 + std::log(d_share));
+    }
+    double divergence() const { return std::max(d_first, d_second) / 2; }
+
+private:
+    double d_share, d_first = 0, d_second = 0;
+};
+
+// What readings cannot tell apart.
+bool reads_alike(const press_outcome& a, const press_outcome& b)
+{
+    if (a.is != b.is || a.known != b.known || a.turns != b.turns)
+        return false;
+    const auto& noise = a.mean.variance;
+    const double both = noise[0] + noise[1],
+                 first = wrapped(b.baseline[0] - a.baseline[0]),
+                 second = wrapped(b.baseline[1] - a.baseline[1]);
+    merging_loss loss(b.weight / (a.weight + b.weight));
+    loss.compare(
+        (first + second) / 2, a.common_variance + both / 4, b.common_variance + both / 4);
+    loss.compare(
+        first - second, a.difference_variance + both, b.difference_variance + both);
+    return loss.divergence() < no_loss;
+}
+
 } // namespace
 
 press_filter::press_filter(std::shared_ptr<const press_image> image,
@@ -502,23 +548,14 @@ bool press_filter::one_kind(const explanation& a, const explanation& b)
                               a.mixture.after_silence == b.mixture.after_silence));
 }
 
-// How much of the evidence for the one that loses more of it is lost, in nats, where one
-// explanation with the mean and the variance of both takes the weight of both: its
-// divergence from that, less what it gains of the weight of the other. `most` where that
-// is no less.
+// Of one explanation in place of both; `most` where that is no less.
 double press_filter::loss_of_merging(const explanation& a,
                                      const explanation& b,
                                      double most) const
 {
-    const double share = share_of(a, b);
-    double from_a = 2 * std::log1p(-share), from_b = 2 * std::log(share);
+    merging_loss loss(share_of(a, b));
     const auto compare = [&](double apart, double of_a, double of_b, double noise) {
-        of_a += noise;
-        of_b += noise;
-        const double all =
-            of_a + share * (of_b - of_a) + share * (1 - share) * squared(apart);
-        from_a += std::log(all / of_a) + (of_a + squared(share * apart)) / all - 1;
-        from_b += std::log(all / of_b) + (of_b + squared((1 - share) * apart)) / all - 1;
+        loss.compare(apart, of_a + noise, of_b + noise);
     };
     const auto compare_amplitudes = [&](const both_amplitudes& x,
                                         const both_amplitudes& y) {
@@ -536,7 +573,7 @@ double press_filter::loss_of_merging(const explanation& a,
         compare_amplitudes(a.line.amplitude, b.line.amplitude);
         compare(0, a.hand.square / 2, b.hand.square / 2, d_common_noise);
     }
-    if (std::max(from_a, from_b) > 2 * most)
+    if (loss.nats() > most)
         return most;
     if (a.is != untouched || a.turn.goes_on) {
         const auto x = a.press.motion.means(), y = b.press.motion.means(),
@@ -554,7 +591,7 @@ double press_filter::loss_of_merging(const explanation& a,
             compare(apart.real(), 0, 0, a.mixture.seen_variance);
             compare(apart.imag(), 0, 0, a.mixture.seen_variance);
         }
-    return std::max(from_a, from_b) / 2;
+    return loss.nats();
 }
 
 std::vector<press_filter::outcome>
@@ -566,14 +603,14 @@ press_filter::collect(outcome explanation::*which) const
         what.weight = std::exp(kept.log_weight);
         const auto same =
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
-                return other.is == what.is && other.known == what.known &&
-                       other.turns == what.turns && other.baseline == what.baseline &&
-                       other.common_variance == what.common_variance;
+                return reads_alike(other, what);
             });
-        if (same != found.end())
-            same->weight += what.weight;
-        else
+        if (same == found.end()) {
             found.push_back(what);
+            continue;
+        }
+        same->merge(what, what.weight / (same->weight + what.weight));
+        same->weight += what.weight;
     }
     found.erase(
         std::remove_if(found.begin(),
