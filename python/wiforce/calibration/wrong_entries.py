@@ -216,7 +216,8 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
     curve of force follows.
     """
     without_n, touched_n = fitted.data.onset or (0.0, 0.0)
-    fitter, found = fitted.fitter, []
+    fitter = fitted.fitter
+    found: list[str] = []
     own = [
         (place, port, curve, fit, fitter.slope(fit, curve.force_n))
         for port, (row, fits) in enumerate(zip(fitted.data.curves, fitted.fits, strict=True), 1)
