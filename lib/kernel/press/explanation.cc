@@ -160,11 +160,15 @@ void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
                 (*ends)[e] *= std::polar(std::exp(gain[e]), phase[e]);
 }
 
+pair_of_ends press_outcome::apart(const press_outcome& other) const
+{
+    return mean_and_difference({ wrapped(other.baseline[0] - baseline[0]),
+                                 wrapped(other.baseline[1] - baseline[1]) });
+}
+
 void press_outcome::merge(const press_outcome& other, double share)
 {
-    const auto [common, difference] =
-        mean_and_difference({ wrapped(other.baseline[0] - baseline[0]),
-                              wrapped(other.baseline[1] - baseline[1]) });
+    const auto [common, difference] = apart(other);
     double turned = 0, parted = 0;
     mix_moments(turned, common_variance, common, other.common_variance, share);
     mix_moments(

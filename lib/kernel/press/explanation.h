@@ -42,6 +42,8 @@ struct press_outcome {
     double amplitude = 0;                                // of both ends, Np
     average_of_groups mean;                              // of what was received
 
+    //! Mean and difference of how far the untouched line of another lies beside its own.
+    pair_of_ends apart(const press_outcome& other) const;
     //! Become one with another, whose share this is, but for what was received.
     void merge(const press_outcome& other, double share);
 };

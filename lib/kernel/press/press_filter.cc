@@ -52,14 +52,11 @@ bool reads_alike(const press_outcome& a, const press_outcome& b)
     if (a.is != b.is || a.known != b.known || a.turns != b.turns)
         return false;
     const auto& noise = a.mean.variance;
-    const double both = noise[0] + noise[1],
-                 first = wrapped(b.baseline[0] - a.baseline[0]),
-                 second = wrapped(b.baseline[1] - a.baseline[1]);
+    const double both = noise[0] + noise[1];
+    const auto [common, difference] = a.apart(b);
     merging_loss loss(b.weight / (a.weight + b.weight));
-    loss.compare(
-        (first + second) / 2, a.common_variance + both / 4, b.common_variance + both / 4);
-    loss.compare(
-        first - second, a.difference_variance + both, b.difference_variance + both);
+    loss.compare(common, a.common_variance + both / 4, b.common_variance + both / 4);
+    loss.compare(difference, a.difference_variance + both, b.difference_variance + both);
     return loss.divergence() < no_loss;
 }
 
@@ -267,8 +264,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), goes_on = going_on(),
-                 between = between_groups(),
-                 hands = -std::expm1(-d_set.hands * d_elapsed_s);
+                 between = between_groups(), hands = happens(d_set.hands);
     const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         go_on_turning(from, quiet * goes_on);
@@ -444,9 +440,15 @@ void press_filter::go_on_turning(const explanation& from, double probability)
                     from.turn.by_hand);
 }
 
+// Of what has this rate, that it happens in the time of a group.
+double press_filter::happens(double rate) const
+{
+    return -std::expm1(-rate * d_elapsed_s);
+}
+
 double press_filter::turn_probability(const explanation& of) const
 {
-    return -std::expm1(-turn_rate(of) / 2 * d_elapsed_s);
+    return happens(turn_rate(of) / 2);
 }
 
 // Of a sudden change that began at any time in a group, that the group ends before it.

@@ -89,6 +89,7 @@ private:
     void go_on_changing(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
+    double happens(double rate) const;
     double turn_rate(const explanation& of) const;
     double turn_probability(const explanation& of) const;
     double going_on() const;

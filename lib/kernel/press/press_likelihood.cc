@@ -81,7 +81,7 @@ double press_filter::step_probability() const
     if (d_group.retuned)
         return 1;
     const double variance = d_group.receiver_variance;
-    const double prior = -std::expm1(-d_set.steps * d_elapsed_s);
+    const double prior = happens(d_set.steps);
     const double size2 =
         squared(d_group.receiver_phase) + squared(d_group.receiver_amplitude) + variance;
     const double log_step =
@@ -119,7 +119,7 @@ bool press_filter::step_level(explanation& to) const
         before.is == untouched ? before.line.amplitude : seen_strength(before);
     const double by = d_amplitude - was.mean,
                  variance = was.mean_variance + d_amplitude_noise,
-                 prior = -std::expm1(-d_set.steps * d_elapsed_s),
+                 prior = happens(d_set.steps),
                  log_step = std::log(prior + 1e-300) -
                             std::log(2 * std::sqrt(squared(by) + variance) * step_span);
     if (log_step < log_normal(by, variance))
@@ -256,8 +256,7 @@ double press_filter::update_strength(explanation& to) const
     if (!shows_turns(to)) {
         // Hands move beside a press as often as beside the untouched line. Otherwise a
         // change of amplitude would speak for the latter.
-        const double log_moves =
-            std::log(-std::expm1(-d_set.hands * d_elapsed_s) / near_speeds);
+        const double log_moves = std::log(happens(d_set.hands) / near_speeds);
         const auto before = own;
         std::array<double, near_speeds + 1> each{ update_amplitude(own) -
                                                   d_set.hands * d_elapsed_s };
