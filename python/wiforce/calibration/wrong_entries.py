@@ -224,13 +224,18 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
         for place, curve, fit in zip(fitted.data.location_mm, row, fits, strict=True)
         if not curve.copied
     ]
-    if len({place for place, *_ in own}) < 2:
+    places = {place for place, *_ in own}
+    if len(places) < 2:
         return found  # nothing tells the noise
+    # Where rows of both ports are wrong, only other locations tell the noise.
+    noises = {
+        place: _Noise([(curve, slope) for at, _, _, curve, slope in own if at != place])
+        for place in places
+    }
     exchanges = [_best_exchange(curve, fitter, fit, without_n) for _, _, curve, fit, _ in own]
     pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for *_, slope in own)
     for (place, port, curve, fit, slope), (pair, _) in zip(own, exchanges, strict=True):
-        # Where rows of both ports are wrong, only other locations tell the noise.
-        noise = _Noise([(other, its) for at, _, _, other, its in own if at != place])
+        noise = noises[place]
         where = f"at location {place:g} mm, port {port},"
         if pair is not None:
             exchanged = curve.added_deg.copy()

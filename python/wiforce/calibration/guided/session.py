@@ -275,8 +275,11 @@ class CalibrationSession:
         table = self._complete()
         if table is None:
             raise InputError(self.path, "has no row with a force")
+        return self._calibrated(table, name or self.plan.sensor)
+
+    def _calibrated(self, table: CalibrationTable, name: str) -> CurveModel:
         line = {"length_mm": self.plan.length_mm, "permittivity": self.plan.permittivity}
-        return calibrate(table, name or self.plan.sensor, **{**self.settings, **line})
+        return calibrate(table, name, **{**self.settings, **line})
 
     def fit(self) -> tuple[list[Residual], list[str]]:
         """Residuals of the presses by location, and locations that the others contradict.
@@ -286,10 +289,12 @@ class CalibrationSession:
         sentences, while there are not three.
         """
         table = self._complete()
-        places = [] if table is None else np.unique(table.location_mm[~table.untouched]).tolist()
+        if table is None:
+            return [], []
+        places = np.unique(table.location_mm[~table.untouched]).tolist()
         if len(places) < 2:
             return [], []
-        model, rows = self.model(), []
+        model, rows = self._calibrated(table, self.plan.sensor), []
         for place in places:
             here = [each for each in self.presses if each.location_mm == place]
             force, phases = (
