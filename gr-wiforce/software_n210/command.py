@@ -29,6 +29,7 @@ USAGE = {
     "sent": "sent",
     "stop": "stop",
 }
+_COMMANDS = "; ".join(USAGE.values())
 
 
 class Console:
@@ -47,7 +48,7 @@ class Console:
     def _do(self, line):
         name, *arguments = line.split() or [""]
         if name not in USAGE:
-            raise InputError("control", f"must be one of: {'; '.join(USAGE.values())}", line)
+            raise InputError("control", f"must be one of: {_COMMANDS}", line)
         return getattr(self, f"_{name}")(arguments) or {}
 
     def _press(self, arguments):
@@ -224,6 +225,7 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time,
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: device.stop())
         print(f"listening: N210 with {daughterboard}, --args addr={bind}", flush=True)
+        click.echo(f"commands: {_COMMANDS}", err=True)
         try:
             device.run()
         finally:

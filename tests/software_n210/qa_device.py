@@ -151,7 +151,9 @@ def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
     device.process.send_signal(number)
     _, said = device.process.communicate(timeout=60)
     assert device.process.returncode == 0
-    assert said.startswith("stopped at ") and said.count("\n") == 1
+    commands, end = said.splitlines()
+    assert commands.startswith("commands: press SENSOR FORCE_N LOCATION_MM; release SENSOR; ")
+    assert end.startswith("stopped at ")
     for port in PORTS:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind((device.address, port))

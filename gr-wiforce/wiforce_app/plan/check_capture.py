@@ -66,8 +66,8 @@ def advice_on_sensors(tags, scene, others_hz, wrong):
 def _of_sensor(tag, sensor, others, wrong):
     if tag.clock_offset_ppm is None:
         check = (
-            "check that it is on and near enough, and clock_hz in the scene, beside which "
-            f"clocks were tried as far as clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) says"
+            f"none is within clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) of it; check "
+            "that it is on and near enough, and clock_hz in the scene"
         )
         cause = wrong or others or check
         yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {cause}"

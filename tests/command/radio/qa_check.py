@@ -53,6 +53,9 @@ def test_check_without_a_tag_at_its_clock_names_the_one_on_the_air(slow_scene):
     findings = Findings("a device", {}, levels, sensors=[MeasuredTag("arm")], room=room)
     (advice,) = advice_on(findings, load_scene(slow_scene))
     assert ": on the air is a clock of 400.016 Hz, which the scene does not list" in advice
+    findings = Findings("a device", {}, levels, sensors=[MeasuredTag("arm")], room=[])
+    (advice,) = advice_on(findings, load_scene(slow_scene))
+    assert "no tag detected at 400 Hz: none is within clock_tolerance_ppm (100) of it" in advice
 
 
 @pytest.mark.parametrize("clipped, step", [(1e-4, "6 dB"), (0.45, "17 dB"), (1.0, "36 dB or more")])
