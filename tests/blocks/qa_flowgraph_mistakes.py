@@ -234,6 +234,15 @@ def test_chain_names_a_saturated_receiver(codes, monkeypatch):
     ]
 
 
+def test_short_guards_are_told_from_noise_and_from_another_frame_offset(slow_codes):
+    """Noise passed a frame alignment, and a wrong offset was read without a word."""
+    (sentence,) = said_of(slow_codes, SLOW, frame_offset=250)
+    assert sentence.startswith("reader: frames begin at sample ")
+    assert "and every 360 from there, not at sample 250" in sentence
+    (sentence,) = said_before(noise(slow_codes[: 4000 * 360]), SLOW)
+    assert "only noise or another signal" in sentence
+
+
 def test_reader_names_a_press_in_a_part_of_the_reference(tmp_path):
     """It looks like noise around the tag's lines, and the message blamed the scene."""
     scene = copy.deepcopy(SLOW)

@@ -41,13 +41,13 @@ def open_reader(recording, settings, frame_offset, tracked):
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         reader = SnapshotReader(recording, settings, tracked)
-        for note in reader.notes:
-            warn(recording.path, note)
+        warn_of_notes(recording, reader)
         return reader
     if cut := recording.cut_bytes:
         left = "1 byte is" if cut == 1 else f"{cut} bytes are"
         warn(recording.path, f"ends within a sample, of which {left} left out; is it whole?")
     reader = RecordingReader(recording, settings, frame_offset, tracked)
+    warn_of_notes(recording, reader)
     warn_of_unequal_antennas(reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))
     return reader
@@ -88,6 +88,8 @@ def warn_of_end(capture, reader):
     unread = reader.counts.groups and not reader.counts.clear
     if unread and isinstance(reader, RecordingReader):
         waveform = reader.plan.waveform
+        if reader.notes:
+            return
         if wrong := capture_problem(reader.recording, waveform, reader.frame_offset):
             log.warning(wrong)
             return
@@ -119,6 +121,12 @@ def warn_of_end(capture, reader):
 def warn(path, text):
     """Print a warning about a file."""
     log.warning(f"{path}: {text}")
+
+
+def warn_of_notes(recording, reader):
+    """Warn of what a reader found before it read."""
+    for note in reader.notes:
+        warn(recording.path, note)
 
 
 def warn_of_events(reader):

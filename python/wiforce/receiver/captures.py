@@ -117,7 +117,8 @@ def read(
     datatype : str, optional
         ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
     frame_offset : int, optional
-        Samples before the first frame; searched in the samples when not given.
+        Samples before the first frame; searched in the samples when not given, and otherwise
+        compared with them: a warning says where frames begin.
 
     Returns
     -------
@@ -183,9 +184,10 @@ def _read_one(
     import pandas
 
     recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
-    for text in (*differences, *accepted_suspicions(reader.plan.require_scene())):
+    scene_read = reader.plan.require_scene()
+    for text in (*differences, *reader.notes, *accepted_suspicions(scene_read)):
         warnings.warn(f"{recording.path}: {text}", stacklevel=3)
-    also = reader.plan.require_scene().more_columns
+    also = scene_read.more_columns
     columns = (*COLUMNS, *also)
     rows = [
         [

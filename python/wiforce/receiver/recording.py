@@ -15,7 +15,12 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
 from ..estimation.capture.folded_groups import RecordedGroups, RecordedRatio, first_frames
-from ..estimation.capture.recorded_frames import find_frames, first_frame, require_frames
+from ..estimation.capture.recorded_frames import (
+    find_frames,
+    first_frame,
+    offset_problem,
+    require_frames,
+)
 from ..estimation.groups import Groups
 from ..estimation.room.survey import Survey
 from ..io.capture.names import second_antenna
@@ -39,7 +44,8 @@ class RecordingReader:
     """Reads a recording batch by batch; iterating gives the readings of each, in order.
 
     ``plan`` may be a scene, with which the capture must agree. ``frame_offset`` are the samples
-    before the first frame, which are searched if not given; ``tracked`` follows each press over
+    before the first frame, which are searched if not given, and compared with those that are found
+    otherwise (``notes``); ``tracked`` follows each press over
     time; ``on_groups`` is called with every batch of Groups that has been read. ``survey`` False
     reads by the given plan; otherwise ``plan`` becomes that which is adapted to the room, and
     ``survey`` is that of the untouched reference, or None for recordings that are too short.
@@ -69,12 +75,14 @@ class RecordingReader:
             raise InputError(recording.path, rule)
         recording.check_against(scene)
         self.recording, self.plan = recording, plan
+        self.notes: list[str] = []
         if frame_offset is None:
             place = require_frames(recording, plan.waveform)
             frame_offset = first_frame(recording, plan.waveform, place)
-        else:
-            # Who states where frames begin may know of some that are too weak to be found.
-            find_frames(recording, plan.waveform)
+        # Who states where frames begin may know of some that are too weak to be found.
+        elif (seen := find_frames(recording, plan.waveform)) is not None:
+            problem = offset_problem(recording, plan.waveform, seen, frame_offset)
+            self.notes = [problem] if problem else []
         self.frame_offset = frame_offset
         self._check_length()
         self._folding = ThreadPoolExecutor(1, "tones")

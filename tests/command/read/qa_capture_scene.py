@@ -157,6 +157,25 @@ def test_read_wrong_frame_length_names_the_true_one(press, tmp_path, given):
     assert f"frames repeat every 320 samples, but sounding.frame_length is {given}" in line
 
 
+def test_read_wrong_frame_offset_warns_where_frames_begin(tmp_path):
+    """Frames cut at the wrong places gave wrong readings, or none, without a word."""
+    scene = changed("sounding", frame_length=400)
+    scene["sensors"] = [{**SCENE["sensors"][0], "clock_hz": 320}]
+    wiforce.simulate(load_scene(scene), tmp_path / "press")
+    done = run(tmp_path / "press", "--frame-offset", 130, "-o", tmp_path / "out.csv")
+    warning, *_, last = done.stderr.splitlines()
+    assert (
+        "press.sigmf-data: frames begin at sample 2 and every 400 from there, not at sample 130"
+        in warning
+    )
+    assert done.returncode == 0 and last.startswith("gr-wiforce: read ")
+    with pytest.warns(UserWarning, match="begin at sample 2 and every 400 from there, not at "):
+        wiforce.read(tmp_path / "press", frame_offset=130)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wiforce.read(tmp_path / "press", frame_offset=800)
+
+
 def test_read_half_frame_length_is_refused_by_command_and_function(tmp_path):
     """Half the true length reads a preamble in every second frame only."""
     scene = changed("sounding", frame_length=640)

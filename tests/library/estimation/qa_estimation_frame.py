@@ -13,6 +13,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import (
     MARGIN,
     FrameFollower,
+    elsewhere,
     find_frame_offset,
     find_frame_period,
     keeps_alignment,
@@ -39,10 +40,33 @@ def test_the_strongest_path_comes_a_margin_after_the_offset(name, length, offset
     assert (found + MARGIN) % period == offset % period
 
 
-def test_noise_alone_is_not_taken_for_a_preamble():
+@pytest.mark.parametrize("length", [320, 360, 640, 720])
+@pytest.mark.parametrize("name", ["repeated", "wifi"])
+def test_noise_and_a_dc_offset_are_not_taken_for_a_preamble(name, length):
+    """Frames with a short guard were found in anything."""
     rng = np.random.default_rng(2)
-    noise = rng.normal(size=(720 * 500, 2)).view(complex)[:, 0]
-    assert find_frame_offset(noise, sounding_waveform()) is None
+    waveform = sounding_waveform(name, length)
+    noise = rng.normal(size=(length * 500, 2)).view(complex)[:, 0]
+    assert find_frame_offset(noise, waveform) is None
+    assert find_frame_offset(noise + 3, waveform) is None
+    assert find_frame_offset(stream(waveform, 100) + 3, waveform) is not None
+
+
+@pytest.mark.parametrize(
+    "name, length, known",
+    [
+        ("repeated", 320, False),  # any place of symbols without a guard is their beginning
+        ("repeated", 360, True),
+        ("wifi", 320, True),
+        ("repeated", 720, True),
+    ],
+)
+def test_elsewhere_is_known_where_one_place_matches_best(name, length, known):
+    waveform = sounding_waveform(name, length)
+    frames = stream(waveform, 250, snr_db=20)
+    assert elsewhere(frames, waveform) == (250 if known else None)
+    assert elsewhere(np.roll(frames, -250), waveform) is None
+    assert elsewhere(frames - stream(waveform, 250, snr_db=300), waveform) is None
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])

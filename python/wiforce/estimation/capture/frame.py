@@ -24,6 +24,8 @@ _FEWEST_FRAMES = 16
 # Ratio of the best match to the rms match of noise that counts as a preamble. The largest of 720
 # matches of Gaussian noise exceeds 4.3 times their rms once in 10^5 searches.
 _CLEAR = 12.0
+# The same without such matches: likelihood of Gaussian noise against a preamble.
+_FALSE_ALARM = 1e-11
 # Shifts by more than a preamble and its echoes see noise only.
 _ECHOES = 10
 _LEAST_QUIET = 8
@@ -51,23 +53,49 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     which static paths add up, is correlated with the sent frame at every cyclic shift: a thousand
     frames or more are better than one.
     """
-    length = waveform.frame_length
-    frames = whole_frames(samples, length)
-    finite = np.isfinite(frames).all(axis=1)
-    if not finite.any():
+    mean = _mean_of_frames(samples, waveform.frame_length)
+    if mean is None:
         return None
-    # Samples of another type read as floats may have any size.
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean = frames[finite].mean(axis=0)
-    match = np.abs(np.fft.ifft(np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()))
+    match = _match(mean, waveform)
     best = int(np.argmax(match))
     if not match[best] > 0:
         return None
     # Partial overlaps match as well: only shifts without any overlap measure the noise.
     quiet = _quiet(match, best, waveform.preamble_length)
-    if quiet is not None and match[best] < _CLEAR * np.sqrt(np.mean(quiet**2)):
+    if quiet is not None:
+        clear = match[best] >= _CLEAR * np.sqrt(np.mean(quiet**2))
+    else:
+        clear = len(mean) * _unexplained(mean, match[best], waveform) < _FALSE_ALARM
+    return (best - MARGIN) % len(mean) if clear else None
+
+
+def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
+    """Mean frame (frame_length,) of those that are finite, without DC; None without any."""
+    frames = whole_frames(samples, frame_length)
+    finite = np.isfinite(frames).all(axis=1)
+    if not finite.any():
         return None
-    return (best - MARGIN) % length
+    # Samples of another type read as floats may have any size.
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean: Array = frames[finite].mean(axis=0).astype(complex)
+        mean -= mean.mean()
+    return mean
+
+
+def _match(mean: Array, waveform: Waveform) -> Array:
+    """Correlation of a mean frame with the sent frame at every cyclic shift, (frame_length,)."""
+    spectrum = np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()
+    return np.abs(np.fft.ifft(spectrum))
+
+
+def _unexplained(mean: Array, match: float, waveform: Waveform) -> float:
+    """Likelihood of noise alone relative to that of a preamble that gives this match.
+
+    The share of a mean frame's power that no preamble at this shift explains, to the power of its
+    samples.
+    """
+    power = float(np.vdot(mean, mean).real) * float(np.sum(np.abs(waveform.preamble) ** 2))
+    return max(0.0, 1 - match**2 / max(power, 1e-30)) ** (len(mean) - 1)
 
 
 def _quiet(match: Array, best: int, preamble: int) -> Array | None:
@@ -92,6 +120,22 @@ def keeps_alignment(offset: int, waveform: Waveform) -> bool:
     """
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
+
+
+def elsewhere(samples: Array, waveform: Waveform) -> int | None:
+    """Sample of a frame at which preambles begin; None where that is as cut, or unknown.
+
+    It is unknown where another place matches as well but for noise, as where symbols follow each
+    other without a guard.
+    """
+    offset = find_frame_offset(samples, waveform)
+    mean = _mean_of_frames(samples, waveform.frame_length)
+    if offset is None or mean is None or keeps_alignment(offset, waveform):
+        return None
+    match, begin = _match(mean, waveform), (offset + MARGIN) % len(mean)
+    other = np.delete(match, np.arange(begin - MARGIN, begin + MARGIN + 1) % len(match)).max()
+    here, there = (_unexplained(mean, each, waveform) for each in (match[begin], other))
+    return begin if here < _FALSE_ALARM * there else None
 
 
 def frame_offset_in(samples: Array, waveform: Waveform) -> int:
@@ -323,22 +367,6 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     best = int(np.argmax(product))
     least = max(_PRESENT * power[best], _LOUD * power.max())
     return bool(product[best] - np.median(product) >= least)
-
-
-def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
-    """Normalised correlation of the mean frame with the preamble, at the best cyclic shift: 0 to 1.
-
-    About 0.02 for noise, 0 without a whole frame of finite samples.
-    """
-    length = waveform.frame_length
-    frames = whole_frames(samples, length)
-    frames = frames[np.isfinite(frames).all(axis=1)]
-    if not len(frames):
-        return 0.0
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean = frames.mean(axis=0)
-    cyclic = np.concatenate([mean, mean[: waveform.preamble_length - 1]])
-    return float(_likeness(cyclic, waveform.preamble).max())
 
 
 def _correlation(samples: Array, symbol: Array) -> Array:

@@ -14,20 +14,17 @@ from ...io.capture.samples import COMPONENTS, FULL_SCALE, plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
-    MARGIN,
     SEARCHED_SAMPLES,
     describe_frames,
+    elsewhere,
     find_frame_offset,
     find_frame_period,
     frame_offset_in,
     has_quiet_samples,
-    keeps_alignment,
-    likeness_of_mean,
     repeats_every_frame,
     samples_needed,
     searched_samples,
     symbol_of,
-    whole_frames,
 )
 
 # Where frames are searched when there are none at the start: at doubling distances from it, and so
@@ -40,8 +37,6 @@ _LONG_SEARCH = 1 << 20
 _UNLIKELY = 0.4
 # Frames that leave less do not tell their length: other periodic signals leave up to 0.1.
 _FAINT = 0.15
-# Likeness of the mean frame to the preamble that noise exceeds once in 1e11 recordings.
-_LIKE_PREAMBLE = 0.1
 # Frames of one length that may take as long as some of another.
 _FEW_FRAMES = 16
 _SWAPPED = "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
@@ -114,8 +109,6 @@ def _places(start: int, span: int, needed: int) -> Iterator[int]:
 def _stands_out(samples: Array, waveform: Waveform) -> bool:
     """Whether the mean of many frames holds a preamble, in both halves at the same place."""
     half = len(samples) // waveform.frame_length // 2 * waveform.frame_length
-    if not half or likeness_of_mean(samples, waveform) < _LIKE_PREAMBLE:
-        return False
     first, second = (find_frame_offset(part, waveform) for part in (samples[:half], samples[half:]))
     return first is not None and first == second
 
@@ -328,21 +321,19 @@ def _short_paths(mean: Array, waveform: Waveform) -> float:
     return float(np.max(sums[quarter:] - sums[:-quarter]) / max(paths.sum(), 1e-30))
 
 
-def frame_problem(mean_frame: Array, waveform: Waveform, frame_offset: int) -> str:
+def frame_problem(samples: Array, waveform: Waveform, frame_offset: int) -> str:
     """Where frames begin that do not begin where they are expected, at ``frame_offset``.
 
-    ``mean_frame`` is the mean of many frames, as cut; empty where it is not known.
+    ``samples`` are those of many frames, as cut, or their mean; empty where it is not known.
     """
-    if not len(mean_frame) or not has_quiet_samples(waveform):
+    begin = elsewhere(samples, waveform)
+    if begin is None:
         return ""
-    offset = find_frame_offset(mean_frame, waveform)
     length = waveform.frame_length
-    if offset is None or keeps_alignment(offset, waveform):
-        return ""
-    begin = (frame_offset + offset + MARGIN) % length
     return (
-        f"frames begin at sample {begin} and every {length} from there, not at sample "
-        f"{frame_offset}; set the frame offset, or put a Frame Alignment before a Reader"
+        f"frames begin at sample {(frame_offset + begin) % length} and every {length} from there, "
+        f"not at sample {frame_offset}; set the frame offset, or put a Frame Alignment before a "
+        "Reader"
     )
 
 
@@ -374,15 +365,18 @@ def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -
         place = require_frames(recording, waveform)
     except InputError as error:
         return str(error)
-    place += (frame_offset - place) % waveform.frame_length
-    frames = whole_frames(
-        recording.read_span(place, searched_samples(waveform)), waveform.frame_length
-    )
-    frames = frames[np.isfinite(frames).all(axis=1)]
-    if not len(frames):
-        return ""
-    problem = frame_problem(frames.mean(axis=0), waveform, frame_offset)
+    problem = offset_problem(recording, waveform, place, frame_offset)
     return problem and f"{recording.path}: {problem}"
+
+
+def offset_problem(recording: Capture, waveform: Waveform, place: int, frame_offset: int) -> str:
+    """Where the frames of a recording begin, if not at ``frame_offset``; empty otherwise.
+
+    They are received from ``place`` on (:func:`find_frames`).
+    """
+    place += (frame_offset - place) % waveform.frame_length
+    samples = recording.read_span(place, searched_samples(waveform))
+    return frame_problem(samples, waveform, frame_offset)
 
 
 def _no_frames(waveform: Waveform) -> str:
