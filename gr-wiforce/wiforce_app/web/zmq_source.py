@@ -43,8 +43,8 @@ class ZmqSource:
         self._context = zmq.Context()
         self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
         self._subscriber.subscribe("")
-        # Pending tares, plain (False) or forced: socket, time, and what takes the answer.
-        self._asked: dict[bool, tuple[Any, float, Callable[[dict[str, Any]], None]]] = {}
+        # Pending tares: socket, time, and what takes the answer.
+        self._asked: list[tuple[Any, float, Callable[[dict[str, Any]], None]]] = []
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
@@ -64,7 +64,7 @@ class ZmqSource:
         page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare, one of its kind at a time; ``answer`` takes ``ok`` and ``error``."""
+        """Request a tare; ``answer`` takes ``ok`` and ``error``."""
         import zmq
 
         if self._control is None:
@@ -72,7 +72,7 @@ class ZmqSource:
             return
         socket = self._connected(zmq.REQ, self._control, "--control")
         socket.send_string("tare force" if force else "tare")
-        self._asked[force] = socket, self._now(), answer
+        self._asked.append((socket, self._now(), answer))
 
     def give_up(self, reason: str) -> None:
         """Expect no more messages."""
@@ -82,7 +82,7 @@ class ZmqSource:
     def close(self) -> None:
         """Give the sockets back."""
         self._subscriber.close(linger=0)
-        for socket, *_ in self._asked.values():
+        for socket, *_ in self._asked:
             socket.close(linger=0)
         self._context.term()
 
@@ -114,7 +114,8 @@ class ZmqSource:
         self._shown = status_of(message)
 
     def _take_answers(self) -> None:
-        for force, (socket, sent_s, take) in list(self._asked.items()):
+        for asked in self._asked.copy():
+            socket, sent_s, take = asked
             if socket.poll(0):
                 taken = loaded(socket.recv())
                 answer = {"ok": taken.get("ok") is True, "error": text(taken.get("error"))}
@@ -123,7 +124,7 @@ class ZmqSource:
             else:
                 continue
             socket.close(linger=0)
-            del self._asked[force]
+            self._asked.remove(asked)
             take(answer)
 
     def _status(self) -> dict[str, Any]:

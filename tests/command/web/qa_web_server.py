@@ -465,6 +465,19 @@ def test_forced_tare_is_asked_beside_a_pending_plain_one():
     assert [answer["ok"] for answer in answers] == [False, True]
 
 
+def test_zmq_source_answers_each_of_several_tares():
+    """The first of two had no answer, and its socket was kept beyond the end."""
+    answers = []
+    with publishing() as reader, closing(ZmqSource(reader.readings, reader.control)) as source:
+        for number in range(2):
+            source.tare(lambda answer, number=number: answers.append((number, answer["ok"])))
+        deadline = time.monotonic() + 60
+        while len(answers) < 2:
+            assert time.monotonic() < deadline
+            source.poll(PageState(30.0))
+    assert sorted(answers) == [(0, True), (1, True)]
+
+
 def test_zmq_source_asks_for_a_forced_tare_beside_a_pending_plain_one():
     answers = []
     with publishing() as reader:
