@@ -22,8 +22,6 @@ class Output:
     closed after success; after an error it keeps what it can.
     """
 
-    rows = 0  # taken so far
-
     def __enter__(self: Self) -> Self:
         return self
 
@@ -65,6 +63,8 @@ class Output:
 
 class Outputs(Output):
     """Outputs that get the same rows, and are ended in reverse order."""
+
+    rows = 0  # given to all of them so far
 
     def __init__(self, *outputs: Output) -> None:
         self._outputs: list[Output] = []

@@ -5,12 +5,17 @@ import csv
 import errno
 import json
 import os
+import shutil
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
+from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
+from machine import free_port
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
 UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
@@ -82,15 +87,41 @@ def test_writer_on_a_full_disk_keeps_the_former_file(tmp_path, monkeypatch, name
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=4096))
+
     former, other = tmp_path / name, tmp_path / f"new-{name}"
     former.write_text("precious\n")
     monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(OutputError, match="its former content is kept"):
+    with pytest.raises(OutputError, match=r"needs 65536 bytes, 4096 are free\); its former "):
         open_writer(former).begin()
     assert former.read_text() == "precious\n"
     with open_writer(other) as writer:  # there may be room for some rows
         writer.write(UNKNOWN)
     assert other.stat().st_size > 0
+
+
+def test_writer_replaces_a_file_larger_than_the_room_beside_it(tmp_path, monkeypatch):
+    """A recording of a day could not be made anew on a disk that it fills by more than half."""
+
+    def allocate(_, offset, size):
+        if size > 100_000:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    former = tmp_path / "out.csv"
+    former.write_bytes(bytes(200_000))
+    monkeypatch.setattr(os, "posix_fallocate", allocate)
+    with open_writer(former) as writer:
+        writer.write(UNKNOWN)
+    assert len(former.read_text().splitlines()) == 2
+
+
+def test_rows_are_counted_by_files_and_not_by_sockets(tmp_path):
+    """Those of sockets were 0, whatever was sent."""
+    publisher = ReadingsPublisher(f"tcp://127.0.0.1:{free_port()}")
+    file = open_writer(tmp_path / "out.csv")
+    with Outputs(file, publisher) as outputs:
+        outputs.write(UNKNOWN)
+    assert outputs.rows == file.rows == 1 and not hasattr(publisher, "rows")
 
 
 def test_writer_closed_without_reading_leaves_header_only(earlier):

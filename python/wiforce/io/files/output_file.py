@@ -4,6 +4,7 @@
 import errno
 import fcntl
 import os
+import shutil
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
@@ -29,7 +30,7 @@ class OutputFile:
     written further; of text in ``lines`` that includes those of the write that fails.
     ``reserve_bytes`` are held on the disk and used when it is full, so that a file that needs an
     end can be ended: ``reserve_used`` says that it should be. Refuses a file that another process
-    is writing to, and to replace one on a disk that has no room for as much again.
+    is writing to, and to replace one on a disk that has no room for a row.
     """
 
     def __init__(
@@ -118,15 +119,17 @@ class OutputFile:
         self._file.close()
 
     def _empty(self, reserve_bytes: int) -> None:
-        """Empty the file, once there is room for as much as it holds, and a row at least."""
+        """Empty the file, which makes room for as much again, once there is room for a row."""
         folder = Path(self._path).absolute().parent
         try:
             if self.size_bytes:
-                _reserved(folder, max(self.size_bytes, LONGEST_ROW)).close()
+                _reserved(folder, LONGEST_ROW).close()
         except OSError as error:
             if error.errno in _FULL:
                 self._file.close()
-                rule = f"cannot be replaced ({error.strerror}); its former content is kept"
+                free = shutil.disk_usage(folder).free
+                rule = f"cannot be replaced ({error.strerror}: needs {LONGEST_ROW} bytes, {free} "
+                rule += "are free); its former content is kept"
                 raise OutputError(self._path, rule) from error
         if self.size_bytes:
             self.cut(0)
@@ -174,6 +177,7 @@ class EndedOutput(Output):
     the writer of their format, and let it write the end.
     """
 
+    rows = 0  # taken so far
     _items, _kept = "", ""  # what is kept of a file on a full disk, and of one without its end
 
     def __init__(self, path: str | Path, inputs: Iterable[str | Path], kind: str) -> None:

@@ -39,6 +39,8 @@ class ReadingsWriter(Output):
     content, which must have the same header. Standard output without a path.
     """
 
+    rows = 0  # taken so far
+
     def __init__(
         self,
         path: str | Path | None,
