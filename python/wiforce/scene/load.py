@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -185,7 +185,8 @@ def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[
     except InputError as error:
         yield f"the capture's own scene cannot be compared with the scene given ({error})"
         return
-    own, other = _by_key(stored), _by_key(given)
+    names = {sensor.name for sensor in stored.sensors} & {sensor.name for sensor in given.sensors}
+    own, other = _by_key(stored, names), _by_key(given, names)
     for key in dict.fromkeys([*own, *other]):
         if own.get(key) == other.get(key):
             continue
@@ -197,14 +198,18 @@ def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[
             yield f"{key}: {own[_WAVEFORM]} holds another symbol than in the capture's own scene"
 
 
-def _by_key(scene: Scene) -> dict[str, Any]:
-    """Values of a scene by dotted key; sensors are named, since their order means nothing."""
+def _by_key(scene: Scene, names: Container[str]) -> dict[str, Any]:
+    """Values of a scene, and of sensors of these names, by dotted key.
+
+    Sensors are named, since their order means nothing.
+    """
     values = scene.as_dict()
     sensors = {sensor.pop("name"): sensor for sensor in values.pop("sensors")}
     flat: dict[str, Any] = {"sensors": sorted(sensors)}
     _flatten(values, "", flat)
     for name, sensor in sensors.items():
-        _flatten(sensor, f"sensors[{name}].", flat)
+        if name in names:
+            _flatten(sensor, f"sensors[{name}].", flat)
     return flat
 
 

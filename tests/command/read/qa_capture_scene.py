@@ -137,9 +137,10 @@ def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
     """A capture whose own scene is broken must be readable with a good one."""
     scene = {**SCENE, "sensors": [{**SCENE["sensors"][0], "name": "leg"}]}
     capture = open_capture(press)
-    assert scene_of(capture, scene)[1][0] == (
+    # Each key of both sensors was named as well.
+    assert scene_of(capture, scene)[1] == [
         "sensors is [arm] in the capture's own scene, [leg] in the scene given"
-    )
+    ]
     broken = Capture(capture.path, "ci16_le", None, None, capture.segments, {"sensors": 3})
     (difference,) = scene_of(broken, scene)[1]
     assert difference.startswith("the capture's own scene cannot be compared")
