@@ -186,7 +186,7 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
         place = f"{row['location_mm']:g}"
         limit = (
             f"locations {place} and {row['exchanged_mm']:g} mm, which would fit exchanged"
-            if "exchanged_mm" in row
+            if row.get("exchanged_mm") is not None
             else f"location {place} mm, which does not fit the others"
         )
     unusable = ""

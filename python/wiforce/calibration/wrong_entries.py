@@ -114,13 +114,13 @@ def _wrong_location(
 
 def wrong_location_text(row: Mapping[str, Any]) -> str:
     """A row of ``wrong`` of :func:`contradicting_locations`, in words."""
-    if "exchanged_mm" in row:
+    if row.get("exchanged_mm") is not None:
         what = f"locations {row['location_mm']:g} and {row['exchanged_mm']:g} mm"
-        if "port" in row:
+        if row.get("port") is not None:
             what += f" of port {row['port']}"
         return f"{what} would fit the others exchanged: were their presses exchanged?"
     text = f"location {row['location_mm']:g} mm does not fit the others"
-    if row["fits_mm"] is None:
+    if row.get("fits_mm") is None:
         return f"{text}, nor would it anywhere else: were units, ports and sensor the same there?"
     return f"{text}, which see such phases at {row['fits_mm']:g} mm: was the ruler right there?"
 

@@ -3,6 +3,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from ..io.text.values import (
     Array,
     Choice,
     Date,
+    Integer,
     KeyPath,
     Number,
     Scope,
@@ -337,13 +339,61 @@ class LineFile(SensorFile):
     contact: Contact = key(Mapping(of=Contact), doc="How the beam touches the line.")
 
 
+_MOST_CARRIERS, _MOST_LEFT_OUT = 16, 10_000
+_CARRIER = Number(unit="MHz", low=LEAST_FREQUENCY_HZ / 1e6, high=LARGEST / 1e6)
+_PLACE = Number(unit="mm", low=0, high=MAX_LENGTH_MM)
+_ERROR = Number(unit="deg", low=0, high=LARGEST)
+
+
+@declared
+class LeftOut:
+    """A location as the others predict it, at one port."""
+
+    frequency_mhz: float = key(_CARRIER, doc="Carrier.")
+    location_mm: float = key(_PLACE, doc="The location.")
+    port: int = key(Integer(low=1, high=2), doc="The port.")
+    rms_deg: float = key(_ERROR, doc="Difference from the prediction.")
+    expected_deg: float = key(_ERROR, doc="The difference that the model expects.")
+
+
+@declared
+class WrongLocation:
+    """A location that the others contradict."""
+
+    frequency_mhz: float = key(_CARRIER, doc="Carrier.")
+    location_mm: float = key(_PLACE, doc="The location.")
+    exchanged_mm: float | None = key(
+        replace(_PLACE, optional=True), doc="The location that it was exchanged with."
+    )
+    port: int | None = key(Integer(low=1, high=2, optional=True), doc="The only port of these.")
+    fits_mm: float | None = key(replace(_PLACE, optional=True), doc="Where it would fit.")
+
+
+def _check_both_ports(validation: dict[str, Any], scope: Scope) -> str | None:
+    first, second = (
+        {
+            (row["frequency_mhz"], row["location_mm"])
+            for row in validation.get("locations", ())
+            if row["port"] == port
+        }
+        for port in (1, 2)
+    )
+    return None if first == second else "must hold each of its locations at both ports"
+
+
 @declared
 class CurvesFile(SensorFile):
     """A sensor known by its calibration."""
 
     kind: str = key(Choice(words=("curves",)), doc="Calibrated curves.")
     cross_validation: dict[str, Any] = key(
-        AnyMapping(),
+        AnyMapping(
+            known={
+                "locations": ListOf(of=LeftOut, most=_MOST_LEFT_OUT),
+                "wrong": ListOf(of=WrongLocation, most=_MOST_CARRIERS),
+            }
+        ),
+        check=_check_both_ports,
         derived=Derived("an empty mapping", lambda scope: {}),
         doc="Errors of curves against data that they had not seen.",
     )
@@ -354,7 +404,7 @@ class CurvesFile(SensorFile):
         doc="Knots of the functions of force; left out for `power`.",
     )
     carriers: tuple[CarrierCurves, ...] = key(
-        ListOf(of=CarrierCurves, least=1, most=16), doc="The curves at each carrier."
+        ListOf(of=CarrierCurves, least=1, most=_MOST_CARRIERS), doc="The curves at each carrier."
     )
 
 

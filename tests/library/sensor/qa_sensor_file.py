@@ -168,6 +168,14 @@ def test_sensor_wider_than_its_line_is_rejected(tmp_path):
         load(tmp_path, wide)
 
 
+def test_sensor_with_a_location_of_one_port_is_rejected(tmp_path):
+    """`plan` failed at it, with words about values to unpack."""
+    path = ["cross_validation", "locations"]
+    rows = content("wiforce-900mhz")["cross_validation"]["locations"]
+    with pytest.raises(InputError, match="cross_validation: must hold each of its locations at b"):
+        load(tmp_path, changed(path, [row for row in rows if row["port"] == 1]))
+
+
 def test_sensor_name_or_carrier_unknown_is_rejected(tmp_path):
     with pytest.raises(InputError, match="did you mean 'wiforce-9..mhz'"):
         load_sensor("wiforce-901mhz")

@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections import ChainMap
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -274,7 +274,9 @@ class Date(ValueType):
 
 @dataclass(frozen=True, kw_only=True)
 class AnyMapping(ValueType):
-    """A mapping whose keys are not checked."""
+    """A mapping of which only the keys ``known`` are checked, where it has them."""
+
+    known: dict[str, ValueType] = field(default_factory=dict)
 
     @property
     def allowed(self) -> str:
@@ -283,10 +285,16 @@ class AnyMapping(ValueType):
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> dict[Any, Any]:
         if not isinstance(value, dict):
             raise where.error(self.rule, value)
-        return value
+        found = {
+            name: known.plain(known.read(value[name], where.key(name), scope))
+            for name, known in self.known.items()
+            if name in value
+        }
+        return value | found
 
     def _json_schema(self) -> dict[str, Any]:
-        return {"type": "object"}
+        properties = {name: known.json_schema() for name, known in self.known.items()}
+        return {"type": "object", "properties": properties}
 
 
 LARGEST = 1e12  # of any number: squares and ratios of such numbers are still finite
