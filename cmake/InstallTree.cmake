@@ -11,8 +11,7 @@ install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
 install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
 install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
 install(DIRECTORY lib/kernel DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio/wiforce
-  FILES_MATCHING PATTERN *.h PATTERN simd_loops.h EXCLUDE PATTERN simd_samples.h EXCLUDE
-  PATTERN clones.h EXCLUDE)
+  FILES_MATCHING PATTERN *.h PATTERN clones.h EXCLUDE)
 
 install(FILES docs/gr-wiforce.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES gr-wiforce/completions/gr-wiforce.bash RENAME gr-wiforce

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group.h"
 
-#include "../fold/simd_kernels.h"
+#include "../fold/sample_loops.h"
 #include "../require.h"
 
 #include <algorithm>
@@ -51,13 +51,13 @@ fc32* phase_group::reserve(int first_slot)
 
 void phase_group::accept(int count)
 {
-    const auto are_finite = [this](int slots) {
-        return fastest_kernels().are_finite(
-            reinterpret_cast<const float*>(slot(d_decided)), 2 * offset_of(slots));
+    const auto slots_are_finite = [this](int slots) {
+        return are_finite(reinterpret_cast<const float*>(slot(d_decided)),
+                          2 * offset_of(slots));
     };
-    const bool all_finite = are_finite(count);
+    const bool all_finite = slots_are_finite(count);
     for (int end = d_decided + count; d_decided < end;) {
-        if (!all_finite && !are_finite(1)) {
+        if (!all_finite && !slots_are_finite(1)) {
             skip_to(d_decided + 1);
             continue;
         }

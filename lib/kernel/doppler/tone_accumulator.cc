@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tone_accumulator.h"
 
-#include "../fold/simd_kernels.h"
+#include "../fold/sample_loops.h"
 #include "../require.h"
 
 #include <algorithm>
@@ -99,8 +99,7 @@ void tone_accumulator::lay_out_rows()
         d_weight_sums.push_back(sum);
     }
     d_real_rows = origins.size();
-    constexpr int block = simd_kernels::ROW_BLOCK;
-    d_padded_rows = (d_real_rows + block - 1) / block * block;
+    d_padded_rows = (d_real_rows + ROW_BLOCK - 1) / ROW_BLOCK * ROW_BLOCK;
     d_weights.assign(std::size_t(d_length) * d_padded_rows, 0.0f);
     for (int r = 0; r < d_real_rows; r++)
         for (int n = 0; n < d_length; n++)
@@ -126,13 +125,13 @@ void tone_accumulator::transform(const fc32* snapshots,
     std::fill(d_sums.begin(), d_sums.end(), 0.0f);
     const auto* const values = reinterpret_cast<const float*>(snapshots);
     for (int first = 0; first < d_length; first += BLOCK)
-        fastest_kernels().accumulate(values + std::size_t(first) * d_width,
-                                     reinterpret_cast<const float*>(reference),
-                                     &d_weights[std::size_t(first) * d_padded_rows],
-                                     std::min(BLOCK, d_length - first),
-                                     d_padded_rows,
-                                     d_width,
-                                     d_sums.data());
+        accumulate({ values + std::size_t(first) * d_width,
+                     reinterpret_cast<const float*>(reference),
+                     &d_weights[std::size_t(first) * d_padded_rows],
+                     std::min(BLOCK, d_length - first),
+                     d_padded_rows,
+                     d_width },
+                   d_sums.data());
     // Real arithmetic: the complex product of the library looks for infinities.
     const std::vector<float> none(d_width, 0.0f);
     for (int m = 0; m < rows(); m++) {

@@ -2,7 +2,7 @@
 #include "preamble_folder.h"
 
 #include "../require.h"
-#include "simd_kernels.h"
+#include "sample_loops.h"
 
 #include <algorithm>
 #include <cmath>
@@ -29,51 +29,41 @@ float peak_of(const Component* parts, int count)
     return std::max<float>(high, -float(low));
 }
 
-// A component of the symbol in some frames, by its repetitions.
+// Values that a component takes in all frames and repetitions, of which at most three
+// are counted.
 template <class Component>
-struct repeated {
-    const Component* parts;
-    std::size_t stride, frames;
-    int repetitions, length;
-
-    // Values that it takes, of which at most three are counted.
-    int values() const
-    {
-        const Component first = *parts;
-        Component other = first;
-        for (std::size_t frame = 0; frame < frames; frame++)
-            for (int n = 0; n < repetitions; n++) {
-                const Component value = parts[frame * stride + n * length];
-                if (value != first && value != other) {
-                    if (other != first)
-                        return 3;
-                    other = value;
-                }
+int values_of(const repeated_symbols<Component>& of, const Component* component)
+{
+    const Component first = *component;
+    Component other = first;
+    for (std::size_t frame = 0; frame < of.frames; frame++)
+        for (int n = 0; n < of.repetitions; n++) {
+            const Component value = component[frame * of.stride + n * of.width];
+            if (value != first && value != other) {
+                if (other != first)
+                    return 3;
+                other = value;
             }
-        return other == first ? 1 : 2;
-    }
-};
+        }
+    return other == first ? 1 : 2;
+}
 
 // Whether an amplifier or fewer bits limit the samples: noise, which gives three values
 // or more to all other components, does not reach the largest.
 template <class Component>
-bool is_limited(repeated<Component> component, float peak)
+bool is_limited(const repeated_symbols<Component>& of, float peak)
 {
-    if (component.frames * component.repetitions < LEAST_REPEATED || peak == 0)
+    if (of.frames * of.repetitions < LEAST_REPEATED || peak == 0)
         return false;
-    const int length = component.length;
     const auto is_largest = [=](Component part) { return std::abs(float(part)) >= peak; };
-    const Component* const symbol = component.parts;
-    const Component* const largest = std::find_if(symbol, symbol + length, is_largest);
-    component.parts = largest;
-    if (largest == symbol + length || component.values() > 1)
+    const Component* const end = of.in + of.width;
+    const Component* const largest = std::find_if(of.in, end, is_largest);
+    if (largest == end || values_of(of, largest) > 1)
         return false;
     int reached = 0; // by noise
-    for (int n = 0; n < length; n++) {
-        component.parts = symbol + n;
-        const int values = component.values();
-        const bool limited =
-            values == 1 && std::abs(float(symbol[n])) >= FULL_SCALE * peak;
+    for (const Component* part = of.in; part < end; part++) {
+        const int values = values_of(of, part);
+        const bool limited = values == 1 && std::abs(float(*part)) >= FULL_SCALE * peak;
         if (values < 3 && !limited)
             return false;
         reached += !limited;
@@ -117,7 +107,7 @@ void preamble_folder::fold(const fc32* averaged,
                            std::vector<int>* saturated) const
 {
     const auto* components = reinterpret_cast<const float*>(averaged);
-    fold(fastest_kernels().fold_fc32, components, 1, frames, folded, noise, saturated);
+    fold(components, 1, frames, folded, noise, saturated);
 }
 
 void preamble_folder::fold(const sc16* averaged,
@@ -127,13 +117,11 @@ void preamble_folder::fold(const sc16* averaged,
                            std::vector<int>* saturated) const
 {
     const auto* components = reinterpret_cast<const std::int16_t*>(averaged);
-    fold(
-        fastest_kernels().fold_sc16, components, 32768, frames, folded, noise, saturated);
+    fold(components, 32768, frames, folded, noise, saturated);
 }
 
-template <class Function, class Component>
-void preamble_folder::fold(Function run,
-                           const Component* averaged,
+template <class Component>
+void preamble_folder::fold(const Component* averaged,
                            float one,
                            std::size_t frames,
                            fc32* folded,
@@ -141,21 +129,17 @@ void preamble_folder::fold(Function run,
                            std::vector<int>* saturated) const
 {
     const std::size_t stride = 2 * d_frame_length;
-    const float peak = run(averaged,
-                           stride,
-                           frames,
-                           d_repetitions,
-                           2 * d_symbol_length,
-                           1.0f / (one * d_repetitions),
-                           reinterpret_cast<float*>(folded),
-                           reinterpret_cast<float*>(noise));
+    const repeated_symbols<Component> symbols{
+        averaged, stride, frames, d_repetitions, 2 * d_symbol_length
+    };
+    const float peak = fold_samples(symbols,
+                                    1.0f / (one * d_repetitions),
+                                    reinterpret_cast<float*>(folded),
+                                    reinterpret_cast<float*>(noise));
     if (!saturated)
         return;
     saturated->clear();
-    const repeated<Component> first{
-        averaged, stride, frames, d_repetitions, 2 * d_symbol_length
-    };
-    if (peak < FULL_SCALE * one && is_limited(first, peak)) {
+    if (peak < FULL_SCALE * one && is_limited(symbols, peak)) {
         saturated->resize(frames);
         std::iota(saturated->begin(), saturated->end(), 0);
         return;

@@ -51,9 +51,8 @@ public:
 
 private:
     // `one`: the component that counts as 1.
-    template <class Function, class Component>
-    void fold(Function run,
-              const Component* averaged,
+    template <class Component>
+    void fold(const Component* averaged,
               float one,
               std::size_t frames,
               fc32* folded,

@@ -3,7 +3,7 @@
 
 #include <kernel/doppler/slepian_sequences.h>
 #include <kernel/doppler/tone_accumulator.h>
-#include <kernel/fold/simd_kernels.h>
+#include <kernel/fold/sample_loops.h>
 #include <kernel/fourier/channel_equalizer.h>
 
 #include <pybind11/stl.h>
@@ -53,9 +53,8 @@ public:
             py::gil_scoped_release others_may_run;
             d_accumulator.transform(folded.data(), d_transform.data());
             // A sum with something that is not finite is not finite either.
-            if (!fastest_kernels().are_finite(
-                    reinterpret_cast<const float*>(d_transform.data()),
-                    2 * d_transform.size()))
+            if (!are_finite(reinterpret_cast<const float*>(d_transform.data()),
+                            2 * d_transform.size()))
                 throw std::invalid_argument("tone_transform: folded must be finite");
             d_channel.write(d_transform.data(), out);
         }
