@@ -60,7 +60,7 @@ def test_packages_depend_on_what_the_code_imports():
     own = {"gnuradio", "pmt", "wiforce_app", "software_n210"}
     # Each is imported by one feature, which names what to install where it is missing; PyQt5 and
     # pyqtgraph come with gnuradio.
-    optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "distributed", "pyarrow", "pylsl", "skrf"}
+    optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "pyarrow", "pylsl", "skrf"}
     optional |= {"SoapySDR", "csiread", "bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
     optional |= {"typing_extensions"}  # of type checkers
     found = set()

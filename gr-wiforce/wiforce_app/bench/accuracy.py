@@ -29,7 +29,7 @@ COLUMNS = (
 @click.option("--case", "part", default="", help="Run only cases whose name contains this.")
 @click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
 @worker_options
-def accuracy(as_json, full, part, seed, jobs, scheduler):
+def accuracy(as_json, full, part, seed, jobs):
     """Compare phase errors of each estimator with the Cramer-Rao bound.
 
     Monte Carlo simulation of channel snapshots: noise, fading, static and moving clutter, clock
@@ -38,21 +38,18 @@ def accuracy(as_json, full, part, seed, jobs, scheduler):
     wanted = [case for case in cases(full) if part in case.name]
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
-    rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
+    rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
-def measure(wanted, runs, seed=1, jobs=None, scheduler=None):
-    """Run cases so often, unless they say otherwise; a row per case and estimator, in this order.
-
-    Runs are spread over the cores, or over the cluster of a Dask scheduler.
-    """
+def measure(wanted, runs, seed=1, jobs=None):
+    """Run cases so often, unless they say otherwise; a row per case and estimator."""
     # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
     tasks.sort(key=lambda task: -task[0].groups)
     results = {}
     with progress("measuring", len(tasks)) as step:
-        for outcome in run_tasks(_work, tasks, jobs, scheduler):
+        for outcome in run_tasks(_work, tasks, jobs):
             case, run, _ = tasks[outcome.index]
             results[case.name, run] = outcome.get()
             step(1)

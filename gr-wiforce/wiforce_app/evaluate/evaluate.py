@@ -43,11 +43,11 @@ def evaluate():
 )
 @worker_options
 @click.option("--fresh", is_flag=True, help="Compute all results again.")
-def scenes(scenes, folder, jobs, scheduler, fresh):
+def scenes(scenes, folder, jobs, fresh):
     """Simulate, read and score SCENES (or all), and write a report."""
     from .runs import evaluate_scenes
 
-    evaluate_scenes(scenes, Path(folder), jobs, fresh, scheduler)
+    evaluate_scenes(scenes, Path(folder), jobs, fresh)
 
 
 @evaluate.command()

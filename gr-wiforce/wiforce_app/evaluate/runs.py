@@ -20,7 +20,7 @@ from .report import cause_table, table, write_report
 _FORMAT = 4
 
 
-def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
+def evaluate_scenes(names, folder, jobs=None, fresh=False):
     """Run the scenes (or ``all`` shipped ones of samples) without a stored result, and report.
 
     ``fresh``: compute stored results again.
@@ -48,11 +48,9 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     missing = [
         name for name in names if fresh or result_of(folder, name, fingerprints[name]) is None
     ]
-    # A worker of a cluster has another working folder.
-    found = [str(Path(name).absolute()) if Path(name).is_file() else name for name in missing]
-    tasks = [(*task, str(folder.absolute())) for task in zip(missing, found, strict=True)]
+    tasks = [(name, str(folder)) for name in missing]
     with progress("evaluating", len(missing)) as step:
-        for outcome in run_tasks(_run, tasks, jobs, scheduler):
+        for outcome in run_tasks(_run, tasks, jobs):
             name = missing[outcome.index]
             kept = {"fingerprint": fingerprints[name], "result": outcome.get()}
             write_whole(_file(folder, name), json.dumps(kept))
@@ -69,8 +67,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
 def _run(task):
     from .experiment import run
 
-    name, *where = task
-    return {**run(*where), "scene": str(name)}
+    return run(*task)
 
 
 def _file(folder, name):

@@ -24,7 +24,7 @@ from ..shell.options import (
     cls=GroupedHelp,
     groups={
         "Options": "--output --plot --scene --mcap --tracked --follow --datatype --frame-offset",
-        "Many captures": "--format --again --jobs --scheduler",
+        "Many captures": "--format --again --jobs",
         "Channel snapshots": "--csi-tool --mac --second-antenna",
     },
     examples=("read press -o press.csv --plot press.png", "read captures -o readings"),
@@ -73,7 +73,6 @@ def read(
     form,
     again,
     jobs,
-    scheduler,
     **settings,
 ):
     """Read force and location from each CAPTURE.
@@ -87,7 +86,7 @@ def read(
     )
     refuse_scenes(captures)
     if is_one(captures):
-        one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
+        one = {"--format": form, "--again": again, "--jobs": jobs}
         refuse(one, "needs several captures or a folder")
         from .read_one import read_one
 
@@ -96,4 +95,4 @@ def read(
     refuse({**of_one, "--csi-tool": settings.pop("csi")}, "takes one capture")
     from .read_many import read_many
 
-    return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
+    return read_many(captures, scene_path, output, form, again, jobs, settings)

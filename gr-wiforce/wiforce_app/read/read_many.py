@@ -18,7 +18,7 @@ from ..shell.workers import WorkerLost, run_tasks
 from .reading_job import RECORD, Journal, ReadingJob, read_capture_file, remove_partial
 
 
-def read_many(given, scene, output, form, again, jobs, scheduler, settings):
+def read_many(given, scene, output, form, again, jobs, settings):
     """Read captures, patterns and folders into a folder, or into one Parquet file.
 
     Returns the exit status: 2 when captures failed by their own fault only, 1 when any failed
@@ -46,14 +46,14 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
             known = None if again else journal.fingerprint(capture.name, path)
             tasks.append(
                 ReadingJob(
-                    capture.name, _absolute(capture.path), str(path), _scene(scene), settings, known
+                    capture.name, os.path.abspath(capture.path), str(path), scene, settings, known
                 )
             )
         _protect_captures(tasks, whole)
         remove_partial(Path(task.output) for task in tasks)
         summary = _Summary(len(tasks))
         try:
-            _run(tasks, jobs, scheduler, journal, summary)
+            _run(tasks, jobs, journal, summary)
         except KeyboardInterrupt as interrupt:
             text = f"{summary.done} of {len(tasks)} captures have been read; the same command "
             raise Interrupted(f"{text}reads the others") from interrupt
@@ -89,11 +89,11 @@ def _say(text):
     click.echo(f"{PROGRAM}: {printable(text)}", err=True)
 
 
-def _run(tasks, jobs, scheduler, journal, summary):
+def _run(tasks, jobs, journal, summary):
     sizes = [_size(task) for task in tasks]
     with progress(f"reading {len(tasks)} captures", sum(sizes)) as step:
         # Closed at once when interrupted, so that no worker goes on.
-        with contextlib.closing(run_tasks(read_capture_file, tasks, jobs, scheduler)) as outcomes:
+        with contextlib.closing(run_tasks(read_capture_file, tasks, jobs)) as outcomes:
             for outcome in outcomes:
                 task = tasks[outcome.index]
                 if outcome.error is None:
@@ -197,15 +197,6 @@ def _folder_of(output):
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
     return folder
-
-
-def _scene(scene):
-    """The scene as workers with another working folder find it."""
-    return _absolute(scene) if scene is not None and os.path.exists(scene) else scene
-
-
-def _absolute(path):
-    return os.path.abspath(path)
 
 
 def _size(task):

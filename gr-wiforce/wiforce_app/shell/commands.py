@@ -116,7 +116,7 @@ class GroupedHelp(click.Command):
                 options = (each for each in self.params if isinstance(each, click.Option))
                 listed += [each for each in options if grouped.isdisjoint(each.opts)]
                 listed += [known[name] for name in _HELP if name in known]
-            shown = [each.get_help_record(ctx) for each in listed]
+            shown = list(filter(None, (each.get_help_record(ctx) for each in listed)))
             if everything or heading == first:
                 with formatter.section(heading):
                     formatter.write_dl(shown)

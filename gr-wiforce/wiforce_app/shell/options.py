@@ -10,6 +10,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.formats import OUTPUTS_HELP
 
 from ..radio.request import DRIVERS
+from .log import log
 
 
 class Number(click.types.FloatParamType):
@@ -184,6 +185,12 @@ def _all(*options):
     return add
 
 
+def _ignore_scheduler(_context, _parameter, address):
+    if address is not None:
+        text = "--scheduler is ignored, and will be refused: this machine's cores are used (--jobs)"
+        log.warning(f"{text}; examples/many_captures is for several machines")
+
+
 # Options that open a device; the others for a command that can do without one.
 radio_options = _all(_scene(True), *_OF_A_RADIO)
 optional_radio_options = _all(
@@ -213,11 +220,8 @@ worker_options = _all(
         type=IntegerRange(1),
         help="Number of parallel processes. Default: one per core.",
     ),
-    click.option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
-    ),
+    # Of release 1.0.
+    click.option("--scheduler", hidden=True, expose_value=False, callback=_ignore_scheduler),
 )
 
 

@@ -12,7 +12,6 @@ from ..errors import InputError
 _PACKAGES = {
     "bokeh": (None, "bokeh"),
     "csiread": (None, "csiread"),
-    "distributed": ("python3-distributed", "distributed"),
     "foxglove": (None, "foxglove-sdk"),
     "matplotlib": ("python3-matplotlib", "matplotlib"),
     "mcap": (None, "mcap-ros2-support"),
@@ -26,8 +25,6 @@ _PACKAGES = {
     "tornado": (None, "bokeh"),
     "zmq": ("python3-zmq", "pyzmq"),
 }
-# What ./bootstrap installs for its tests only.
-_OF_TESTS = {"distributed"}
 
 
 def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
@@ -60,8 +57,7 @@ def _missing(where: object, names: Iterable[str]) -> InputError:
     if len(debian) == len(needed):
         ways.insert(0, f"apt install {' '.join(debian)}")
     rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
-    if not _OF_TESTS.intersection(packages):
-        ways.append("./bootstrap in a checkout")
+    ways.append("./bootstrap in a checkout")
     return InputError(where, rule + ", or ".join(ways))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`gr-wiforce read` of several captures, on the cores of this machine and on a Dask cluster."""
+"""`gr-wiforce read` of several captures."""
 
 import io
 import json
@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from long_cases import cases
 from machine import wait_until
 from wiforce_app.read.reading_job import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
@@ -234,42 +232,6 @@ def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
         Journal("/proc/nowhere")
 
 
-@pytest.mark.parametrize("killed", cases(False, long=(True,)))
-def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, tmp_path, killed):
-    """A night of reading must survive the loss of a machine."""
-    distributed = pytest.importorskip("distributed")
-    folder, alone = captures
-    (tmp_path / "in").mkdir()
-    for number in range(5):
-        copy(folder / "day1" / "a", tmp_path / "in" / f"press{number}")
-    with distributed.LocalCluster(
-        n_workers=2 if killed else 1,
-        processes=killed,
-        protocol="tcp",
-        threads_per_worker=1,
-        dashboard_address=None,
-        local_directory=tmp_path / "dask",
-    ) as cluster:
-        out = tmp_path / "out"
-        killing = threading.Thread(target=_kill_first_worker, args=(cluster, out))
-        if killed:
-            killing.start()
-        done = run_command(
-            "read", tmp_path / "in", "-o", out, "--scheduler", cluster.scheduler_address
-        )
-        if killed:
-            killing.join()
-    assert done.returncode == 0, done.stderr
-    assert "5 of 5 captures read; " in done.stderr
-    files = sorted(file.name for file in out.iterdir())
-    assert files == sorted(["captures.jsonl", *(f"press{number}.csv" for number in range(5))])
-    assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
-    lines = (out / "captures.jsonl").read_text().splitlines()
-    assert sorted(json.loads(line)["capture"] for line in lines) == sorted(
-        f"press{number}" for number in range(5)
-    )
-
-
 def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tmp_path):
     """The example is what a laboratory starts from; it must at least plan the right jobs."""
     folder, _ = captures
@@ -291,13 +253,6 @@ def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tm
         "gr-wiforce read captures/b.sigmf-meta -o readings/b.csv",
         "gr-wiforce score readings/b.csv --against captures/b.loadcell.csv --json > scores/b.json",
     ]
-
-
-def _kill_first_worker(cluster, out):
-    """Kill a worker and what would start it again, when two of five captures are read."""
-    wait_until(lambda: len(list(out.glob("[!.]*.csv"))) >= 2)
-    nanny = next(iter(cluster.workers.values()))
-    os.kill(nanny.pid, signal.SIGKILL)
 
 
 def test_worker_of_a_former_run_does_not_replace_readings(in_process, captures, tmp_path):

@@ -11,7 +11,6 @@ from gnuradio.wiforce.calibration.tables import read_touchstone_index
 from gnuradio.wiforce.errors import InputError, gnuradio_rule
 from gnuradio.wiforce.io import optional
 from wiforce_app.main import main
-from wiforce_app.shell.workers import _connect
 
 SCENE = """
 radio: {center_frequency_hz: 900.0e+6}
@@ -221,13 +220,6 @@ def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, modu
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.endswith(f"{rule}, or ./bootstrap in a checkout\n"), done.stderr
     assert [path for path in tmp_path.iterdir() if path.is_file() and path not in before] == []
-
-
-def test_missing_package_of_clusters_is_named_before_anything_is_connected(monkeypatch):
-    remove("distributed", monkeypatch)
-    rule = "--scheduler: needs distributed: apt install python3-distributed, or pip install"
-    with pytest.raises(InputError, match=f"{rule} distributed$"):
-        _connect("tcp://127.0.0.1:8786")
 
 
 @pytest.mark.parametrize("module", sorted(optional._PACKAGES))

@@ -9,9 +9,12 @@ import sys
 import time
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 from gnuradio.wiforce.errors import InputError, OutputError
-from wiforce_app.shell.workers import WorkerLost, run_in_child, run_tasks
+from wiforce_app.shell.options import worker_options
+from wiforce_app.shell.workers import WorkerLost, run_tasks
 
 
 def square_or_fail(number):
@@ -41,12 +44,6 @@ def note_process(folder):
     if mark.exists():
         time.sleep(60)
     mark.touch()
-
-
-def note_process_and_stay(folder):
-    """A task that leaves a file named after its process, and takes long."""
-    (Path(folder) / str(os.getpid())).touch()
-    time.sleep(60)
 
 
 class _Unpicklable(Exception):
@@ -91,31 +88,6 @@ def test_output_error_survives_the_way_between_processes():
     assert str(error) == "a.csv: cannot be written (disk full)"
 
 
-def test_task_process_keeps_what_a_task_prints_apart_from_its_outcome():
-    """A library that prints would cost the readings of its capture."""
-    status, answer, errors = run_in_child(pickle.dumps((print, "noise")))
-    assert status == 0 and pickle.loads(answer) == ("result", None) and errors == b"noise\n"
-
-
-def test_task_process_ends_with_the_worker_of_a_cluster(tmp_path):
-    """It read on, and left its file when the command had removed all others."""
-    program = f"""
-import pickle, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from qa_workers import note_process_and_stay
-from wiforce_app.shell.workers import run_in_child
-run_in_child(pickle.dumps((note_process_and_stay, {str(tmp_path)!r})))
-"""
-    with subprocess.Popen([sys.executable, "-c", program]) as worker:
-        while not (found := list(tmp_path.glob("[0-9]*"))):
-            time.sleep(0.01)
-        worker.kill()
-    deadline = time.monotonic() + 20
-    while (Path("/proc") / found[0].name).exists():
-        assert time.monotonic() < deadline, "the process is left"
-        time.sleep(0.05)
-
-
 def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):
     """They kept their memory until the machine was started again."""
     program = f"""
@@ -141,7 +113,8 @@ if __name__ == "__main__":
     assert "Traceback" not in (tmp_path / "errors").read_text()
 
 
-@pytest.mark.parametrize("address", ["nonsense", "tcp://", "host:port", "127.0.0.1:8786/x"])
-def test_scheduler_that_is_no_address_is_refused(address):
-    with pytest.raises(InputError, match="--scheduler: must be an address as tcp://HOST:8786"):
-        list(run_tasks(square_or_fail, [2], scheduler=address))
+def test_scheduler_is_ignored_with_a_warning_that_says_what_to_use():
+    """A script of the release before goes on, on one machine."""
+    command = click.command()(worker_options(lambda jobs: click.echo(f"{jobs} jobs")))
+    done = CliRunner().invoke(command, ["--scheduler", "x:1", "--jobs", "2"])
+    assert "this machine's cores are used (--jobs)" in done.output and "2 jobs" in done.output
