@@ -4,6 +4,7 @@
 import json
 import math
 import os
+import socket
 import time
 from datetime import datetime, timezone
 
@@ -53,6 +54,14 @@ def test_foxglove_client_that_does_not_read_delays_nobody(server):
             server.write(Reading(0.036 * group, "arm", 1, 4.0, group=group), large)
         wait_until(lambda: received[-1].group == 999)
         stalled.socket.close()
+
+
+def test_foxglove_client_that_sends_nonsense_prints_nothing(server, capfd, caplog):
+    """A browser that tries again and again would fill the journal of a robot."""
+    with socket.create_connection(("127.0.0.1", server.port)) as client:
+        client.sendall(b"nonsense\r\n\r\n")
+        assert not client.recv(1)
+    assert not caplog.records and not "".join(capfd.readouterr())
 
 
 def test_foxglove_port_in_use_is_refused(server):

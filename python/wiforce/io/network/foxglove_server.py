@@ -33,7 +33,8 @@ class FoxgloveServer(Output):
         # The writer of mcap_ros2 uses this module; it offers no other way to encode a message.
         modules = optional_modules(_OPTION, ["foxglove", "mcap_ros2._dynamic"])
         self._foxglove, self._encoding = modules
-        self._foxglove.set_log_level("ERROR")
+        # Below this, the SDK prints a line for whatever a client sends, which would fill a journal.
+        self._foxglove.set_log_level("CRITICAL")
         self._context = self._foxglove.Context()
         self._encoders: dict[str, Any] = {}
         self._channels = {
