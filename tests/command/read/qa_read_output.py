@@ -97,7 +97,7 @@ def links_of(target, folder, suffix):
     return symbolic, hard
 
 
-@pytest.mark.parametrize("suffix", [".sigmf-data", ".sigmf-meta"])
+@pytest.mark.parametrize("suffix", [".sigmf-data", ".sigmf-meta", ".truth.csv"])
 def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
     """A 150 MB capture became 1 kB of CSV."""
     target = capture.with_name(capture.name + suffix)

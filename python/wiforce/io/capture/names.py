@@ -35,9 +35,10 @@ def second_antenna(name: str | Path) -> str:
 
 
 def files_of(data: Path) -> tuple[Path, ...]:
-    """All files of a capture that exist: samples, metadata, and those of a second antenna."""
+    """All files of a capture that exist: samples, metadata, truth, those of a second antenna."""
     stem = data.with_suffix("") if data.suffix in SUFFIXES else data
-    names = [f"{name}{suffix}" for name in (stem, second_antenna(stem)) for suffix in SUFFIXES]
+    suffixes = (*SUFFIXES, ".truth.csv")
+    names = [f"{name}{suffix}" for name in (stem, second_antenna(stem)) for suffix in suffixes]
     others = [path for path in map(Path, names) if path.exists() and path != data]
     return (data, *others)
 
