@@ -82,8 +82,11 @@ def warn_of_end(capture, reader):
     for name, found in reader.suspicions().items():
         for suspicion in found:
             warn(capture, f"{name}: {suspicion.text}")
-    receiver = getattr(reader, "receiver", None)  # a followed file's block has said it
+    touched = reader.counts.touched_reference()
+    receiver = getattr(reader, "receiver", None)  # a followed file's block has said the rest
     if receiver is None:
+        for text in touched.values():
+            warn(capture, text)
         return
     unread = reader.counts.groups and not reader.counts.clear
     if unread and isinstance(reader, RecordingReader):
@@ -105,10 +108,10 @@ def warn_of_end(capture, reader):
         name: state.final_problem if unread else state.lasting_problem
         for name, state in receiver.states.items()
     }
-    for name, problem in problems.items():
-        if problem:
-            warn(capture, describe_doubt(name, problem))
-    if unread and not any(problems.values()):
+    doubts = {name: describe_doubt(name, problem) for name, problem in problems.items() if problem}
+    for text in (touched | doubts).values():
+        warn(capture, text)
+    if unread and not doubts:
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         rule = ALL_FLAGGED

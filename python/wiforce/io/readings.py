@@ -216,6 +216,8 @@ class GroupCounts:
     interfered: int = 0  # that lack snapshots because of interference
     # Of the other flagged groups and the saturated ones, by word.
     flags: Counter[str] = field(default_factory=Counter)
+    # Those of the reference in which a sensor was touched, by its name.
+    touched: Counter[str] = field(default_factory=Counter)
 
     def note(self, readings: Iterable[Reading]) -> None:
         """Count one group by its readings, one per sensor."""
@@ -223,6 +225,8 @@ class GroupCounts:
         for reading in readings:
             flags.update(reading.flags)
             interfered |= bool(reading.interference)
+            if reading.touch and _REFERENCE in reading.flags:
+                self.touched[reading.sensor] += 1
         self.interfered += interfered
         self.clear += not flags
         self.flagged += bool(flags)
@@ -244,6 +248,14 @@ class GroupCounts:
     def groups(self) -> int:
         """All groups."""
         return self.clear + self.flagged + self.dropped
+
+    def touched_reference(self) -> dict[str, str]:
+        """What to say of each sensor that was touched while its reference was measured."""
+        return {
+            name: f"{name}: was touched in {_groups(count)} of the reference; its readings rest on "
+            "the untouched ones before or behind; begin untouched"
+            for name, count in self.touched.items()
+        }
 
     def asdict(self) -> dict[str, int]:
         """Number of groups by outcome."""

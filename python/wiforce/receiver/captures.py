@@ -200,6 +200,8 @@ def _read_one(
     for name, suspicions in reader.suspicions().items():
         for suspicion in suspicions:
             warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=3)
+    for text in reader.counts.touched_reference().values():
+        warnings.warn(f"{recording.path}: {text}", stacklevel=3)
     frame = pandas.DataFrame(rows, columns=list(columns))
     frame = frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
     # For `plot`, whose location axis shows whole sensors.

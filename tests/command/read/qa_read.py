@@ -283,6 +283,12 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
         "arm: it may have been touched while its reference was measured or forced (if nobody "
         "did, look for another tag with its clock); begin untouched, or release it and tare"
     )
+    # With untouched groups before, the press within the reference is recognised.
+    codes[2 * 1944 * 360 :].tofile(tmp_path / "begun.bin")
+    done = run_command("read", tmp_path / "begun.bin", *arguments, tmp_path / "begun.csv")
+    warnings = [line for line in done.stderr.splitlines() if "warning" in line]
+    assert len(warnings) == 1 and " of the reference; its readings rest on" in warnings[0]
+    assert "begun.bin: arm: was touched in " in warnings[0]
 
 
 def test_read_names_a_saturated_receiver(demo, tmp_path):

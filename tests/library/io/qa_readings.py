@@ -166,6 +166,16 @@ def test_group_counts_name_groups_with_interference():
     assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25
 
 
+def test_group_counts_name_sensors_that_were_touched_in_the_reference():
+    """A press that began within the reference was read without a word."""
+    counts = GroupCounts()
+    for group, touch in enumerate((0, 1, 1)):
+        counts.note([Reading(0.036 * group, name, touch, flags=("reference",)) for name in "ab"])
+    counts.note([Reading(0.108, "a", 1)])
+    assert counts.touched_reference()["a"].startswith("a: was touched in 2 groups of the reference")
+    assert list(counts.touched_reference()) == ["a", "b"]
+
+
 def test_group_counts_name_saturation_first():
     """Nobody pressed: the summary of a receiver that clipped spoke of 70 groups of presses."""
     counts = GroupCounts()
