@@ -9,12 +9,22 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Outputs
-from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
+from gnuradio.wiforce.io.readings import (
+    COLUMNS,
+    NUMBERS,
+    Flag,
+    GroupCounts,
+    Reading,
+    flag_words,
+    reading_of,
+)
+from gnuradio.wiforce.wiforce_kernels import group_reading, reading_fields
 from machine import free_port
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
@@ -26,6 +36,33 @@ def test_columns_equal_documented_order():
         "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
         "phase1_deg,phase2_deg,snr_db,flags,group,interference"
     )
+
+
+def test_columns_of_kernel_readings_are_those_of_a_reading():
+    """Force and its standard deviation, exchanged by a line of C++, would look plausible."""
+    found = np.zeros((2, 2), group_reading)
+    values = {name: float(row) for row, name in enumerate(NUMBERS, 1) if name in found.dtype.names}
+    for name, value in values.items():
+        found[name] = value
+    found["phases_deg"], found["touch"], found["group"] = (-1.5, 2.5), 1, [[7], [8]]
+    found["flags"] = (Flag.GAP | Flag.WEAK).value
+    found["force_n"][1, 1], found["touch"][1, 1] = np.nan, -1
+    fields = reading_fields(found, ["left", "right"], 0.036, flag_words)
+    readings = list(map(reading_of, fields))
+    assert [(each.sensor, each.group) for each in readings] == [
+        ("left", 7), ("right", 7), ("left", 8), ("right", 8)
+    ]  # fmt: skip
+    assert readings[0] == Reading(
+        7.5 * 0.036,
+        "left",
+        1,
+        phase1_deg=-1.5,
+        phase2_deg=2.5,
+        flags=("gap", "weak"),
+        group=7,
+        **values,
+    )
+    assert (readings[3].force_n, readings[3].touch) == (None, None)
 
 
 def test_flag_words_equal_documented_order():
