@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..sensor.curves import CurveModel
 from ..signal.bands import BANDS, bands_holding, occupied_band_hz
-from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, STRONG_LINES, lamp_distances_hz
+from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .clocks import (
     FARTHER,
     assess_clocks,
@@ -156,7 +156,6 @@ def warnings(plan: Plan) -> list[str]:
         *own,
         *_motion_warnings(scene, plan),
         *_receiver_warnings(scene),
-        *_spur_warnings(scene, plan),
         *_sensor_warnings(scene),
         *other_sensors_pressed(plan),
     ]
@@ -268,21 +267,6 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
             f"dynamic range: noise of the radio on the static path costs {cost_db:.1f} dB; weaken "
             "the direct path, or use a radio whose transmitter and receiver share a synthesizer"
         )
-
-
-def _spur_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
-    """Spurs on strong lines of tags; the survey suppresses those elsewhere."""
-    radio, static_db = scene.simulation.radio_noise, scene.simulation.static_clutter_db
-    if radio is None or radio.spur_dbc is None or radio.synthesizers == "one" or static_db is None:
-        return
-    for clock, tag in zip(plan.clocks, scene.simulation.tags, strict=True):
-        for line in STRONG_LINES:
-            if abs(line * clock.clock_hz - radio.spur_hz) < 1 / plan.group_period_s:
-                level_db = static_db + radio.spur_dbc - tag.level_db
-                yield (
-                    f"spur: {radio.spur_hz:g} Hz lies within one bin of line {line} of "
-                    f"'{tag.sensor}', {level_db:+.0f} dB against its line 1: choose another clock"
-                )
 
 
 def _sensor_warnings(scene: Scene) -> Iterator[str]:

@@ -101,7 +101,7 @@ class RadioNoise:
         Choice(words=("two", "one")),
         default="two",
         doc="`two`: transmitter and receiver have a synthesizer each, also on one reference, as in "
-        "a USRP's daughterboard. `one`: they share it, and its phase noise and spurs cancel.",
+        "a USRP's daughterboard. `one`: they share it, and its phase noise cancels.",
     )
     phase_noise_dbc_hz: float = key(
         Number(unit="dBc/Hz", low=-200, high=-40),
@@ -113,15 +113,6 @@ class RadioNoise:
         Number(unit="Hz", low=100, high=30_000),
         default=30_000.0,
         doc="Bandwidth of the loops, beyond which it falls by 20 dB per decade.",
-    )
-    spur_dbc: float | None = key(
-        Number(unit="dBc", low=-150, high=-20, optional=True),
-        doc="Level of each of the two lines of a spur; null means none.",
-    )
-    spur_hz: float = key(
-        Number(unit="Hz", low=0, above=True, high=10_000),
-        default=1500.0,
-        doc="Distance of these lines from the carrier.",
     )
     transmitter_dbc_hz: float = key(
         Number(unit="dBc/Hz", low=-200, high=-40),

@@ -62,7 +62,7 @@ class RadioNoiseSource:
         sample_rate_hz: float,
         seeds: Seeds,
     ) -> None:
-        self._stated, self._seeds, self._ramp = stated, seeds, ramp
+        self._seeds, self._ramp = seeds, ramp
         density = 10 ** (stated.transmitter_dbc_hz / 10)
         self._sent_std = np.float32(amplitude * np.sqrt(density * sample_rate_hz / 2))
         times = ramp.knots(0, 1)
@@ -70,9 +70,6 @@ class RadioNoiseSource:
         frequencies = np.fft.rfftfreq(_BLOCK, self._spacing_s)
         self._shape = np.sqrt(phase_noise_density(stated, frequencies) / self._spacing_s)
         self._window = np.sin(np.pi * (np.arange(_BLOCK) + 0.5) / _BLOCK)
-        self._spur = 2 * 10 ** (stated.spur_dbc / 20) if stated.spur_dbc is not None else 0.0
-        if stated.synthesizers == "one":
-            self._spur = 0.0
         self._blocks: dict[int, np.ndarray] = {}
 
     def transmit(self, first_sample: int, samples: np.ndarray) -> np.ndarray:
@@ -89,7 +86,6 @@ class RadioNoiseSource:
         """Turn received samples by the phase, in place."""
         times_s = self._ramp.knots(first_sample, len(samples))
         phase = self._phase(np.rint(times_s / self._spacing_s).astype(np.int64))
-        phase += self._spur * np.cos(2 * np.pi * (self._stated.spur_hz * times_s % 1))
         samples *= self._ramp.interpolate(np.exp(1j * phase), first_sample, len(samples))
 
     def _phase(self, knots: np.ndarray) -> np.ndarray:

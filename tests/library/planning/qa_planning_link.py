@@ -104,17 +104,6 @@ def test_radios_that_add_no_noise_cost_nothing(change):
     assert not any("dynamic range" in text for text in warnings(settings))
 
 
-@pytest.mark.parametrize(("hertz", "line"), [(1010, 1), (3990, 4), (1500, None)])
-def test_a_spur_on_a_strong_line_is_named_with_its_level(hertz, line):
-    """-50 dBc of a static path of 55 dB; beside the lines the survey suppresses it."""
-    stated = {"spur_dbc": -50, "spur_hz": hertz}
-    found = [
-        w for w in warnings(plan_with(static_clutter_db=55, radio_noise=stated)) if "spur" in w
-    ]
-    expected = f"within one bin of line {line} of 'arm', +5 dB against its line 1"
-    assert found == [] if line is None else expected in found[0]
-
-
 def test_two_antennas_share_phase_noise_but_not_the_transmitters():
     scene = load_scene({"sensors": SENSORS, "simulation": {"radio_noise": {}}})
     free = replace(scene.environment, reader_clock="free", receive_antennas=2)

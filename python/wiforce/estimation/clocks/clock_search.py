@@ -21,7 +21,7 @@ from ..ends.least_squares import ToneModel
 from ..group_tones import GroupTones, without_loud
 from ..groups import Array
 from .acquisition import DELAY_EVIDENCE, acquire
-from .packet_likelihood import complete_likelihood
+from .likelihood import complete_likelihood
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag, likelihood_bias
 
