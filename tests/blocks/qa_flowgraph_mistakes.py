@@ -15,10 +15,11 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
-from press_capture import DEFAULT as SCENE
-from press_capture import array_source, as_floats
+from press_capture import DEFAULT, array_source, as_floats
 
-RATE_HZ, GROUP = 12.5e6, 450_000
+# Half the usual rate takes half the time; frames and groups last as long as usual.
+RATE_HZ, FRAME, GROUP = 6.25e6, 360, 225_000
+SCENE = DEFAULT | {"radio": {"sample_rate_hz": RATE_HZ}, "sounding": {"frame_length": FRAME, "repetitions": 3}}
 MORE_TAGS = copy.deepcopy(SCENE)
 MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
 # A slow radio with a long press, which is also in the reference where the capture is cut.
@@ -116,7 +117,7 @@ MISTAKES = {
         lambda codes: said_of(
             codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 997}]}
         ),
-        "a tag is found at 999.938 Hz, +2947 ppm from the clock_hz of arm; check clock_hz",
+        "a tag is found at 999.939 Hz, +2948 ppm from the clock_hz of arm; check clock_hz",
     ),
     "half the clock": (
         lambda codes: said_of(
@@ -131,17 +132,17 @@ MISTAKES = {
         "no tag is found at its clock of 1150 Hz",
     ),
     "frame length": (
-        lambda codes: said_of(codes, {**SCENE, "sounding": {"frame_length": 640}}),
-        "not those of the scene (waveform 'repeated', 640 samples",
+        lambda codes: said_of(codes, {**SCENE, "sounding": {"frame_length": 320, "repetitions": 3}}),
+        "not those of the scene (waveform 'repeated', 320 samples",
     ),
     "waveform": (
         lambda codes: said_of(codes, {**SCENE, "sounding": {"waveform": "wifi"}}),
         "not those of the scene (waveform 'wifi'",
     ),
-    "offset": (lambda codes: said_of(codes, frame_offset=300), "not at sample 300"),
+    "offset": (lambda codes: said_of(codes, frame_offset=150), "not at sample 150"),
     "noise": (lambda codes: said_of(noise(codes[: 10 * GROUP])), "only noise or another signal"),
     "untouched start": (
-        lambda codes: said_of(codes[10_000 * 720 :]),
+        lambda codes: said_of(codes[10_000 * FRAME :]),
         "arm: it may have been touched while its reference was measured",
     ),
     "clipping": (
@@ -301,7 +302,7 @@ def press_codes_of(scene, folder):
     "key, value, cause",
     [
         ("rx_freq", 2.4e9, "a carrier of 2400 MHz, and the scene of 900 MHz"),
-        ("rx_rate", 12e6, "a sample rate of 12 MHz, and the scene of 12.5 MHz"),
+        ("rx_rate", 6e6, "a sample rate of 6 MHz, and the scene of 6.25 MHz"),
     ],
 )
 def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
@@ -326,7 +327,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     codes, change, cause, tmp_path, monkeypatch
 ):
     # Twice as long as frames are searched in.
-    samples = np.ascontiguousarray(change(codes[: int(0.25 * RATE_HZ)]))
+    samples = np.ascontiguousarray(change(codes[: int(0.5 * RATE_HZ)]))
     (sentence,) = said_before(samples)
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
@@ -342,7 +343,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
 
 def test_frame_alignment_says_that_a_stream_is_too_short_for_its_search(codes):
     """Good frames of 8 ms were called noise."""
-    (sentence,) = said_before(codes[:100_000])
+    (sentence,) = said_before(codes[:50_000])
     assert sentence.endswith("has ended after 0.008 s; frames are searched in 0.115 s")
 
 
@@ -357,7 +358,7 @@ def test_reader_tells_of_frames_without_groups_while_it_runs():
     said = []
     reader = wiforce.reader(SCENE)
     reader.groups.on_warning = said.append
-    bad = blocks.vector_source_c([complex(np.nan)] * 720, True)
+    bad = blocks.vector_source_c([complex(np.nan)] * FRAME, True)
     flowgraph = gr.top_block()
     flowgraph.connect(bad, reader)
     flowgraph.start()

@@ -15,10 +15,15 @@ from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.capture.slips import Slips
 from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
-from press_capture import DEFAULT as SCENE
-from press_capture import array_source
+from press_capture import DEFAULT, array_source
 
-RATE_HZ = 12.5e6
+# Half the usual rate takes half the time; frames and groups last as long, and half of a frame is
+# silent, as usual.
+RATE_HZ, FRAME = 6.25e6, 360
+SCENE = DEFAULT | {
+    "radio": {"sample_rate_hz": RATE_HZ},
+    "sounding": {"frame_length": FRAME, "repetitions": 2},
+}
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +79,8 @@ def slip(capture, name, at_s, lost):
     cases(
         (0.1, 1),
         long=(
-            *((0.4, 17), (0.02, -300), (0.02, 300), (0.25, 1), (0.25, -1)),
-            *((0.25, 300), (0.1, 2000), (0.25, -2500)),
+            *((0.4, 17), (0.02, -150), (0.02, 150), (0.25, 1), (0.25, -1)),
+            *((0.25, 150), (0.1, 1000), (0.25, -1250)),
         ),
     ),
 )
@@ -98,7 +103,7 @@ def test_samples_lost_within_the_reference_cost_their_groups_only(
 
 
 @pytest.mark.parametrize(
-    ("lost", "antennas"), cases((-1, (1, 2)), long=((300, (1, 2)), (-300, (1, 2)), (1, (1,))))
+    ("lost", "antennas"), cases((-1, (1, 2)), long=((150, (1, 2)), (-150, (1, 2)), (1, (1,))))
 )
 def test_samples_lost_at_two_antennas_cost_their_groups_only(
     press_of_two, whole_of_two, tmp_path, lost, antennas
@@ -141,7 +146,7 @@ def read_as_a_stream(capture, scene, input_type):
     cases(
         *((1, "sc16", 0.25, -1), (2, "folded", 0.25, -1)),
         long=(
-            *((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 300)),
+            *((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 150)),
             *((1, "folded", 0.1, 1), (2, "folded", 0.1, 1)),
         ),
     ),
@@ -196,7 +201,7 @@ def test_antennas_that_lost_other_frames_are_read_to_their_end(
     """
     for suffix, first in (("", 0.6), (".antenna2", 0.8)):
         codes = np.fromfile(f"{press_of_two}{suffix}.sigmf-data", "<i2").reshape(-1, 2)
-        start, end = (720 * round(at_s * RATE_HZ / 720) for at_s in (first, first + 0.15))
+        start, end = (FRAME * round(at_s * RATE_HZ / FRAME) for at_s in (first, first + 0.15))
         np.delete(codes, slice(start, end), axis=0).tofile(f"{tmp_path / 'a'}{suffix}.sigmf-data")
         meta = json.loads(Path(f"{press_of_two}{suffix}.sigmf-meta").read_text())
         meta["captures"] += [{"core:sample_start": start, "core:global_index": end}]
