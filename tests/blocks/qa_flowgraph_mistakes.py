@@ -19,7 +19,10 @@ from press_capture import DEFAULT, array_source, as_floats
 
 # Half the usual rate takes half the time; frames and groups last as long as usual.
 RATE_HZ, FRAME, GROUP = 6.25e6, 360, 225_000
-SCENE = DEFAULT | {"radio": {"sample_rate_hz": RATE_HZ}, "sounding": {"frame_length": FRAME, "repetitions": 3}}
+SCENE = DEFAULT | {
+    "radio": {"sample_rate_hz": RATE_HZ},
+    "sounding": {"frame_length": FRAME, "repetitions": 3},
+}
 MORE_TAGS = copy.deepcopy(SCENE)
 MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
 # A slow radio with a long press, which is also in the reference where the capture is cut.
@@ -132,14 +135,15 @@ MISTAKES = {
         "no tag is found at its clock of 1150 Hz",
     ),
     "frame length": (
-        lambda codes: said_of(codes, {**SCENE, "sounding": {"frame_length": 320, "repetitions": 3}}),
+        lambda codes: said_of(
+            codes, {**SCENE, "sounding": {"frame_length": 320, "repetitions": 3}}
+        ),
         "not those of the scene (waveform 'repeated', 320 samples",
     ),
     "waveform": (
         lambda codes: said_of(codes, {**SCENE, "sounding": {"waveform": "wifi"}}),
         "not those of the scene (waveform 'wifi'",
     ),
-    "offset": (lambda codes: said_of(codes, frame_offset=150), "not at sample 150"),
     "noise": (lambda codes: said_of(noise(codes[: 10 * GROUP])), "only noise or another signal"),
     "untouched start": (
         lambda codes: said_of(codes[10_000 * FRAME :]),
@@ -171,6 +175,13 @@ def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
     say, cause = MISTAKES[mistake]
     (sentence,) = say(codes)
     assert sentence.startswith("reader: ") and cause in sentence
+
+
+def test_reader_names_a_wrong_frame_offset(tmp_path):
+    """Readings were empty, and nobody knew where frames begin."""
+    scene = SCENE | {"sounding": {"frame_length": 720}, "phase_group": {"snapshots": 312}}
+    (sentence,) = said_of(press_codes_of(scene, tmp_path), scene, frame_offset=300)
+    assert "not at sample 300" in sentence
 
 
 def test_reader_refuses_a_scene_of_packets_for_what_it_is():
@@ -328,7 +339,9 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
 ):
     # Twice as long as frames are searched in.
     samples = np.ascontiguousarray(change(codes[: int(0.5 * RATE_HZ)]))
-    (sentence,) = said_before(samples)
+    (sentence,) = said_before(
+        samples, {**SCENE, "sounding": {"frame_length": FRAME, "repetitions": 2}}
+    )
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
     datatype = "ci16_le" if samples.ndim == 2 else "cf32_le"
