@@ -74,12 +74,12 @@ def test_clock_of_a_tag_in_few_irregular_packets_errs_by_less_than_a_degree(seed
 
 def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
     """The file was refused; an Intel 5300 does this within 90 s."""
-    capture = capture_of(35, duration_s=12.0, touched_s=(3.0, 12.0), clock_back_s=5.0)
+    capture = capture_of(35, duration_s=10.0, touched_s=(3.0, 10.0), clock_back_s=5.0)
     readings, *_ = readings_of(capture, tmp_path)
     recording = open_snapshots(tmp_path / "p.npz")
-    assert recording.clock_steps == 1 and recording.span_s > 40
+    assert recording.clock_steps == 1 and recording.span_s > 38
     assert any("stepped back once" in note for note in recording.notes)
-    later = readings[readings["time_s"] > 37.5]
+    later = readings[readings["time_s"] > 36.5]
     clear = later[later["flags"] == ""]
     assert len(clear) > 0.5 * len(later) > 5
     assert (np.abs(clear["force_n"] - FORCE_N) < 4 * clear["force_std_n"]).all()

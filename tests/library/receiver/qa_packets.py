@@ -193,7 +193,7 @@ def test_packets_that_stop_are_flagged_as_a_gap(tmp_path):
 @pytest.mark.parametrize("factor", [10.0, 1000.0])
 def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
     """Times in milliseconds gave a rule about lines of tags, and a slow sender only flags."""
-    capture = capture_of(subcarriers=8, duration_s=6.0)
+    capture = capture_of(subcarriers=8, duration_s=4.0)
     capture.time_s = capture.time_s * factor
     capture.save(tmp_path / "p.npz")
     (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
@@ -205,7 +205,7 @@ def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
 
 def test_gap_that_is_assumed_does_not_count_for_the_interval(tmp_path):
     """The 30 s at a step of the clock made packets every 1.1 ms come every 5 ms on average."""
-    capture = capture_of(subcarriers=8, duration_s=8.0)
+    capture = capture_of(subcarriers=8, duration_s=4.5)
     capture.time_s[len(capture.time_s) * 7 // 8 :] -= 5.0
     capture.save(tmp_path / "p.npz")
     (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
@@ -243,6 +243,7 @@ def test_plan_says_that_a_wifi_card_has_no_such_snr():
 def test_simulated_scene_is_read_by_the_command(tmp_path):
     scene = yaml.safe_load((Path(DATA_DIR) / "scenes" / "wifi_packets.yaml").read_text())
     scene["simulation"] |= {"duration_s": 3.5, "presses": []}
+    scene["packets"]["subcarriers"] = 8
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene | {"reference_s": 2}))
     done = run_command("simulate", "short.yaml", "a", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "a.truth.csv").exists()
