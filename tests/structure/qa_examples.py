@@ -336,12 +336,6 @@ def headless(script, *arguments):
     return printed.getvalue()
 
 
-def test_headless_read_recording_writes_readings(capture, tmp_path):
-    name, truth = capture
-    headless("read_recording.py", name, tmp_path / "out.csv", "tabletop")
-    assert_true(tmp_path / "out.csv", truth)
-
-
 def test_headless_chain_from_file_writes_the_readings_of_the_reader(
     capture, of_the_reader, tmp_path
 ):

@@ -293,7 +293,7 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
 
 def test_read_names_a_saturated_receiver(demo, tmp_path):
     """It blamed a touch in the reference."""
-    codes = np.fromfile(demo[0] / "demo.sigmf-data", "<i2", 2 * 720 * 450 * 40).astype(int)
+    codes = np.fromfile(demo[0] / "demo.sigmf-data", "<i2", 2 * 450_000 * 18).astype(int)
     np.clip(8 * codes, -32768, 32767).astype("<i2").tofile(tmp_path / "loud.bin")
     done = run("read", tmp_path / "loud.bin", "--scene", "demo", "--datatype", "ci16_le")
     (warning,) = [line for line in done.stderr.splitlines() if "warning" in line]
