@@ -15,10 +15,12 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
 from ..estimation.capture.folded_groups import RecordedGroups, RecordedRatio, first_frames
+from ..estimation.capture.frame import samples_needed
 from ..estimation.capture.recorded_frames import (
     find_frames,
     first_frame,
     offset_problem,
+    preamble_problem,
     require_frames,
 )
 from ..estimation.groups import Groups
@@ -75,14 +77,16 @@ class RecordingReader:
             raise InputError(recording.path, rule)
         recording.check_against(scene)
         self.recording, self.plan = recording, plan
-        self.notes: list[str] = []
+        problem = ""
         if frame_offset is None:
             place = require_frames(recording, plan.waveform)
             frame_offset = first_frame(recording, plan.waveform, place)
+            samples = recording.read_span(place, samples_needed(plan.waveform.frame_length))
+            problem = preamble_problem(samples, plan.waveform)
         # Who states where frames begin may know of some that are too weak to be found.
         elif (seen := find_frames(recording, plan.waveform)) is not None:
             problem = offset_problem(recording, plan.waveform, seen, frame_offset)
-            self.notes = [problem] if problem else []
+        self.notes = [problem] if problem else []
         self.frame_offset = frame_offset
         self._check_length()
         self._folding = ThreadPoolExecutor(1, "tones")

@@ -177,6 +177,19 @@ def test_read_wrong_frame_offset_warns_where_frames_begin(tmp_path):
         wiforce.read(tmp_path / "press", frame_offset=800)
 
 
+def test_read_more_repetitions_than_are_sent_warns_of_the_symbols(tmp_path):
+    """What is received behind a preamble was averaged with it: forces were 3 % too large."""
+    wiforce.simulate(load_scene(changed("sounding", repetitions=3)), tmp_path / "press")
+    scene = changed("sounding", repetitions=5)
+    with pytest.warns(UserWarning) as caught:
+        wiforce.read(tmp_path / "press.sigmf-data", scene)
+    (warning,) = [str(each.message) for each in caught if "preambles" in str(each.message)]
+    assert "press.sigmf-data: preambles hold 3 symbols, but sounding.repetitions is 5" in warning
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wiforce.read(tmp_path / "press")
+
+
 def test_read_half_frame_length_is_refused_by_command_and_function(tmp_path):
     """Half the true length reads a preamble in every second frame only."""
     scene = changed("sounding", frame_length=640)

@@ -24,8 +24,8 @@ _FEWEST_FRAMES = 16
 # Ratio of the best match to the rms match of noise that counts as a preamble. The largest of 720
 # matches of Gaussian noise exceeds 4.3 times their rms once in 10^5 searches.
 _CLEAR = 12.0
-# The same without such matches: likelihood of Gaussian noise against a preamble.
-_FALSE_ALARM = 1e-11
+# The same without such matches: log likelihood of Gaussian noise against a preamble, once in 1e11.
+_FALSE_ALARM = -11 * math.log(10)
 # Shifts by more than a preamble and its echoes see noise only.
 _ECHOES = 10
 _LEAST_QUIET = 8
@@ -65,7 +65,7 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     if quiet is not None:
         clear = match[best] >= _CLEAR * np.sqrt(np.mean(quiet**2))
     else:
-        clear = len(mean) * _unexplained(mean, match[best], waveform) < _FALSE_ALARM
+        clear = _noise(mean, match[best], waveform) + math.log(len(mean)) < _FALSE_ALARM
     return (best - MARGIN) % len(mean) if clear else None
 
 
@@ -88,14 +88,15 @@ def _match(mean: Array, waveform: Waveform) -> Array:
     return np.abs(np.fft.ifft(spectrum))
 
 
-def _unexplained(mean: Array, match: float, waveform: Waveform) -> float:
-    """Likelihood of noise alone relative to that of a preamble that gives this match.
+def _noise(mean: Array, match: float, waveform: Waveform) -> float:
+    """Log likelihood of noise alone relative to that of a preamble that gives this match.
 
     The share of a mean frame's power that no preamble at this shift explains, to the power of its
     samples.
     """
     power = float(np.vdot(mean, mean).real) * float(np.sum(np.abs(waveform.preamble) ** 2))
-    return max(0.0, 1 - match**2 / max(power, 1e-30)) ** (len(mean) - 1)
+    share = max(1 - match**2 / max(power, 1e-30), 1e-30)
+    return (len(mean) - 1) * math.log(share)
 
 
 def _quiet(match: Array, best: int, preamble: int) -> Array | None:
@@ -134,8 +135,32 @@ def elsewhere(samples: Array, waveform: Waveform) -> int | None:
         return None
     match, begin = _match(mean, waveform), (offset + MARGIN) % len(mean)
     other = np.delete(match, np.arange(begin - MARGIN, begin + MARGIN + 1) % len(match)).max()
-    here, there = (_unexplained(mean, each, waveform) for each in (match[begin], other))
-    return begin if here < _FALSE_ALARM * there else None
+    here, there = (_noise(mean, each, waveform) for each in (match[begin], other))
+    return begin if here - there < _FALSE_ALARM else None
+
+
+def symbols_in(samples: Array, waveform: Waveform) -> int:
+    """Symbols that preambles of a repeated symbol hold, at most as many as expected.
+
+    As many as expected where noise explains that they seem fewer.
+    """
+    offset = find_frame_offset(samples, waveform)
+    mean = _mean_of_frames(samples, waveform.frame_length)
+    sent = waveform.preamble_length // waveform.symbol_length
+    repeated = np.tile(waveform.symbol, sent)
+    if offset is None or mean is None or not np.array_equal(repeated, waveform.preamble):
+        return sent
+    preamble = np.roll(mean, -offset - MARGIN)[: len(repeated)]
+    sums = np.r_[0, np.cumsum(preamble.reshape(sent, -1) @ waveform.symbol.conj())]
+    # What a part of the preamble explains, as a match of the whole one.
+    match = {
+        (last - first, first): abs(sums[last] - sums[first]) * math.sqrt(sent / (last - first))
+        for first in range(sent)
+        for last in range(first + 1, sent + 1)
+    }
+    count, first = max(match, key=lambda part: match[part])
+    part, whole = (_noise(mean, match[each], waveform) for each in ((count, first), (sent, 0)))
+    return count if part - whole < _FALSE_ALARM else sent
 
 
 def frame_offset_in(samples: Array, waveform: Waveform) -> int:

@@ -25,6 +25,7 @@ from .frame import (
     samples_needed,
     searched_samples,
     symbol_of,
+    symbols_in,
 )
 
 # Where frames are searched when there are none at the start: at doubling distances from it, and so
@@ -326,6 +327,8 @@ def frame_problem(samples: Array, waveform: Waveform, frame_offset: int) -> str:
 
     ``samples`` are those of many frames, as cut, or their mean; empty where it is not known.
     """
+    if problem := preamble_problem(samples, waveform):
+        return problem
     begin = elsewhere(samples, waveform)
     if begin is None:
         return ""
@@ -334,6 +337,17 @@ def frame_problem(samples: Array, waveform: Waveform, frame_offset: int) -> str:
         f"frames begin at sample {(frame_offset + begin) % length} and every {length} from there, "
         f"not at sample {frame_offset}; set the frame offset, or put a Frame Alignment before a "
         "Reader"
+    )
+
+
+def preamble_problem(samples: Array, waveform: Waveform) -> str:
+    """Of how many symbols preambles consist that hold fewer than are averaged; empty otherwise."""
+    count, sent = symbols_in(samples, waveform), waveform.preamble_length // waveform.symbol_length
+    if count >= waveform.repetitions:
+        return ""
+    return (
+        f"preambles hold {count} symbol{'' if count == 1 else 's'}, but sounding.repetitions is "
+        f"{sent}: readings are distorted by what is received behind them"
     )
 
 
