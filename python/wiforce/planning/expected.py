@@ -203,8 +203,9 @@ class Expected:
         if self.over_span:
             text += f" ({presses[0]:.3g} N, {presses[1]:.3g} mm in the scene's presses)"
         return (
-            f"{text}, limited by the {_LIMITS[self.limited_by]}; phases of port 1/2 {error[0]:.3g}/"
-            f"{error[1]:.3g} deg (standard deviation of their noise {std[0]:.3g}/{std[1]:.3g} deg)"
+            f"{text}, limited by the {_LIMITS[self.limited_by]}; phase errors {error[0]:.3g} deg "
+            f"at port 1 and {error[1]:.3g} deg at port 2 (standard deviations of their noise "
+            f"{std[0]:.3g} and {std[1]:.3g} deg)"
         )
 
 

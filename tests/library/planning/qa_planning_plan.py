@@ -291,7 +291,8 @@ def test_command_names_what_limits_the_errors(snr_db, limit, tmp_path):
     text = f"sensors: {sensors}\nsimulation: {{snr_db: {snr_db}}}\n"
     (tmp_path / "scene.yaml").write_text(text)
     found = command(tmp_path / "scene.yaml").stdout
-    assert f"mm over the calibrated span, limited by {limit}; phases" in found
+    assert f"mm over the calibrated span, limited by {limit}; phase errors " in found
+    assert " deg at port 1 and " in found and " deg at port 2 (standard deviations of" in found
 
 
 def test_plan_states_the_span_beside_the_presses_of_a_scene():
