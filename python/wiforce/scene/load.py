@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Container, Iterator
 from dataclasses import replace
 from itertools import takewhile
@@ -136,10 +137,11 @@ def _scene_path(scene: str | Path) -> Path:
     path = Path(scene)
     if path.suffix in SUFFIXES:
         raise InputError(path, "is a file of a capture; a scene is a .yaml file or a shipped name")
-    if path.is_file() or path.suffix:
+    # Those of os.path, unlike a Path's, answer for names that are too long as well.
+    if os.path.isfile(path) or path.suffix:
         return path
     if str(scene) not in shipped_scenes():
-        if path.name and path.exists():
+        if path.name and os.path.exists(path):
             return path
         raise InputError("scene", name_rule("scene", shipped_scenes(), str(scene)), str(scene))
     return _shipped_folder() / f"{scene}.yaml"

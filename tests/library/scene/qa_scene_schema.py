@@ -33,6 +33,11 @@ def rejection(scene):
     return str(error.value)
 
 
+def test_scene_name_that_is_too_long_is_bad_input():
+    """A program that takes the name from a user would end with the system's error."""
+    assert rejection("a" * 5000).startswith("scene: must be a .yaml file or a shipped scene")
+
+
 def test_scene_where_nothing_moves_refuses_moving_clutter():
     """A level without any Doppler would be ignored without a word."""
     simulation = {"moving_clutter_db": 20, "presses": [dict(PRESS)]}
