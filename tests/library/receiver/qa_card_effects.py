@@ -275,9 +275,10 @@ def test_phase_that_flips_shortly_before_the_end_is_a_state():
     assert np.array_equal(find_states(channel, np.arange(16.0), LEAST_STEP).label, label)
 
 
-def test_simulated_card_flips_steps_and_rounds(tmp_path):
+def simulated(folder, packets, static_clutter_db, **effects):
+    """What the product's simulator writes of 4 s of a tag at its noise."""
     scene = {
-        "packets": {"interval_s": 0.002, "subcarriers": 8},
+        "packets": {"subcarriers": 8} | packets,
         "radio": {"center_frequency_hz": 2.44e9},
         "phase_group": {"snapshots": 100},
         "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
@@ -285,19 +286,18 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
             "duration_s": 4,
             "seed": 1,
             "snr_db": 0,
-            "static_clutter_db": 35,
-            "packets": {
-                "flips_per_s": 3,
-                "flip_phases": 3,
-                "antenna_gain_step_db": 2,
-                "clock_steps": 1,
-                "stamp_jitter_s": 1e-4,
-                "stamp_resolution_s": 1e-3,
-            },
+            "static_clutter_db": static_clutter_db,
+            "packets": effects,
         },
     }
-    wiforce.simulate(scene, tmp_path / "a")
-    found = open_snapshots(tmp_path / "a.npz")
+    wiforce.simulate(scene, folder / "a")
+    return open_snapshots(folder / "a.npz")
+
+
+def test_simulated_card_flips_steps_and_rounds(tmp_path):
+    effects = {"flips_per_s": 3, "flip_phases": 3, "antenna_gain_step_db": 2, "clock_steps": 1}
+    effects |= {"stamp_jitter_s": 1e-4, "stamp_resolution_s": 1e-3}
+    found = simulated(tmp_path, {"interval_s": 0.002}, 35, **effects)
     assert found.clock_steps == 1
     steps = np.diff(found.time_s) * 1e3
     assert np.abs(steps - np.rint(steps)).max() < 1e-6
@@ -311,21 +311,9 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
 
 
 def test_simulated_antennas_wander_against_each_other_on_all_subcarriers(tmp_path):
-    scene = {
-        "packets": {"interval_s": 0.001, "subcarriers": 8, "gaps": "regular"},
-        "radio": {"center_frequency_hz": 2.44e9},
-        "phase_group": {"snapshots": 100},
-        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
-        "simulation": {
-            "duration_s": 4,
-            "seed": 2,
-            "snr_db": 0,
-            "static_clutter_db": 80,
-            "packets": {"antenna_wander_db": 0.06, "antenna_wander_deg": 0.54},
-        },
-    }
-    wiforce.simulate(scene, tmp_path / "a")
-    channel = open_snapshots(tmp_path / "a.npz").channel.astype(complex)
+    packets, effects = {"interval_s": 0.001, "gaps": "regular"}, {"antenna_wander_db": 0.06}
+    found = simulated(tmp_path, packets, 80, antenna_wander_deg=0.54, **effects)
+    channel = found.channel.astype(complex)
     against = channel[:, :, 1] / channel[:, :, 0]
     wander = np.log(against / against.mean(axis=0))
     assert np.abs(wander - wander.mean(axis=1, keepdims=True)).max() < 1e-3

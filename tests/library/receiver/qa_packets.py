@@ -15,6 +15,7 @@ from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.advice import recommendation
+from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.plan import plan
 from packet_simulator import PacketCapture, PacketTag
@@ -230,12 +231,17 @@ def test_reference_with_hardly_a_packet_is_named(tmp_path):
     )
 
 
-def test_plan_says_that_a_wifi_card_has_no_such_snr():
-    """The default of 10 dB is that of samples; a plan would promise a twentieth of the error."""
+@pytest.fixture(scope="module")
+def planned():
+    """What `plan` reports of the shipped scene."""
     done = run_command("plan", "wifi_packets", "--json")
-    assert not any("simulation.snr_db" in text for text in json.loads(done.stdout)["warnings"])
-    from gnuradio.wiforce.planning.advice import warnings as warnings_of
+    assert done.returncode == 0
+    return json.loads(done.stdout)
 
+
+def test_plan_says_that_a_wifi_card_has_no_such_snr(planned):
+    """The default of 10 dB is that of samples; a plan would promise a twentieth of the error."""
+    assert not any("simulation.snr_db" in text for text in planned["warnings"])
     stated = scene_of() | {"simulation": {"snr_db": 10}}
     assert any(text.startswith("simulation.snr_db: 10") for text in warnings_of(plan(stated)))
 
@@ -269,14 +275,9 @@ def test_plan_recommends_clocks_away_from_lamps_and_aliases():
     assert min(abs(a - b) for i, a in enumerate(shown) for b in shown[:i]) > 1.0
 
 
-def test_a_clock_at_the_mains_is_warned_of():
-    done = run_command("plan", "wifi_packets", "--json")
-    assert done.returncode == 0
-    report = json.loads(done.stdout)
-    assert not [text for text in report["warnings"] if text.startswith("mains")]
-    assert any(note.startswith("recommended clocks") for note in report["notes"])
-    from gnuradio.wiforce.planning.advice import warnings as warnings_of
-
+def test_a_clock_at_the_mains_is_warned_of(planned):
+    assert not [text for text in planned["warnings"] if text.startswith("mains")]
+    assert any(note.startswith("recommended clocks") for note in planned["notes"])
     found = warnings_of(plan(scene_of()))
     assert any(text.startswith("mains: ") and "'tag0'" in text for text in found)
 
