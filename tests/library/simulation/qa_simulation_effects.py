@@ -13,6 +13,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.moving import MainsLamps, Person
 from gnuradio.wiforce.simulation.random_sources import Seeds
 from gnuradio.wiforce.simulation.synthesizers import noise_over_static
+from long_cases import cases
 
 RATE = 12.5e6
 FRAME = 720
@@ -150,7 +151,7 @@ def test_effects_are_none_where_a_scene_states_none():
     assert channel.sensors["arm"].clock.regular and not channel.sensors["arm"]._drifts
 
 
-@pytest.mark.parametrize("share, level_db", [(0.2, 25), (0.45, 35)])
+@pytest.mark.parametrize("share, level_db", cases((0.2, 25), long=((0.45, 35),)))
 def test_bursts_have_stated_share_level_and_durations(share, level_db):
     channel = channel_of(bursts={"share": share, "level_db": level_db}, snr_db=10)
     count = 6_250_000
@@ -318,7 +319,7 @@ def test_ripple_has_stated_frequency_and_depth():
     assert lines[3] < -20
 
 
-@pytest.mark.parametrize("mains_hz", [50, 60])
+@pytest.mark.parametrize("mains_hz", cases(60, long=(50,)))
 def test_lamps_lines_fall_with_harmonic_number(mains_hz):
     stated = {"mains_hz": mains_hz, "level_db": 10, "wander_hz_per_sqrt_s": 0}
     h = snapshots(channel_of(False, lamps=stated), 12_000)
