@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.io.network.zmq_sockets import request
 from machine import free_port, wait_until
@@ -24,8 +25,9 @@ HELLO = struct.pack(">III", 12, ord("a"), 7) + bytes(24)
 
 def emulate(*arguments):
     """Exit status and standard error of a device that should refuse to start."""
-    command = [sys.executable, "-m", "wiforce_app.main", "emulate", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, input="")
+    with open(os.devnull) as lines, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdin", lines)
+        done = run_command("emulate", *arguments)
     return done.returncode, done.stderr
 
 
@@ -82,8 +84,8 @@ def test_device_address_in_use_refused(software_usrp):
         (["--air", "cable", "--fault", "1 lose -3"], "packets"),
         (["--air", "cable", "--fault", "1 lose"], "packets"),
         (["--air", "cable", "--fault", "1 melt"], "overflow"),
-        (["--air", "cable", "--fault", "1 off arm"], "scene"),
-        (["--air", "cable", "--control", "tcp://*:5555"], "--control"),
+        (["--air", "cable", "--bind", "127.9.8.7", "--fault", "1 off arm"], "scene"),
+        (["--air", "cable", "--bind", "127.9.8.8", "--control", "tcp://*:5555"], "--control"),
         (["demo", "--air", "counter"], "SCENE"),
     ],
 )

@@ -5,7 +5,6 @@ import csv
 import doctest
 import importlib.util
 import json
-import os
 import re
 import shlex
 import statistics
@@ -77,16 +76,11 @@ def test_man_page_matches_command_help():
         ("invert --sensor wiforce-900mhz", "plain,wiforce-900mhz"),
     ],
 )
-def test_shell_completes_subcommands_scenes_and_sensors(typed, expected):
-    done = subprocess.run(
-        [sys.executable, "-c", "from wiforce_app.main import main; main()"],
-        env=os.environ
-        | {"_GR_WIFORCE_COMPLETE": "bash_complete", "COMP_WORDS": f"gr-wiforce {typed}"}
-        | {"COMP_CWORD": str(len(typed.split()))},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+def test_shell_completes_subcommands_scenes_and_sensors(typed, expected, monkeypatch):
+    monkeypatch.setenv("_GR_WIFORCE_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", f"gr-wiforce {typed}")
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))
+    done = run_command()
     assert done.stdout.strip() == expected
     assert done.stderr == ""  # it would appear on the line that is typed
 

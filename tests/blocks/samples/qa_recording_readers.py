@@ -13,6 +13,7 @@ from gnuradio.wiforce import wiforce_kernels
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
+from long_cases import cases
 
 FRAME, GROUP, TONES = 720, 6, 5
 WAVEFORM = sounding_waveform()
@@ -221,7 +222,7 @@ def test_an_error_while_groups_are_folded_reaches_the_caller(long_groups):
         tone_reader(*long_groups).read(100, fail)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", cases(0, 1, long=(2, 3)))
 def test_groups_of_a_file_cut_short_meanwhile_end_there(long_groups, tmp_path, seed):
     path = tmp_path / "x"
     samples = 400 * LONG_GROUP * FRAME
