@@ -19,9 +19,8 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files import output_file
 from gnuradio.wiforce.io.files.mcap_file import McapWriter, mcap_rows
 from gnuradio.wiforce.io.files.output_file import OutputFile
-from gnuradio.wiforce.io.files.parquet import ParquetWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
-from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.files.writers import ParquetWriter, open_writer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import Reading
