@@ -7,13 +7,13 @@ from .host.control import (
     DAUGHTERBOARD_TX,
     MOTHERBOARD,
     Control,
+    Fifo,
     I2cBus,
     Network,
     Registers,
     daughterboard_image,
     motherboard_image,
 )
-from .host.fifo import Fifo
 from .streams.receive import ReceiveChain
 from .streams.transmit import TransmitChain
 from .wire import (
