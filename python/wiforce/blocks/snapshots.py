@@ -197,7 +197,7 @@ class free_fold(Kept, gr.basic_block):
         averaged = frames[:, begin : begin + repetitions * length]
         shape = len(frames), repetitions, length, 2, 2
         parts = averaged.reshape(shape).astype(np.float32) / 32768
-        # A single repetition has no difference, as in simd_loops.h.
+        # A single repetition has no difference, as in sample_loops.h.
         other = parts if repetitions > 1 else np.concatenate([parts, parts], axis=1)
         steps = np.sum(np.diff(other, axis=1) ** 2, axis=-1)
         noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)
