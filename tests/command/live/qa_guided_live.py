@@ -8,6 +8,7 @@ import signal
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.guided.session import (
     DEFAULT_FORCES_N,
@@ -17,7 +18,7 @@ from gnuradio.wiforce.calibration.guided.session import (
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.sensor import load_sensor
 from guided_operator import GuidedOperator
-from live_runs import FRAMES, GAINS, SLOW, command, scene_of
+from live_runs import FRAMES, GAINS, SLOW, scene_of
 from software_usrp import SoftwareUsrp
 from wiforce_app.main import main
 
@@ -134,8 +135,8 @@ def test_guided_sensor_reads_as_one_calibrated_with_a_vna(calibrated):
 def test_table_of_a_guided_calibration_gives_the_same_sensor(calibrated, tmp_path):
     """The measurements would serve only once."""
     words = ["--frequency-hz", "900e6", "--ruler-std-mm", "0.3", "-o", tmp_path / "arm.yaml"]
-    status, _, said = command("calibrate", calibrated.table, *words)
-    assert status == 0, said
+    done = run_command("calibrate", calibrated.table, *words)
+    assert done.returncode == 0, done.stderr
     paths = tmp_path / "arm.yaml", calibrated.sensor
     again, first = (yaml.safe_load(path.read_text()) for path in paths)
     for content in (again, first):
