@@ -7,9 +7,7 @@ import gc
 import io
 import logging
 import os
-import shutil
 import sys
-import tempfile
 import traceback
 import warnings
 
@@ -176,6 +174,9 @@ def run():
 def _find_home():
     """Provide a writable home folder, in which GNU Radio's FFT stores a file."""
     if not os.access(os.environ.get("HOME", ""), os.W_OK):
+        import shutil
+        import tempfile
+
         os.environ["HOME"] = tempfile.mkdtemp(prefix=f"{PROGRAM}-")
         atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
 

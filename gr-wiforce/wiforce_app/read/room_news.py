@@ -4,7 +4,6 @@
 import sys
 
 import click
-from gnuradio.wiforce.planning.room.report import finding_line
 
 
 class RoomNews:
@@ -25,6 +24,8 @@ class RoomNews:
         if known == self._known:
             return
         self._known = known
+        from gnuradio.wiforce.planning.room.report import finding_line
+
         for finding in mattering:
             self._say(finding_line(finding))
         if not mattering:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Groups of subcommands that are imported on first use, and help by headings."""
 
-import difflib
+import gc
 import importlib
 from contextlib import contextmanager
 
@@ -30,7 +30,10 @@ class LazyGroup(click.Group):
             return None
         with _gnuradio_named(name):
             module = importlib.import_module(self._commands[name][0], self._package)
-            return getattr(module, name.replace("-", "_"))
+        # What was loaded stays, and is never searched for cycles (:mod:`.start`).
+        gc.freeze()
+        gc.enable()
+        return getattr(module, name.replace("-", "_"))
 
     def invoke(self, ctx):
         with _gnuradio_named(ctx):
@@ -40,6 +43,8 @@ class LazyGroup(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
+            import difflib  # only a mistake pays for it
+
             near = difflib.get_close_matches(args[0], self._commands, n=1)
             if near:
                 error.message += f" Did you mean '{near[0]}'?"

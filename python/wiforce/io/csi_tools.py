@@ -6,9 +6,7 @@ from __future__ import annotations
 import csv
 import re
 import struct
-import subprocess
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -333,6 +331,9 @@ def open_csi(
     if tool == "esp32":
         return _open_esp32(path, mac, None if second is None else Path(second))
     check_installed(path, ["csiread"])
+    import subprocess  # for files of these tools only
+    import tempfile
+
     with tempfile.TemporaryDirectory(prefix=".csi-") as folder:
         output = Path(folder) / "csi.npz"
         command = [sys.executable, "-c", _CHILD, str(path.resolve()), tool, str(output), mac or ""]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -248,6 +247,8 @@ def _following(channel: np.ndarray, subcarrier_hz: np.ndarray) -> np.ndarray:
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file that are looked at, and nothing that would be executed."""
+    import zipfile  # as NumPy does for these files only
+
     if path.is_dir():
         raise InputError(path, "is a folder; name the .npz file in it")
     if path.exists() and not path.is_file():

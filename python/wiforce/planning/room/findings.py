@@ -17,7 +17,6 @@ from ...estimation.room.survey import Survey
 from ...scene.schema import LOOSEST_CLOCK_PPM
 from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from ...signal.waveform import Waveform
-from ..clocks import line_numbers, propose_clocks
 from ..plan import Plan
 from .adaptation import NEGLIGIBLE, added_noise
 
@@ -79,6 +78,8 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
 
     None when there is none.
     """
+    from ..clocks import propose_clocks  # for rooms that need another one only
+
     own = plan.clocks[tag]
     avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
     for _ in range(_ATTEMPTS):
@@ -369,6 +370,8 @@ class _Report:
             ]
             if not near:
                 continue
+            from ..clocks import line_numbers
+
             lines = f"{line_numbers(near)} of '{_names(plan)[tag]}'"
             texts += f"; coincides with {lines}: readings are uncertain"
             better_hz = other_clock_hz(self._adapted, tag, every)
