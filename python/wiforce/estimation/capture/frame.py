@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,9 +76,11 @@ def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
     finite = np.isfinite(frames).all(axis=1)
     if not finite.any():
         return None
+    if not finite.all():
+        frames = frames[finite]
     # Samples of another type read as floats may have any size.
     with np.errstate(over="ignore", invalid="ignore"):
-        mean: Array = frames[finite].mean(axis=0).astype(complex)
+        mean: Array = frames.mean(axis=0).astype(complex)
         mean -= mean.mean()
     return mean
 
@@ -216,8 +219,7 @@ _LIKE_SYMBOL = 0.4
 _LEAST_VARIANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class FramePeriod:
+class FramePeriod(NamedTuple):
     """What the samples of a stream say of the length of its frames.
 
     ``samples`` is the period of the preambles, or None where it does not stand out of the noise; no
@@ -396,10 +398,16 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
 
 def _correlation(samples: Array, symbol: Array) -> Array:
     """Correlation of the samples with a symbol, from each of them on."""
-    size = _fast_length(len(samples))
+    # In blocks that overlap by a symbol, which stay in the cache.
+    size = _fast_length(8 * len(symbol))
+    step, count = size - len(symbol) + 1, len(samples) - len(symbol) + 1
+    blocks = max(1, -(-count // step))
+    padded = np.zeros((blocks - 1) * step + size, complex)
     # NumPy 2 transforms single precision in single precision.
-    spectrum = np.fft.fft(samples.astype(complex), size) * np.fft.fft(symbol, size).conj()
-    return np.fft.ifft(spectrum)[: len(samples) - len(symbol) + 1]
+    padded[: len(samples)] = samples
+    spectra = np.fft.fft(np.lib.stride_tricks.sliding_window_view(padded, size)[::step])
+    spectra *= np.fft.fft(symbol, size).conj()
+    return np.fft.ifft(spectra)[:, :step].ravel()[: max(0, count)]
 
 
 # Frames that are cut together, and every how many of them timing is measured with.

@@ -220,16 +220,20 @@ def survey_channel(
     window = blackman_harris(count)
     still = window @ channel / window.sum()
     # A row per subcarrier: medians of columns would take three times as long.
-    spectra = np.fft.fft(np.ascontiguousarray((channel - still).T) * window)
-    power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
-    floor = np.median(power, axis=1) / np.log(2)
+    changes = np.subtract(channel.T, still[:, None], order="C")
+    changes *= window
+    spectra = np.fft.fft(changes)
+    parts = np.square(spectra.view(float), out=spectra.view(float))
+    power = parts[:, ::2] + parts[:, 1::2]
+    power /= np.sum(window**2)
+    floor = _medians(power) / np.log(2)
     if not np.all(floor > _ROUNDING * np.mean(np.abs(still) ** 2)) or not np.all(floor > 0):
         return None
     # Where lines fill many bins they raise the median: the floor is that of the others.
-    mean = np.mean(power / floor[:, None], axis=0)
+    mean = (1 / floor) @ power / len(floor)
     quiet = mean < _SIGNIFICANT * np.median(mean)
-    floor = np.median(power[:, quiet], axis=1) / np.log(2)
-    mean = np.mean(power / floor[:, None], axis=0)
+    floor = _medians(power, quiet) / np.log(2)
+    mean = (1 / floor) @ power / len(floor)
     half = (count - 1) // 2
     spectrum = mean[: half + 1].copy()
     spectrum[1:] = (mean[1 : half + 1] + mean[: -half - 1 : -1]) / 2
@@ -258,6 +262,20 @@ def survey_channel(
     )
 
 
+def _medians(rows: Array, of: Array | None = None) -> Array:
+    """Median of each row (n,), or of some of its columns (n,): in half the time of NumPy's, which
+    searches for NaN.
+    """
+    rows, count = rows.copy(), rows.shape[1]
+    if of is not None:
+        rows[:, ~of] = np.inf
+        count = np.count_nonzero(of)
+    middle = [(count - 1) // 2, count // 2]
+    rows.partition(middle)
+    medians: Array = rows[:, middle].mean(axis=1)
+    return medians
+
+
 def survey_samples(
     samples: Array,
     waveform: Waveform,
@@ -281,7 +299,9 @@ def survey_folded(
 ) -> Survey | None:
     """As :func:`survey_channel`, from folded frames (n, symbol_length)."""
     bins = waveform.bins
-    channel = np.fft.fft(folded.astype(complex), axis=1)[:, bins] * waveform.equalizer()[bins]
+    # NumPy 2 transforms single precision in single precision.
+    channel = np.fft.fft(folded.astype(complex))[:, bins]
+    channel *= waveform.equalizer()[bins]
     return survey_channel(channel, waveform, clocks, mains_hz)
 
 

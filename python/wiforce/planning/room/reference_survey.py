@@ -76,7 +76,8 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
     """
     count = surveyed_snapshots(plan)
     whole = (snapshots < count) & np.isfinite(folded).all(axis=1)
-    snapshots, folded = snapshots[whole], folded[whole]
+    if not whole.all():
+        snapshots, folded = snapshots[whole], folded[whole]
     if not len(snapshots):
         return None
     runs = np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1)
