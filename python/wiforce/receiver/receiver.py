@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property, partial
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.estimators import estimator_named
@@ -108,14 +109,30 @@ class Receiver:
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage()
-        self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
-        self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
+        self._make_readout = partial(
+            make_readout, plan, tracked, on_groups, first_group, counts, states
+        )
         self._separated, self._newest = False, -1
-        self._blas = ThreadpoolController().select(user_api="blas")
-        # So in the command, where a limit, and asking for one, would cost time in every group.
-        libraries = self._blas.lib_controllers
-        self._single_threaded = all(library.num_threads == 1 for library in libraries)
+        # The command states it, where a limit would cost time in every group, and to search the
+        # libraries for one 10 ms.
+        self._single_threaded = os.environ.get("OPENBLAS_NUM_THREADS") == "1"
+        if not self._single_threaded:
+            from threadpoolctl import ThreadpoolController
+
+            self._blas = ThreadpoolController().select(user_api="blas")
+            libraries = self._blas.lib_controllers
+            self._single_threaded = all(library.num_threads == 1 for library in libraries)
         self._shape = len(plan.table.tones), len(plan.waveform.bins)
+
+    @cached_property
+    def readout(self) -> Readout:
+        """The last stages; they are made when they are first needed, which takes 40 ms."""
+        return self._make_readout()
+
+    @cached_property
+    def tares(self) -> TareRequests:
+        """State of the last request for a tare."""
+        return TareRequests(self.reference, self.readout.sensors, self.plan.group_period_s)
 
     @property
     def counts(self) -> GroupCounts:

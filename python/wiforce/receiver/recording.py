@@ -89,9 +89,10 @@ class RecordingReader:
         self.notes = [problem] if problem else []
         self.frame_offset = frame_offset
         self._check_length()
-        self._folding = ThreadPoolExecutor(1, "tones")
+        self._folding, self._ends = ThreadPoolExecutor(1, "tones"), ThreadPoolExecutor(1, "ends")
         with ExitStack() as refused:
-            refused.callback(partial(self._folding.shutdown, cancel_futures=True))
+            for pool in (self._ends, self._folding):
+                refused.callback(partial(pool.shutdown, cancel_futures=True))
             # The first batch is folded while the room is surveyed: most rooms need no other
             # weights. Those that do wait for it.
             self._fold(plan)
@@ -104,12 +105,23 @@ class RecordingReader:
                 plan = expecting_snr(plan.stating(compression=found), self.survey)
             self.plan = plan
             self.receiver = Receiver(plan, tracked, on_groups=on_groups)
+            # Batches that follow are folded and separated, without Python's lock, while the readout
+            # is made and while one is read.
+            self._folded.extend(self._folding.submit(self.source.read) for _ in range(_AHEAD - 1))
+            self._separated = deque(self._ends.submit(self._separate) for _ in range(_AHEAD))
+            _ = self.receiver.readout
             refused.pop_all()
 
     def _fold(self, plan: Plan) -> None:
         """Fold the groups from the first one on by the weights of a plan."""
         self.source = groups_of(self.recording, plan, self.frame_offset)
-        self._first = self._folding.submit(self.source.read)
+        self._folded = deque([self._folding.submit(self.source.read)])
+
+    def _separate(self) -> Groups | None:
+        """The next batch with its ends; None at the end."""
+        groups = self._folded.popleft().result()
+        self._folded.append(self._folding.submit(self.source.read))
+        return self.receiver.separate(groups) if len(groups) else None
 
     def _check_length(self) -> None:
         groups = self.groups
@@ -146,25 +158,17 @@ class RecordingReader:
         return {path: kernel.frames_moved() for path, kernel in self.source.kernels.items()}
 
     def __iter__(self) -> Iterator[list[Reading]]:
-        # Batches that follow are folded and separated, without Python's lock, while one is read.
-        with self._folding as fold, ThreadPoolExecutor(1, "ends") as ends:
-            folded = deque([self._first])
-            folded.extend(fold.submit(self.source.read) for _ in range(_AHEAD - 1))
-
-            def separate() -> Groups | None:
-                groups = folded.popleft().result()
-                folded.append(fold.submit(self.source.read))
-                return self.receiver.separate(groups) if len(groups) else None
-
+        with self._folding, self._ends:
             try:
-                if not len(folded[0].result()):
+                separated = self._separated.popleft().result()
+                if separated is None:
                     raise InputError(self.recording.path, "holds no whole frame of finite samples")
-                coming = deque(ends.submit(separate) for _ in range(_AHEAD))
-                while (separated := coming.popleft().result()) is not None:
-                    coming.append(ends.submit(separate))
+                while separated is not None:
+                    self._separated.append(self._ends.submit(self._separate))
                     yield self.receiver.read(separated)
+                    separated = self._separated.popleft().result()
             finally:
-                for pool in (ends, fold):
+                for pool in (self._ends, self._folding):
                     pool.shutdown(wait=False, cancel_futures=True)
         yield self.receiver.finish(self.groups)
 
