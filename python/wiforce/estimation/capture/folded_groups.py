@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -72,14 +73,19 @@ class FoldedGroups:
     """
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
-        self._table = table
+        self._table, self._waveform = table, waveform
+        self._derotated = derotated and waveform.is_derotated
         self._bins = waveform.bins
         self._factors = waveform.equalizer()[self._bins]
-        weights, rotation = kernel_rows(table, waveform)
-        if not derotated:
+        self._rotation = rotation_of(table, waveform) if self._derotated else 1.0
+
+    @cached_property
+    def _kernel(self) -> tone_transform:
+        """Of complete groups, which recordings do not need."""
+        weights, rotation = kernel_rows(self._table, self._waveform)
+        if not self._derotated:
             rotation = rotation[:0]
-        self._rotation = rotation[:-1] if len(rotation) else 1.0
-        self._kernel = tone_transform(weights, waveform.equalizer(), rotation, waveform.bins)
+        return tone_transform(weights, self._waveform.equalizer(), rotation, self._bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array, Array]:
         """Tones (M, K) and static path (K,) of a group, and the weights (N,) of its snapshots in
