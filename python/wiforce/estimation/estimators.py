@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from .groups import Array, Groups
 from .phases.reference import ConjugateDifference
 
 
-@dataclass(frozen=True)
-class Estimator:
+class Estimator(NamedTuple):
     """How the ends' phases are estimated."""
 
     # Makes the stage from tones to the ends' channels.

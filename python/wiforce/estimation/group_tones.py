@@ -48,7 +48,7 @@ class GroupWeights(group_weights):
         return np.asarray((waveforms.swapaxes(-1, -2) @ self.mixer).swapaxes(-1, -2))
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class GroupTones:
     """Some groups as they were received, G of them."""
 

@@ -39,7 +39,7 @@ def _set_by_stage() -> Any:
     return field(default=None, repr=False)
 
 
-@dataclass
+@dataclass(eq=False)
 class Groups:
     """Arrays over the groups of a batch, in order of time; each stage adds its own.
 

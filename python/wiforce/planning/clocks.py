@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -151,8 +151,7 @@ _TRIALS = 48
 _BATCHES = 8
 
 
-@dataclass(frozen=True)
-class End:
+class End(NamedTuple):
     """An end of a tag: its information, and what the other ends cost it."""
 
     tag: int  # from 0; ``end`` is 1 or 2
@@ -161,8 +160,7 @@ class End:
     loss_db: float  # against the same switch alone, not aliased, with nothing moving
 
 
-@dataclass(frozen=True)
-class ClockReport:
+class ClockReport(NamedTuple):
     """How well a set of switching clocks can be read."""
 
     ends: tuple[End, ...]  # two per tag
@@ -270,8 +268,7 @@ def _phase_margin(averaging_cycles: float) -> float:
     return phase_margin(harmonics(m, averaging_cycles), m)
 
 
-@dataclass(frozen=True)
-class LampLines:
+class LampLines(NamedTuple):
     """A tag with strong lines that a phase group cannot separate from those of lamps."""
 
     tag: int

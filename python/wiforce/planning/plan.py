@@ -29,7 +29,7 @@ HARMONICS = (8, 12, 16, 24)
 ACCEPTED_LOSS_DB = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlannedSensor:
     """A sensor to read."""
 

@@ -8,7 +8,6 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 import dataclasses
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +42,6 @@ FREQUENCIES_HZ = (50.0, 60.0)
 Mains = str | float | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class MainsFrequency(ValueType):
     """``auto``, 50 or 60 Hz; null, where allowed, is a room without lamps."""
 
@@ -64,7 +62,6 @@ class MainsFrequency(ValueType):
         return {"enum": ["auto", *FREQUENCIES_HZ, *(f"{hz:g}" for hz in FREQUENCIES_HZ)]}
 
 
-@dataclass(frozen=True, kw_only=True)
 class OffReflection(ValueType):
     """G_off / rho, complex: one pair [re, im] for both switches, or a pair for each.
 
@@ -111,7 +108,6 @@ _SUFFIX = ".npy"
 _LONGEST = 255
 
 
-@dataclass(frozen=True, kw_only=True)
 class WaveformName(ValueType):
     """The name of a shipped waveform, or the path of a ``.npy`` file with a symbol."""
 

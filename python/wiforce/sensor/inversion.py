@@ -150,7 +150,7 @@ def misfit_limit(phases: int, share: float) -> float:
     return float(chdtri(phases, share))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inversion:
     """Readings of n pairs of phases.
 

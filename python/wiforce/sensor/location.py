@@ -14,9 +14,9 @@ between them. C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for Mac
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,8 +57,7 @@ _NUGGET = 1e-6
 _STEP_MM = 0.25
 
 
-@dataclass(frozen=True)
-class Transition:
+class Transition(NamedTuple):
     """One way in which the contact may change along the line."""
 
     shape: str  # of :data:`SHAPES`
@@ -95,7 +94,7 @@ def _kernel(at: Array, length: float) -> Array:
     return _matern(np.abs(at[:, None] - at[None, :]), length) + _NUGGET * np.eye(at.size)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class LocationInterpolation:
     """Weights of J calibrated locations at any location, and the variance of the result.
 
@@ -335,4 +334,4 @@ def _likeliest(found: list[Transition]) -> tuple[Transition, ...]:
     total = np.cumsum([t.probability for t in found])
     kept = found[: int(np.searchsorted(total, 1 - _LEFT_OUT)) + 1]
     share = sum(t.probability for t in kept)
-    return tuple(replace(t, probability=t.probability / share) for t in kept)
+    return tuple(t._replace(probability=t.probability / share) for t in kept)

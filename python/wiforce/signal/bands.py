@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Frequency bands that may be used without a licence, and what a sounding signal occupies."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from .waveform import Waveform
 
 
-@dataclass(frozen=True)
-class Band:
+class Band(NamedTuple):
     """A frequency band, by its edges."""
 
     low_hz: float

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,8 +32,7 @@ NYQUIST_MARGIN = 0.9
 COINCIDING_BINS = 0.5
 
 
-@dataclass(frozen=True)
-class Tone:
+class Tone(NamedTuple):
     """A frequency of the group's spectrum on which lines of the tags fall."""
 
     frequency_hz: float  # where the snapshots show it, within half the snapshot rate

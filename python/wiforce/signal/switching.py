@@ -10,7 +10,7 @@ This is the estimator's model of the tag. The simulator has its own, at the leve
 in either shows in the readings.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,8 +89,7 @@ def switch_averages_and_slopes(
     return averages.swapaxes(-1, -2), slopes.swapaxes(-1, -2)
 
 
-@dataclass(frozen=True)
-class SwitchEdges:
+class SwitchEdges(NamedTuple):
     """Edges of the switching waveforms inside some windows, E of them."""
 
     waveform: np.ndarray  # (E,), 0 for s1, 1 for s2

@@ -34,14 +34,14 @@ _WORST_CONDITION = 1e6
 _KEPT = 64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TimedWeights(PartialWeights):
     """Least-squares weights at the times (n,) of a group's snapshots, all present."""
 
-    times_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    times_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TimedTable(ToneTable):
     """Weights of a run whose groups have times of their own: those of a typical group.
 
@@ -49,7 +49,7 @@ class TimedTable(ToneTable):
     centre of the typical group.
     """
 
-    typical_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    typical_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
     clutter_hz: float = 0.0
 
     @cached_property

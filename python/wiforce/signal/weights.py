@@ -7,7 +7,7 @@ spheroidal sequences, see :mod:`.clutter`) does not reach the tones at all.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +28,7 @@ _SINGULAR = 1e-12
 _LEAST_PIVOT = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PartialWeights:
     """Exact least-squares weights over the snapshots present in an incomplete group."""
 
@@ -177,7 +177,7 @@ def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
 WORST_GAIN = 30
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ToneTable:
     """Weights of a run, with what is needed to interpret them and to redo them for gaps.
 
@@ -188,9 +188,9 @@ class ToneTable:
     """
 
     tones: tuple[Tone, ...]  # ascending in frequency, symmetric about 0
-    weights: np.ndarray = field(repr=False)  # (M, N), complex
+    weights: np.ndarray  # (M, N), complex
     # (N, M + clutter order): tones, then clutter; None for a plain Fourier sum
-    basis: np.ndarray | None = field(repr=False)
+    basis: np.ndarray | None
     snapshot_period_s: float
     room: RoomNoise | None = None  # noise that the weights suppress; None where it is white
 

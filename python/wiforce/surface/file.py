@@ -22,7 +22,7 @@ _MOST_RISE = 0.05
 _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Numbers(ValueType):
     """A list of finite numbers between limits, read as a tuple."""
 
@@ -66,7 +66,6 @@ class _PerStrip(ValueType):
         return {"type": "array", "minItems": 2, "maxItems": _MOST_STRIPS, "items": items}
 
 
-@dataclass(frozen=True, kw_only=True)
 class Curves(_PerStrip):
     """A list of lists of shares, one per strip, read as a tuple of tuples."""
 
@@ -77,7 +76,6 @@ class Curves(_PerStrip):
         return f"a list of 2 to {_MOST_STRIPS} lists, each {self._item.allowed}"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Names(_PerStrip):
     """A list of names, one per strip, read as a tuple."""
 

@@ -35,7 +35,7 @@ _PARABOLAS = 3
 _COARSE, _AROUND = 32, 4 * 0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ClockFit:
     """The clock found over a block of L groups."""
 

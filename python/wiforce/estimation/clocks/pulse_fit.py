@@ -35,7 +35,7 @@ _MAY_REMAIN = 0.5
 _BY_VALUE = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [0, -1, 0, 0], [1, 1, 0, 0]])
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class _Sums:
     """Sums over groups, the phase of the clock in each being fitted as well.
 

@@ -95,7 +95,7 @@ def _beside_tones(
         center_s = (time_s[first] // period_s + 0.5) * period_s
         own = []
         for steps in _BESIDE:
-            beside = [replace(t, frequency_hz=t.frequency_hz + steps / period_s) for t in lines]
+            beside = [t._replace(frequency_hz=t.frequency_hz + steps / period_s) for t in lines]
             # What is left of a tag, of which little is known while it is weak, is no noise.
             tones = with_mirrors([*beside, *lines])
             weights = replace(table, tones=tones).at(time_s[rows] - center_s, state[rows])

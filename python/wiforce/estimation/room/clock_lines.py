@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,7 @@ _ALWAYS = (1, 3, 4)
 _APART_BINS = 0.3
 
 
-@dataclass(frozen=True)
-class ClockLine:
+class ClockLine(NamedTuple):
     """The first line of a tag."""
 
     clock_hz: float  # measured; the nominal one where no line stands out
@@ -81,7 +80,7 @@ def find_clocks(
         if clock.wide and found[tag].found:
             rival = _recognise(frequency_hz, rest, clock, found[tag].height)[1]
             if rival.found:
-                found[tag] = replace(found[tag], rival_hz=rival.clock_hz)
+                found[tag] = found[tag]._replace(rival_hz=rival.clock_hz)
     return tuple(found[tag] for tag in range(len(clocks)))
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,16 +43,14 @@ _NEGLIGIBLE = 1e-6
 _WIDTH_SHARE = {"lamps": 2e-3, "tag": 2e-4, "line": 5e-4}
 
 
-@dataclass(frozen=True)
-class RoomLine:
+class RoomLine(NamedTuple):
     """A line in the Doppler spectrum."""
 
     frequency_hz: float  # magnitude, within half the snapshot rate
     power: float  # per sign of the frequency, subcarrier and snapshot, in units of the white noise
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """Something in the room, by its lines."""
 
     kind: str  # ``lamps``, ``tag`` or ``line``
@@ -78,8 +76,7 @@ class Source:
         return np.array(nearest_hz) < COINCIDING_BINS / group_period_s
 
 
-@dataclass(frozen=True)
-class _Spectrum:
+class _Spectrum(NamedTuple):
     """What identification needs of a survey."""
 
     step_hz: float

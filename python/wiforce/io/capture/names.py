@@ -4,8 +4,8 @@
 import glob
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ...errors import InputError
 
@@ -51,8 +51,7 @@ def is_snapshots(path: str | Path) -> bool:
 _META = ".sigmf-meta"
 
 
-@dataclass(frozen=True)
-class NamedCapture:
+class NamedCapture(NamedTuple):
     """A capture, and what its readings are called."""
 
     name: str  # path from the folder in which it was found, or its file's name; without suffix

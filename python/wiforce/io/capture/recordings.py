@@ -2,9 +2,9 @@
 """Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 _MOST_LOST = 2**40
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(NamedTuple):
     """A run of samples without a gap."""
 
     file_sample: int  # its first sample, counted from the beginning of the file
@@ -228,7 +227,7 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
         if segments and lost > _MOST_LOST:
             raise InputError(meta, "core:global_index must not jump by over 2^40 samples", index)
         if segments and lost == 0:
-            segments[-1] = replace(last, length=last.length + length)
+            segments[-1] = last._replace(length=last.length + length)
         else:
             segments.append(Segment(start, index, length))
     if not segments:

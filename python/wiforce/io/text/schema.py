@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from .values import KeyPath, Scope, ValueType
 
@@ -29,8 +29,7 @@ DRAFT_7 = "http://json-schema.org/draft-07/schema#"
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Derived:
+class Derived(NamedTuple):
     """A default that follows from other values of the file:
 
     ``text`` for the documentation, and a function of the scope, None where no default follows, so
@@ -41,8 +40,7 @@ class Derived:
     of: Callable[[Scope], Any]
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(NamedTuple):
     """A key of a mapping, as :func:`key` declares it."""
 
     type: ValueType
@@ -93,13 +91,51 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+class _Declared:
+    """Methods of all classes that declare a mapping: those of a frozen dataclass."""
+
+    def __init__(self, **values: Any) -> None:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        given = {each.name: each.default for each in fields} | values
+        if len(given) > len(fields):
+            raise TypeError(f"{type(self).__name__} has no {', '.join(list(given)[len(fields) :])}")
+        if missing := [name for name, value in given.items() if value is dataclasses.MISSING]:
+            raise TypeError(f"{type(self).__name__} needs {', '.join(missing)}")
+        vars(self).update(given)
+
+    def _compared(self) -> list[Any]:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return [getattr(self, each.name) for each in fields if each.compare]
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value!r}" for name, value in vars(self).items())
+        return f"{type(self).__qualname__}({values})"
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return _Declared._compared(self) == _Declared._compared(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(_Declared._compared(self)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key,))
 def declared(cls: type[T]) -> type[T]:
     """Make a class a frozen dataclass that declares a mapping.
 
     Its documentation lists its keys, which are also its attributes and keyword arguments.
     """
-    cls = dataclass(frozen=True, kw_only=True)(cls)
+    # Methods that dataclass compiles for each class would take most of the time to load a scene.
+    cls = dataclass(init=False, repr=False, eq=False, kw_only=True)(cls)
+    for name in "__init__ __repr__ __eq__ __hash__ __setattr__ __delattr__".split():
+        setattr(cls, name, vars(_Declared)[name])
     attributes = [
         f"{name} : {each.type.allowed}\n    {each.doc}" for name, each in keys(cls).items()
     ]
@@ -166,7 +202,7 @@ def json_schema(cls: type) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Mapping(ValueType):
     """A mapping that a class declares.
 
@@ -200,7 +236,7 @@ class Mapping(ValueType):
         return schema | {"type": ["object", "null"]} if with_null else schema
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class ListOf(ValueType):
     """A list of ``least`` to ``most`` mappings that a class declares, read as a tuple.
 

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -40,8 +40,7 @@ def as_number(value: Any) -> float | None:
     return value if math.isfinite(value) else None
 
 
-@dataclass(frozen=True)
-class KeyPath:
+class KeyPath(NamedTuple):
     """Where a value is, as messages name it: file and dotted key, empty for its top."""
 
     source: str
@@ -63,7 +62,7 @@ class KeyPath:
         return f"{self.source}: {self.dotted}" if self.dotted else self.source
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class ValueType(ABC):
     """A type of value and its rule; ``optional`` allows ``null``."""
 
@@ -123,7 +122,7 @@ class ValueType(ABC):
         """As :meth:`json_schema`, without null."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Number(ValueType):
     """A finite number between two limits in a unit; ``above`` excludes ``low`` itself."""
 
@@ -192,7 +191,7 @@ class AutomaticNumber(Number):
         return {"anyOf": [{"enum": ["auto"]}, super()._json_schema()]}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Text(ValueType):
     """Printable text with at most ``limit`` characters that is not blank."""
 
@@ -217,7 +216,6 @@ class Text(ValueType):
         }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Texts(ValueType):
     """A list of texts of any length."""
 
@@ -234,7 +232,7 @@ class Texts(ValueType):
         return {"type": "array", "items": {"type": "string"}}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Choice(ValueType):
     """One of some words."""
 
@@ -253,7 +251,6 @@ class Choice(ValueType):
         return {"enum": list(self.words)}
 
 
-@dataclass(frozen=True, kw_only=True)
 class Date(ValueType):
     """A date as text; YAML's own dates are converted to ISO 8601."""
 
@@ -272,7 +269,7 @@ class Date(ValueType):
         return {"type": "string"}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class AnyMapping(ValueType):
     """A mapping of which only the keys ``known`` are checked, where it has them."""
 
@@ -300,15 +297,14 @@ class AnyMapping(ValueType):
 LARGEST = 1e12  # of any number: squares and ratios of such numbers are still finite
 
 
-@dataclass(frozen=True)
-class Size:
+class Size(NamedTuple):
     """A length that follows from other values: its symbol, and a function of the scope."""
 
     symbol: str
     of: Callable[[Scope], int]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Array(ValueType):
     """Nested lists of numbers of a given shape.
 
