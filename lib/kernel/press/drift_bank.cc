@@ -51,6 +51,7 @@ void drift_bank::reset(double phase, double variance)
 {
     d_mean.fill(phase);
     d_variance.fill(variance);
+    d_with.fill(0);
     d_estimate = { phase, std::max(variance, least_variance) };
 }
 
@@ -81,7 +82,11 @@ void drift_bank::narrow(double ratio)
 void drift_bank::predict(double seconds)
 {
     for (std::size_t i = 0; i < d_count; i++)
-        d_variance[i] += d_rate[i] * d_rate[i] * seconds;
+    {
+        const double walks = d_rate[i] * d_rate[i] * seconds;
+        d_variance[i] += walks;
+        d_with[i] += walks / 2;
+    }
     summarize();
 }
 
@@ -91,11 +96,28 @@ void drift_bank::merge(const drift_bank& other, double share)
         const double own = (1 - share) * d_weight[i], others = share * other.d_weight[i],
                      apart = wrapped(other.d_mean[i] - d_mean[i]);
         d_weight[i] = own + others;
+        d_with[i] += others / d_weight[i] * (other.d_with[i] - d_with[i]);
         mix_moments(
             d_mean[i], d_variance[i], apart, other.d_variance[i], others / d_weight[i]);
     }
     find_usual_rate();
     summarize();
+}
+
+double drift_bank::carry(drift_bank& other, double phase, double noise, double memory)
+{
+    for (std::size_t i = 0; i < d_count; i++) {
+        const double gain = d_with[i] / (d_variance[i] + noise);
+        other.d_mean[i] += gain * wrapped(phase - d_mean[i]);
+        other.d_variance[i] =
+            std::max(other.d_variance[i] - gain * d_with[i], least_variance);
+        d_with[i] -= gain * d_variance[i];
+    }
+    const double likelihood = update(phase, noise, memory);
+    other.d_weight = d_weight;
+    other.find_usual_rate();
+    other.summarize();
+    return likelihood;
 }
 
 double drift_bank::update(double phase, double noise, double memory)

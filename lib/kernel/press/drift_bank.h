@@ -39,13 +39,9 @@ public:
     //! of the evidence for the rates that is kept.
     double update(double phase, double noise, double memory);
 
-    //! Its rates are as likely as those of another phase that drifts for the same reason.
-    void share_rates(const drift_bank& other)
-    {
-        d_weight = other.d_weight;
-        find_usual_rate();
-        summarize();
-    }
+    //! Likewise, of a phase that is this one and something that drifts as well: half of
+    //! the drift since the reset counts as of this one.
+    double carry(drift_bank& other, double phase, double noise, double memory);
 
     //! A share of what it says, and the rest of what another says, in one.
     void merge(const drift_bank& other, double share);
@@ -61,7 +57,8 @@ private:
     moments d_estimate{ 0, 0 };
     double d_usual_rate = 0;
     std::size_t d_count = 1;
-    std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 };
+    std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 },
+        d_with{}; // covariance with one that is carried
 };
 
 } // namespace gr::wiforce::kernel

@@ -95,10 +95,14 @@ double drifting_phases::update(const pair_of_ends& phase,
            difference.update(apart, of_difference(noise), memory);
 }
 
-void drifting_phases::share_rates(const drifting_phases& other)
+double drifting_phases::carry(drifting_phases& line,
+                              const pair_of_ends& phase,
+                              const phase_covariance& noise,
+                              double memory)
 {
-    common.share_rates(other.common);
-    difference.share_rates(other.difference);
+    const auto [mean, apart] = beside(phase);
+    return common.carry(line.common, mean, of_mean(noise), memory) +
+           difference.carry(line.difference, apart, of_difference(noise), memory);
 }
 
 void drifting_phases::merge(const drifting_phases& other, double share)

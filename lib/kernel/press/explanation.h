@@ -63,7 +63,11 @@ struct drifting_phases {
     //! Take phases with this noise; give the log density that was expected of them.
     double
     update(const pair_of_ends& phase, const phase_covariance& noise, double memory);
-    void share_rates(const drifting_phases& other);
+    //! Likewise, of phases in which something drifts beside these of the line.
+    double carry(drifting_phases& line,
+                 const pair_of_ends& phase,
+                 const phase_covariance& noise,
+                 double memory);
     void merge(const drifting_phases& other, double share);
 
 private:
@@ -124,6 +128,7 @@ struct explanation {
         double with_common =
             0;                // covariance of its difference with the line's common phase
         pair_of_ends shown{}; // change of both phases that the off states have shown
+        pair_of_ends carried{}; // drift of the line meanwhile, of mean and difference
     } press;
 
     //! Groups in which something changes: from where, what is seen of them, how many.
@@ -153,6 +158,7 @@ struct explanation {
     void hold_level()
     {
         press.held.reset(press.motion.phase(), press.motion.covariance());
+        press.carried = {};
     }
 };
 

@@ -210,8 +210,17 @@ void press_filter::hold(const explanation& from, double probability)
     next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and looks like it.
     auto& held = next->press.held;
-    const double likelihood = update_phases(held);
-    next->line.share_rates(held);
+    auto& line = next->line;
+    const auto common = line.common.estimate().mean, apart = line.difference.estimate().mean;
+    const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
+    const double likelihood = held.carry(line, d_group.phase, d_noise, memory);
+    // Half of what it drifts is that of the line, within the other half.
+    auto& carried = next->press.carried;
+    const auto before = carried;
+    carried[0] += line.common.estimate().mean - common;
+    carried[1] += line.difference.estimate().mean - apart;
+    line.common.widen(std::max(0.0, squared(carried[0]) - squared(before[0])));
+    line.difference.widen(std::max(0.0, squared(carried[1]) - squared(before[1])));
     next->press.motion.hold(held.phase(), held.covariance());
     give(*next, likelihood + update_strength(*next));
 }
