@@ -81,8 +81,7 @@ void drift_bank::narrow(double ratio)
 
 void drift_bank::predict(double seconds)
 {
-    for (std::size_t i = 0; i < d_count; i++)
-    {
+    for (std::size_t i = 0; i < d_count; i++) {
         const double walks = d_rate[i] * d_rate[i] * seconds;
         d_variance[i] += walks;
         d_with[i] += walks / 2;

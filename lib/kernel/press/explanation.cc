@@ -202,6 +202,7 @@ void explanation::merge(const explanation& other, double share)
     mean(age_s, other.age_s);
     mean(turn.velocity, other.turn.velocity);
     mean(turn.seen, other.turn.seen);
+    mean(turn.moved, other.turn.moved);
     mean(turn.watched_s, other.turn.watched_s);
     mean(hand.quiet_amplitude, other.hand.quiet_amplitude);
     mean(hand.quiet_phase,

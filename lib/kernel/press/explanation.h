@@ -108,8 +108,8 @@ struct explanation {
         bool by_hand = false;
         double velocity = 0;   // rad/s
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
-        // Turns seen where nothing looks alike, in this time.
-        double seen = 0, watched_s = 0;
+        // Turns, and moved cables, seen where nothing looks alike, in this time.
+        double seen = 0, moved = 0, watched_s = 0;
     } turn;
 
     //! A hand nearby adds a phasor: the line without it, and the phasor's square.

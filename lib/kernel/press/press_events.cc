@@ -174,6 +174,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
     next->is = untouched;
     next->turn.goes_on = next->press.steady = false;
     next->turn.sudden = true;
+    next->turn.moved += sees_turns(from, from.state_before_change());
     next->hand.quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
     next->line.common.widen(variance / 2);
@@ -211,7 +212,8 @@ void press_filter::hold(const explanation& from, double probability)
     // What is held drifts as the untouched line does, and looks like it.
     auto& held = next->press.held;
     auto& line = next->line;
-    const auto common = line.common.estimate().mean, apart = line.difference.estimate().mean;
+    const auto common = line.common.estimate().mean,
+               apart = line.difference.estimate().mean;
     const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
     const double likelihood = held.carry(line, d_group.phase, d_noise, memory);
     // Half of what it drifts is that of the line, within the other half.
@@ -219,8 +221,8 @@ void press_filter::hold(const explanation& from, double probability)
     const auto before = carried;
     carried[0] += line.common.estimate().mean - common;
     carried[1] += line.difference.estimate().mean - apart;
-    line.common.widen(std::max(0.0, squared(carried[0]) - squared(before[0])));
-    line.difference.widen(std::max(0.0, squared(carried[1]) - squared(before[1])));
+    line.common.widen(std::max(0.0, squared(carried[0]) - squared(before[0])) / 2);
+    line.difference.widen(std::max(0.0, squared(carried[1]) - squared(before[1])) / 2);
     next->press.motion.hold(held.phase(), held.covariance());
     give(*next, likelihood + update_strength(*next));
 }

@@ -263,9 +263,10 @@ void press_filter::with_courses(const explanation& from,
 void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
-    const double turns = turn_probability(from), goes_on = going_on(),
-                 between = between_groups(), hands = happens(d_set.hands);
-    const double sudden = may.all + turns, quiet = std::max(1 - sudden, 1e-3);
+    const double turns = turn_probability(from), moves = move_probability(from),
+                 goes_on = going_on(), between = between_groups(),
+                 hands = happens(d_set.hands);
+    const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         go_on_turning(from, quiet * goes_on);
         turn_slowly(from,
@@ -280,9 +281,9 @@ void press_filter::branch_untouched(const explanation& from)
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
-    touch(from, between * may.unexplained / 2, unexplained);
-    move_line(from, between * may.unexplained / 2);
-    move_line(from, (1 - between) * may.unexplained / 2, true);
+    touch(from, between * may.unexplained, unexplained);
+    move_line(from, between * moves);
+    move_line(from, (1 - between) * moves, true);
     with_courses(
         from, between * may.press, [&](const explanation& tag, double probability) {
             touch(tag, probability, pressed);
@@ -293,9 +294,9 @@ void press_filter::branch_untouched(const explanation& from)
 void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from), goes_on = going_on(),
-                 between = between_groups();
-    const double sudden = may.all - may.steadily + turns;
+    const double turns = turn_probability(from), moves = move_probability(from),
+                 goes_on = going_on(), between = between_groups();
+    const double sudden = may.all - may.steadily + turns + moves;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
@@ -338,8 +339,8 @@ void press_filter::branch_touched(const explanation& from)
         begin_turning(from, quiet * turns, 0);
     }
     turn_suddenly(from, between * turns);
-    touch(from, between * may.unexplained / 2, unexplained);
-    move_line(from, between * may.unexplained / 2);
+    touch(from, between * may.unexplained, unexplained);
+    move_line(from, between * moves);
     const double ends = may.release + may.exchange + may.jump;
     with_courses(from, between * ends, [&](const explanation& tag, double probability) {
         release(tag, probability * may.release / ends);
@@ -352,10 +353,11 @@ void press_filter::branch_touched(const explanation& from)
 void press_filter::branch_mixed(const explanation& from)
 {
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from);
+    const double turns = turn_probability(from), moves = move_probability(from);
     const double lasts = lasting();
     const bool touched = from.mixture.before != untouched;
-    const double all = (may.all - (touched ? may.steadily : 0) + turns) / (1 - lasts);
+    const double all =
+        (may.all - (touched ? may.steadily : 0) + turns + moves) / (1 - lasts);
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.mixture.groups == 1;
@@ -368,8 +370,8 @@ void press_filter::branch_mixed(const explanation& from)
     next.age_s = from.mixture.age_s;
     next.log_weight = from.log_weight + to_this;
     turn_suddenly(next, turns / all);
-    touch(next, may.unexplained / all / 2, unexplained);
-    move_line(next, may.unexplained / all / 2);
+    touch(next, may.unexplained / all, unexplained);
+    move_line(next, moves / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture, untouched_ratio(tag), 0) - known
@@ -446,9 +448,17 @@ double press_filter::happens(double rate) const
     return -std::expm1(-rate * d_elapsed_s);
 }
 
+// Half of the turns are sudden.
 double press_filter::turn_probability(const explanation& of) const
 {
-    return happens(turn_rate(of) / 2);
+    return happens((d_set.turns * d_set.turns_s + of.turn.seen) /
+                   (d_set.turns_s + of.turn.watched_s) / 2);
+}
+
+double press_filter::move_probability(const explanation& of) const
+{
+    return happens((d_set.steps * d_set.turns_s + of.turn.moved) /
+                   (d_set.turns_s + of.turn.watched_s));
 }
 
 // Of a sudden change that began at any time in a group, that the group ends before it.
@@ -528,11 +538,6 @@ void press_filter::keep_claim()
                                                       : (1 - d_claimed) / held_weight));
 }
 
-double press_filter::turn_rate(const explanation& of) const
-{
-    return (d_set.turns * d_set.turns_s + of.turn.seen) /
-           (d_set.turns_s + of.turn.watched_s);
-}
 
 // Whether one explanation may stand for both.
 bool press_filter::one_kind(const explanation& a, const explanation& b)

@@ -90,7 +90,7 @@ private:
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
-    double turn_rate(const explanation& of) const;
+    double move_probability(const explanation& of) const;
     double turn_probability(const explanation& of) const;
     double going_on() const;
     double lasting() const;
