@@ -356,8 +356,11 @@ void press_filter::branch_mixed(const explanation& from)
     const double turns = turn_probability(from), moves = move_probability(from);
     const double lasts = lasting();
     const bool touched = from.mixture.before != untouched;
+    // The supply of the tag fails as rarely as its level steps.
+    const double fails = happens(d_set.steps);
     const double all =
-        (may.all - (touched ? may.steadily : 0) + turns + moves) / (1 - lasts);
+        (may.all - (touched ? may.steadily : 0) + turns + moves + fails) / (1 - lasts);
+    resume(from, fails / all);
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.mixture.groups == 1;
