@@ -380,7 +380,9 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
         found.log_density = log_sum(
-            std::log(ends) + chord(found, untouched_ratio(from), 0), std::log1p(-ends));
+            std::log(ends) +
+                chord(found, untouched_ratio(from), from.line.common.estimate().variance),
+            std::log1p(-ends));
     return found;
 }
 

@@ -377,7 +377,10 @@ void press_filter::branch_mixed(const explanation& from)
     move_line(next, moves / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && tag.line.known && !tag.turn.sudden
-                                        ? chord(mixture, untouched_ratio(tag), 0) - known
+                                        ? chord(mixture,
+                                                untouched_ratio(tag),
+                                                tag.line.common.estimate().variance) -
+                                              known
                                         : to_this;
         next = tag;
         next.is = from.mixture.before;
