@@ -174,7 +174,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
     next->is = untouched;
     next->turn.goes_on = next->press.steady = false;
     next->turn.sudden = true;
-    next->turn.moved += sees_turns(from, from.state_before_change());
+    next->turn.moved++;
     next->hand.quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
     next->line.common.widen(variance / 2);
