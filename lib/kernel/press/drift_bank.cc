@@ -52,6 +52,7 @@ void drift_bank::reset(double phase, double variance)
     d_mean.fill(phase);
     d_variance.fill(variance);
     d_with.fill(0);
+    d_carried = 0;
     d_estimate = { phase, std::max(variance, least_variance) };
 }
 
@@ -99,12 +100,14 @@ void drift_bank::merge(const drift_bank& other, double share)
         mix_moments(
             d_mean[i], d_variance[i], apart, other.d_variance[i], others / d_weight[i]);
     }
+    d_carried += share * (other.d_carried - d_carried);
     find_usual_rate();
     summarize();
 }
 
 double drift_bank::carry(drift_bank& other, double phase, double noise, double memory)
 {
+    const double was = other.d_estimate.mean, before = d_carried;
     for (std::size_t i = 0; i < d_count; i++) {
         const double gain = d_with[i] / (d_variance[i] + noise);
         other.d_mean[i] += gain * wrapped(phase - d_mean[i]);
@@ -116,6 +119,8 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
     other.d_weight = d_weight;
     other.find_usual_rate();
     other.summarize();
+    d_carried += other.d_estimate.mean - was;
+    other.widen(std::max(0.0, d_carried * d_carried - before * before) / 2);
     return likelihood;
 }
 

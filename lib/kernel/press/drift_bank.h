@@ -39,8 +39,9 @@ public:
     //! of the evidence for the rates that is kept.
     double update(double phase, double noise, double memory);
 
-    //! Likewise, of a phase that is this one and something that drifts as well: half of
-    //! the drift since the reset counts as of this one.
+    //! Likewise, where this phase is that of another which drifts, and of something that
+    //! drifts beside it: half of what this one drifts is the other's. The share may be
+    //! anything (arcsine law, variance 1 / 8), which is the other's doubt.
     double carry(drift_bank& other, double phase, double noise, double memory);
 
     //! A share of what it says, and the rest of what another says, in one.
@@ -58,7 +59,8 @@ private:
     double d_usual_rate = 0;
     std::size_t d_count = 1;
     std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_weight{ 1 },
-        d_with{}; // covariance with one that is carried
+        d_with{};         // covariance with the one that is carried,
+    double d_carried = 0; // and how far it has been since the reset
 };
 
 } // namespace gr::wiforce::kernel

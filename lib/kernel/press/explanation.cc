@@ -211,10 +211,8 @@ void explanation::merge(const explanation& other, double share)
     mean(mixture.age_s, other.mixture.age_s);
     mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +
                                     share * std::exp(-other.mixture.log_density));
-    for (int e = 0; e < 2; e++) {
-        mean(press.shown[e], other.press.shown[e]);
+    for (int e = 0; e < 2; e++)
         mixture.start[e] += share * (other.mixture.start[e] - mixture.start[e]);
-    }
     now.merge(other.now, share);
     last.merge(other.last, share);
     log_weight -= std::log1p(-share);

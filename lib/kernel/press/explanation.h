@@ -126,9 +126,7 @@ struct explanation {
         // Where the off states differ, less than they cause.
         both_amplitudes strength;
         double with_common =
-            0;                // covariance of its difference with the line's common phase
-        pair_of_ends shown{}; // change of both phases that the off states have shown
-        pair_of_ends carried{}; // drift of the line meanwhile, of mean and difference
+            0; // covariance of its difference with the line's common phase
     } press;
 
     //! Groups in which something changes: from where, what is seen of them, how many.
@@ -137,13 +135,12 @@ struct explanation {
         double age_s = 0; // of the state before
         both_ends start{}, seen{};
         double seen_variance = 0;
-        double log_density = 0; // over that of any mixture
-        int groups = 0;
+        double log_density = 0;     // over that of any mixture
+        bool single = true;         // one group so far
         bool after_silence = false; // the first of them
     } mixture;
 
-    bool lasts = false;   // nothing has changed since the group before
-    bool claimed = false; // nor since the user said that it is untouched
+    bool claimed = false; // nothing has changed since the user said that it is untouched
     average_of_groups mean;
     press_outcome now, last;
 
@@ -158,7 +155,6 @@ struct explanation {
     void hold_level()
     {
         press.held.reset(press.motion.phase(), press.motion.covariance());
-        press.carried = {};
     }
 };
 

@@ -14,9 +14,8 @@ void press_filter::remain_untouched(const explanation& from, double probability)
     if (!next)
         return;
     next->turn.goes_on = false;
-    next->lasts = true;
     next->claimed = from.claimed;
-    give(*next, update_baseline(*next));
+    give(*next, update_baseline(*next), true);
 }
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
@@ -199,7 +198,7 @@ void press_filter::stop_changing(const explanation& from, double probability)
         return;
     next->press.motion.predict(d_elapsed_s);
     next->press.motion.stop(d_elapsed_s);
-    give(*next, rest_pressed(*next));
+    give(*next, rest_pressed(*next, from));
 }
 
 void press_filter::hold(const explanation& from, double probability)
@@ -207,24 +206,13 @@ void press_filter::hold(const explanation& from, double probability)
     auto next = follow(from, probability);
     if (!next)
         return;
-    next->lasts = true;
     next->claimed = from.claimed;
-    // What is held drifts as the untouched line does, and looks like it.
+    // What is held drifts as the untouched line does, and with it.
     auto& held = next->press.held;
-    auto& line = next->line;
-    const auto common = line.common.estimate().mean,
-               apart = line.difference.estimate().mean;
-    const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
-    const double likelihood = held.carry(line, d_group.phase, d_noise, memory);
-    // Half of what it drifts is that of the line, within the other half.
-    auto& carried = next->press.carried;
-    const auto before = carried;
-    carried[0] += line.common.estimate().mean - common;
-    carried[1] += line.difference.estimate().mean - apart;
-    line.common.widen(std::max(0.0, squared(carried[0]) - squared(before[0])) / 2);
-    line.difference.widen(std::max(0.0, squared(carried[1]) - squared(before[1])) / 2);
+    const double likelihood =
+        held.carry(next->line, d_group.phase, d_noise, rate_memory());
     next->press.motion.hold(held.phase(), held.covariance());
-    give(*next, likelihood + update_strength(*next));
+    give(*next, likelihood + update_strength(*next), true);
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -257,7 +245,7 @@ void press_filter::change_steadily(const explanation& from,
     double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
         part_turn(*next, was, direction);
-    doubt_off_states(*next);
+    doubt_off_states(*next, from);
     likelihood += update_strength(*next);
     give(*next, likelihood);
 }
@@ -317,18 +305,18 @@ void press_filter::jump(const explanation& from, double probability)
     const double along = squared(jump_deg * deg);
     next->press.motion.widen(
         covariance_along(press_direction(from), along, direction_variance(from) * along));
-    give(*next, rest_pressed(*next) + log_differs);
+    give(*next, rest_pressed(*next, from) + log_differs);
 }
 
 // Whatever the press did has ended, or a press is another one.
-double press_filter::rest_pressed(explanation& to) const
+double press_filter::rest_pressed(explanation& to, const explanation& from) const
 {
     to.age_s = 0;
     to.press.steady = false;
     drift(to);
     const double likelihood = to.press.motion.update(d_group.phase, d_noise);
     to.hold_level();
-    doubt_off_states(to);
+    doubt_off_states(to, from);
     return likelihood + update_strength(to);
 }
 
@@ -359,12 +347,12 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.seen_variance = d_difference_noise / 2;
     found.log_density = 0;
     if (from.is == mixed) {
-        found.groups++;
+        found.single = false;
         return found;
     }
     found.before = from.is;
     found.age_s = from.age_s;
-    found.groups = 1;
+    found.single = true;
     found.after_silence = d_silent;
     if (from.is == untouched)
         found.start = untouched_ratio(from);

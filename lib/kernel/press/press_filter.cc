@@ -197,7 +197,7 @@ void press_filter::resume(const explanation& from, double probability)
     next.is = mixture.before;
     next.age_s = mixture.age_s;
     next.log_weight += std::log(probability);
-    if (mixture.groups == 1)
+    if (mixture.single)
         next.log_weight += chord(mixture, {}, 0, 1e-12) - mixture.log_density;
     branch(next);
 }
@@ -363,7 +363,7 @@ void press_filter::branch_mixed(const explanation& from)
     resume(from, fails / all);
     // What was seen of a single group of change lies between the states before and after
     // it.
-    const bool single = from.mixture.groups == 1;
+    const bool single = from.mixture.single;
     const auto& mixture = from.mixture;
     const double known = single ? mixture.log_density : 0;
     const double to_this =
@@ -557,7 +557,7 @@ bool press_filter::one_kind(const explanation& a, const explanation& b)
             (a.press.speed == b.press.speed && a.press.slides == b.press.slides)) &&
            a.last.is == b.last.is && a.last.known == b.last.known &&
            (a.is != mixed || (a.mixture.before == b.mixture.before &&
-                              a.mixture.groups == b.mixture.groups &&
+                              a.mixture.single == b.mixture.single &&
                               a.mixture.after_silence == b.mixture.after_silence));
 }
 
@@ -598,7 +598,7 @@ double press_filter::loss_of_merging(const explanation& a,
         compare(y[3] - x[3], u[3], v[3], d_difference_noise / lasts2);
         compare_amplitudes(a.press.strength, b.press.strength);
     }
-    if (a.is == mixed)
+    if (a.is == mixed && a.mixture.single)
         for (int e = 0; e < 2; e++) {
             const auto apart = b.mixture.start[e] - a.mixture.start[e];
             compare(apart.real(), 0, 0, a.mixture.seen_variance);

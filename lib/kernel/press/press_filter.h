@@ -47,11 +47,6 @@ public:
                  const press_parameters& settings,
                  const off_states& off = {});
 
-    //! A filter of the same presses by other parameters, without what off states tell.
-    press_filter without_off_states(const press_parameters& settings) const
-    {
-        return press_filter(d_image, settings);
-    }
     //! Whether amplitudes distinguish a turn of the tag from a press.
     bool off_states_differ() const { return d_off_differ; }
     //! Takes the next group that was received.
@@ -128,15 +123,15 @@ private:
                    const pair_of_ends& was,
                    const pair_of_ends& direction) const;
     void turn_unseen(explanation& to, double part) const;
-    double rest_pressed(explanation& to) const;
+    double rest_pressed(explanation& to, const explanation& from) const;
     mixture mixture_after(const explanation& from, double ends) const;
 
     // press_likelihood.cc: what events share.
     void find_peak();
     bool may_count(const explanation& from, double probability) const;
     std::optional<explanation> follow(const explanation& from, double probability) const;
-    void give(explanation& next, double log_likelihood);
-    void average(explanation& to) const;
+    void give(explanation& next, double log_likelihood, bool lasts = false);
+    void average(explanation& to, bool lasts) const;
     double step_probability() const;
     void step_receiver(explanation& to) const;
     bool step_level(explanation& to) const;
@@ -144,7 +139,7 @@ private:
     // Phases of the untouched line, and of a press.
     void reset_baseline(explanation& to) const;
     double update_baseline(explanation& to) const;
-    double update_phases(drifting_phases& line) const;
+    double rate_memory() const;
     double update_amplitude(both_amplitudes& own) const;
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
@@ -163,7 +158,7 @@ private:
     void touch_with_strength(const explanation& from, explanation& next, double spread);
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of, state is) const;
-    void doubt_off_states(explanation& to) const;
+    void doubt_off_states(explanation& to, const explanation& from) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
 

@@ -40,28 +40,28 @@ std::optional<explanation> press_filter::follow(const explanation& from,
         return std::nullopt;
     auto next = from;
     next.log_weight = from.log_weight + std::log(probability);
-    next.lasts = next.claimed = false;
+    next.claimed = false;
     return next;
 }
 
-void press_filter::give(explanation& next, double log_likelihood)
+void press_filter::give(explanation& next, double log_likelihood, bool lasts)
 {
     next.log_weight += log_likelihood;
     if (!(next.log_weight > d_best + negligible))
         return;
     d_best = std::max(d_best, next.log_weight);
-    average(next);
+    average(next, lasts);
     next.last = next.now;
     next.now = describe(next);
     d_next.push_back(next);
 }
 
 // Mean of the groups for as long as nothing changes: of as many as last smoothing_s.
-void press_filter::average(explanation& to) const
+void press_filter::average(explanation& to, bool lasts) const
 {
     auto& mean = to.mean;
     const double x = d_set.smoothing_s > 0 ? d_elapsed_s / d_set.smoothing_s : 1;
-    const double kept = to.lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
+    const double kept = lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
     for (int e = 0; e < 2; e++) {
         const double noise = d_group.variance[e], weight = kept * mean.weight[e],
                      gain = 1 / (1 + weight * noise);
@@ -145,16 +145,14 @@ void press_filter::drift(explanation& to) const
     to.press.motion.widen(to.line.walk(d_elapsed_s));
 }
 
-// Takes the phases of the group as those of a line that drifts.
-double press_filter::update_phases(drifting_phases& line) const
+double press_filter::rate_memory() const
 {
-    const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
-    return line.update(d_group.phase, d_noise, memory);
+    return std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
 }
 
 double press_filter::update_baseline(explanation& to) const
 {
-    double likelihood = update_phases(to.line);
+    double likelihood = to.line.update(d_group.phase, d_noise, rate_memory());
     likelihood += update_amplitude(to.line.amplitude);
     notice_hand(to);
     return likelihood;
@@ -299,7 +297,6 @@ double press_filter::update_strength(explanation& to) const
     to.press.with_common -= by_turn * by_loss * variance;
     to.line.common.turn(turn);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    to.press.shown = to.change(to.press.motion.phase());
     return likelihood + own.update_mean(d_amplitude - (expected[0] + expected[1]) / 2,
                                         d_amplitude_noise);
 }
@@ -326,11 +323,11 @@ void press_filter::touch_with_strength(const explanation& from,
 }
 
 // The amplitudes of another press, by off states that are not quite known.
-void press_filter::doubt_off_states(explanation& to) const
+void press_filter::doubt_off_states(explanation& to, const explanation& from) const
 {
     if (shows_turns(to))
-        to.press.strength.difference_variance +=
-            d_off.variance(to.press.shown, to.change(to.press.motion.phase()));
+        to.press.strength.difference_variance += d_off.variance(
+            from.change(from.press.motion.phase()), to.change(to.press.motion.phase()));
 }
 
 both_amplitudes press_filter::seen_strength(const explanation& of) const

@@ -80,18 +80,11 @@ def _new_filter(
     untouched = np.exp(1j * untouched_rad)
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - np.array(off))
     step = float(np.log(forces[1] / forces[0]))
-    made = press_filter(
-        np.angle(ratios),
-        step,
-        np.radians(_SPREAD_DEG),
-        values,
-        untouched_rad.tolist(),
-        off,
-        off_std,
-    )
+    presses = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
+    made = press_filter(*presses, untouched_rad.tolist(), off, off_std)
     # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
     spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))
     if made.off_states_differ or spread == 0:
         return made
     values["contact_np"] = np.hypot(values["contact_np"], spread)
-    return made.without_off_states(values)
+    return press_filter(*presses)

@@ -214,13 +214,6 @@ void bind_press(py::module& m)
              "untouched"_a = pair_of_ends{},
              "off"_a = std::array<std::complex<double>, 2>{},
              "off_std"_a = 0.0)
-        .def(
-            "without_off_states",
-            [](const press_filter& filter, const array<press_parameters>& parameters) {
-                return filter.without_off_states(*parameters.data());
-            },
-            "parameters"_a,
-            "A filter of the same presses by other parameters, with equal off states.")
         .def_property_readonly("off_states_differ", &press_filter::off_states_differ)
         .def("__copy__", [](const press_filter& filter) { return filter; })
         .def("take",
