@@ -87,6 +87,13 @@ def test_a_force_that_changes_goes_on_while_the_supply_fails():
     assert not found.wrong and found.counts["unflagged"] > 150, str(found)
 
 
+@pytest.mark.parametrize("family, seed", [("brownouts", 49), ("gaps", 76), ("warm", 54)])
+def test_a_line_that_is_doubted_reads_no_press_confidently(family, seed):
+    """A supply that fails, a line that was not seen again, and one that a finger warms."""
+    found = score([seed], 2500, family)
+    assert not found.wrong and found.counts["unflagged"] > 30, str(found)
+
+
 def test_a_sudden_turn_after_a_silence_is_followed():
     """A silence of two seconds leaves the common phase unknown by radians, beside microradians."""
     readings = by_receiver(Sequence(184, 2500, "mixture"))

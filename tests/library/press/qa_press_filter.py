@@ -308,6 +308,29 @@ def test_groups_that_a_silence_cuts_are_no_turns():
     assert probability(found, found["turns"], len(rows) - 1)[read].max() < 0.05
 
 
+def test_press_lasts_through_groups_in_which_the_supply_fails():
+    """A moved line that nobody touches came back to what it was, and a press could not."""
+    rows = rows_of(phases_of(MIDDLE, 30, 90, 0, noise_deg=0.03), noise_deg=0.03, period_s=0.144)
+    failing = np.arange(40, 119, 5)
+    rows["amplitude"][failing] = np.log(np.linspace(0.3, 0.6, len(failing)))[:, None]
+    found = explained(rows)
+    untouched = probability(found, found["is"] == UNTOUCHED, len(rows) - 1)
+    assert untouched[31:119].max() < 0.01
+
+
+def test_line_drifts_by_half_of_what_a_held_press_does_within_the_other_half():
+    """A finger that warms a line turns it slowly; the force was read from where it had been."""
+    phases_deg = phases_of(PRESS, 30, 40, 0, noise_deg=0.03)
+    warm_deg = np.clip(0.08 * (np.arange(70) - 32), 0, None)
+    rows = rows_of(phases_deg + warm_deg[:, None], noise_deg=0.03, period_s=0.144)
+    found = explained(rows)
+    held = found[(found["row"] == 68) & (found["is"] == PRESSED)]
+    baseline_deg = np.degrees(held["weight"] @ held["baseline"] / held["weight"].sum())
+    deviation_deg = np.degrees(np.sqrt(held["weight"] @ held["common_variance"]))
+    assert 0.3 * warm_deg[68] < baseline_deg.mean() < warm_deg[68]
+    assert abs(baseline_deg.mean() - warm_deg[68]) < 2 * deviation_deg < warm_deg[68]
+
+
 def approach(time_s, force_n):
     """Hand that comes from .3 s before a press on: 8 deg and 10 % at both ends."""
     near = np.interp(time_s, [1.7, 2, 4.05, 4.4, 4.7, 5, 8.05, 8.4], [0, 1, 1, 0, 0, 1, 1, 0])
