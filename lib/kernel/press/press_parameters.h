@@ -21,7 +21,7 @@ struct press_parameters {
     double change_s = 0.03; // mean time that a sudden change takes
     double steady_s = 0.5;  // mean time that a steady change, or a turning tag, goes on
     double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
-    double turns_s = 10.0;  // s: time that this expectation is worth
+    double turns_s = 10.0;  // s: time that this expectation, and that of cables, is worth
     double turn_deg = 15.0; // standard deviation of a sudden turn
     double turn_np =
         0.1;             // and of the change of amplitude that comes with one by turn_deg
@@ -29,7 +29,8 @@ struct press_parameters {
     double near_s = 0.5; // time that a hand takes to come near; a quarter of the memory
                          // for the amplitude without it
     double steps =
-        0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level
+        0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level; its
+               // supply fails; moves of a cable, until they are learned
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press
     double phase_deg = 0.03;      // error of a phase that no noise explains
