@@ -348,15 +348,30 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.log_density = 0;
     if (from.is == mixed) {
         found.single = false;
+        // Two groups that a press fills in part show the same press.
+        if (from.mixture.single && found.before == untouched && from.line.known &&
+            !found.after_silence) {
+            auto parts = found;
+            parts.start = from.mixture.seen;
+            const auto line = untouched_ratio(from);
+            const auto changed = [&](const both_ends& seen) {
+                return std::norm(seen[0] - line[0]) + std::norm(seen[1] - line[1]);
+            };
+            if (changed(parts.start) < changed(parts.seen))
+                std::swap(parts.start, parts.seen);
+            found.log_density = chord(parts, line, from.line.common.estimate().variance);
+        }
         return found;
     }
     found.before = from.is;
     found.age_s = from.age_s;
     found.single = true;
     found.after_silence = d_silent;
-    if (from.is == untouched)
+    if (from.is == untouched) {
         found.start = untouched_ratio(from);
-    else {
+        if (from.line.known)
+            found.log_density = pressed_in_part(found);
+    } else {
         const auto was = from.press.motion.phase();
         const auto strength = seen_strength(from);
         for (int e = 0; e < 2; e++)

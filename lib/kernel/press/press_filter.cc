@@ -376,7 +376,8 @@ void press_filter::branch_mixed(const explanation& from)
     touch(next, may.unexplained / all, unexplained);
     move_line(next, moves / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
-        const double to_untouched = single && tag.line.known && !tag.turn.sudden
+        const double to_untouched = single && !touched ? 0
+                                    : single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture,
                                                 untouched_ratio(tag),
                                                 tag.line.common.estimate().variance) -

@@ -401,6 +401,35 @@ press_filter::chord(const mixture& from, const both_ends& to, double variance, d
     return std::log(on * std::exp(-log_any_mixture) + any);
 }
 
+// Log density, over that of any mixture, of a press for a part of a group that was
+// untouched before: z = 1 - s + s e^{j phi} at both ends, so that each shows its share s
+// and phi of the press. Any mixture itself has a quarter, as in `chord`.
+double press_filter::pressed_in_part(const mixture& from) const
+{
+    constexpr double any = 0.25;
+    std::array<double, 2> share;
+    double variance = 0, log_area = 0;
+    for (int e = 0; e < 2; e++) {
+        const auto z = from.seen[e] / from.start[e], a = 1.0 - z;
+        const double noise = from.seen_variance;
+        if (a.real() < 3 * std::sqrt(noise))
+            return 0;
+        share[e] = std::norm(a) / (2 * a.real());
+        variance +=
+            noise * (squared(1 - share[e] / a.real()) + squared(a.imag() / a.real()));
+        log_area += std::log(a.real()) - std::log(std::norm(z));
+    }
+    const double s = (share[0] + share[1]) / 2;
+    if (s > 1 + 3 * std::sqrt(variance))
+        return 0;
+    pair_of_ends change;
+    for (int e = 0; e < 2; e++)
+        change[e] = std::arg(from.seen[e] / from.start[e] - (1 - s));
+    const double here = std::log(d_image->density(change) + 1e-12) - log_area +
+                        log_normal(share[0] - share[1], variance) - log_any_mixture;
+    return log_sum(std::log1p(-any) + here, std::log(any));
+}
+
 both_ends press_filter::untouched_ratio(const explanation& of) const
 {
     const auto at = of.line.phase();

@@ -318,6 +318,23 @@ def test_press_lasts_through_groups_in_which_the_supply_fails():
     assert untouched[31:119].max() < 0.01
 
 
+@pytest.mark.parametrize("shares", [(0.93,), (0.9, 0.8), (0.6, 0.93), (0.3, 0.5)])
+def test_press_that_fills_no_group_is_a_mixture(shares):
+    """It looked like a harder press, whose contact loses a little of the amplitude."""
+    ratios = np.ones((60, 2), complex)
+    for begin in range(20, 60, 8):
+        for i, share in enumerate(shares):
+            ratios[begin + i] = 1 - share + share * np.exp(1j * np.radians(PRESS))
+    noise = np.random.default_rng(1).standard_normal((2, 60, 2)) * np.radians(0.1)
+    ratios += noise[0] + 1j * noise[1]
+    rows = rows_of(np.degrees(np.angle(ratios)), noise_deg=0.1, period_s=0.036, untouched=10)
+    rows["amplitude"] = np.log(abs(ratios))
+    found = explained(rows)
+    mixed = probability(found, found["is"] == MIXED, 59)
+    partial = np.add.outer(np.arange(20, 56, 8), np.arange(len(shares))).ravel()
+    assert mixed[partial].min() > 0.1, mixed[partial]
+
+
 def test_line_drifts_by_half_of_what_a_held_press_does_within_the_other_half():
     """A finger that warms a line turns it slowly; the force was read from where it had been."""
     phases_deg = phases_of(PRESS, 30, 40, 0, noise_deg=0.03)
