@@ -222,7 +222,7 @@ class Score:
         missed = reading.touch == 0 and force.min() > onset + _ONSET_MARGIN_N
         wrong = missed or (reading.touch == 1 and force.max() < onset - _ONSET_MARGIN_N)
         far = missed
-        if reading.touch == 1 and reading.force_n is not None and not wrong and force.min() > onset:
+        if reading.touch == 1 and reading.force_n is not None and not wrong:
             off_n = max(force.min() - reading.force_n, reading.force_n - force.max())
             off_mm = max(location.min() - reading.location_mm, reading.location_mm - location.max())
             stds = max(
