@@ -359,7 +359,9 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
             };
             if (changed(parts.start) < changed(parts.seen))
                 std::swap(parts.start, parts.seen);
-            found.log_density = chord(parts, line, from.line.common.estimate().variance);
+            parts.before = pressed;
+            found.log_density =
+                chord(parts, line, untouched, from.line.common.estimate().variance);
         }
         return found;
     }
@@ -379,13 +381,15 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
                 std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
     }
     if (d_silent)
-        found.log_density = chord(found, {}, 0);
+        found.log_density = chord(found, {}, untouched, 0);
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
-        found.log_density = log_sum(
-            std::log(ends) +
-                chord(found, untouched_ratio(from), from.line.common.estimate().variance),
-            std::log1p(-ends));
+        found.log_density =
+            log_sum(std::log(ends) + chord(found,
+                                           untouched_ratio(from),
+                                           untouched,
+                                           from.line.common.estimate().variance),
+                    std::log1p(-ends));
     return found;
 }
 

@@ -198,7 +198,7 @@ void press_filter::resume(const explanation& from, double probability)
     next.age_s = mixture.age_s;
     next.log_weight += std::log(probability);
     if (mixture.single)
-        next.log_weight += chord(mixture, {}, 0, 1e-12) - mixture.log_density;
+        next.log_weight += chord(mixture, {}, untouched, 0, 1e-12) - mixture.log_density;
     branch(next);
 }
 
@@ -367,7 +367,8 @@ void press_filter::branch_mixed(const explanation& from)
     const auto& mixture = from.mixture;
     const double known = single ? mixture.log_density : 0;
     const double to_this =
-        single ? chord(mixture, seen_ratio(), d_difference_noise / 2) - known : 0;
+        single ? chord(mixture, seen_ratio(), pressed, d_difference_noise / 2) - known
+               : 0;
     auto next = from;
     next.is = from.mixture.before;
     next.age_s = from.mixture.age_s;
@@ -380,6 +381,7 @@ void press_filter::branch_mixed(const explanation& from)
                                     : single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture,
                                                 untouched_ratio(tag),
+                                                untouched,
                                                 tag.line.common.estimate().variance) -
                                               known
                                         : to_this;

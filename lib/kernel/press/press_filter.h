@@ -163,8 +163,11 @@ private:
     both_amplitudes seen_amplitude() const;
 
     // Groups in which something changes.
-    static double
-    chord(const mixture& seen, const both_ends& to, double variance, double any = 0.25);
+    static double chord(const mixture& seen,
+                        const both_ends& to,
+                        state after,
+                        double variance,
+                        double any = 0.25);
     double pressed_in_part(const mixture& from) const;
     both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;

@@ -372,8 +372,8 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 
 // Log density of a mixture of the state before and the one after, over that of any
 // mixture; the latter itself has this share.
-double
-press_filter::chord(const mixture& from, const both_ends& to, double variance, double any)
+double press_filter::chord(
+    const mixture& from, const both_ends& to, state after, double variance, double any)
 {
     double length2 = 0, along = 0, noise = 0;
     both_ends step, seen;
@@ -390,9 +390,11 @@ press_filter::chord(const mixture& from, const both_ends& to, double variance, d
         off += std::norm(seen[e] - share * step[e]);
     // Three degrees of freedom lie across the chord. A change that takes a part of the
     // group follows the circle, so that its mean lies beside the chord; and the force may
-    // have changed before the press ended, or after it began.
+    // have changed before the press ended, or after it began, for as long as it lasted.
     const double beside = noise + squared(length2 * share * (1 - share) / 4),
-                 ramped = beside + squared(ramp_deg * deg);
+                 is_pressed = (from.before == untouched ? 0 : 1 - share) +
+                              (after == untouched ? 0 : share),
+                 ramped = beside + squared(is_pressed * ramp_deg * deg);
     const auto across = [&](double v) {
         return std::exp(-0.5 * off / v) / std::pow(two_pi * v, 1.5);
     };
