@@ -353,7 +353,7 @@ class StreamReader:
         self.plan = plan
         self._tones = FoldedGroups(plan.table, plan.waveform)
         former = self._receiver
-        self._receiver = Receiver(
+        receiver = Receiver(
             expecting_snr(plan.stating(compression=self.compression), self.survey),
             self._tracked,
             on_groups=self._give,
@@ -361,7 +361,9 @@ class StreamReader:
             counts=self.counts,
             states=None if former is None else former.states,
         )
-        self._receiver.tares.on_state = self.tares.report
+        # Makes its readout, before another thread asks for it and makes a second one.
+        receiver.tares.on_state = self.tares.report
+        self._receiver = receiver
         self._update_findings()
 
     def _give(self, groups: Groups) -> None:
