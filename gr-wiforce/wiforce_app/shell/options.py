@@ -185,8 +185,8 @@ def _all(*options):
     return add
 
 
-def _ignore_scheduler(_context, _parameter, address):
-    if address is not None:
+def _ignore_scheduler(context, _parameter, address):
+    if address is not None and not context.resilient_parsing:
         text = "--scheduler is ignored, and will be refused: this machine's cores are used (--jobs)"
         log.warning(f"{text}; examples/many_captures is for several machines")
 
