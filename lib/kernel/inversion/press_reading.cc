@@ -81,7 +81,8 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
         double variance =
             of.mean.variance[end] + of.difference_variance / 4 + common_variance;
         if (d_sensor.tag_ratio) {
-            // As curvature_deg in estimation/capture/antennas.py.
+            // A ratio of antennas (S_1 + T_1) / (S_2 + T_2) is not linear in the tag: an
+            // error of Im[(1 - R) T_2 / S_2], at a phase that is unknown.
             const double bend =
                 d_sensor.tag_ratio * std::abs(1.0 - std::polar(1.0, of.mean.phase[end]));
             variance += bend * bend / 2;

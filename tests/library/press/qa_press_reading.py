@@ -17,7 +17,7 @@ def ratio(psi_deg, off=OFF):
     return (now - off) / (untouched - off)
 
 
-def read(ratios, std_deg=0.0, off_std=0.0):
+def read(ratios, std_deg=0.0, off_std=0.0, tag_ratio=0.0):
     """Phases and their standard deviations, deg."""
     reading = press_reading(
         MODEL.inverter(900e6).posterior,
@@ -25,7 +25,7 @@ def read(ratios, std_deg=0.0, off_std=0.0):
         OFF,
         off_std,
         True,
-        0.0,
+        tag_ratio,
         0.0,
         [1] * 7,
         [9e9, 9e9, 0.01],
@@ -60,3 +60,12 @@ def test_phase_std_contains_the_noise_and_the_error_of_the_off_states():
     assert read(ratio(PSI_DEG), off_std=0.01)[1] == pytest.approx(expected, rel=1e-3)
     both = read(ratio(PSI_DEG), std_deg=0.1, off_std=0.01)[1]
     assert both == pytest.approx(np.hypot(0.1 / slope, expected), rel=1e-3)
+
+
+def test_phase_std_contains_what_a_ratio_of_antennas_bends():
+    """By |1 - exp(j arg R)| times the tag, of which half the power lies along the phase."""
+    step = 1e-3
+    slope = turned_deg(np.add(PSI_DEG, step)) / step
+    bend_deg = np.degrees(0.01 * np.abs(1 - np.exp(1j * np.angle(ratio(PSI_DEG)))) / np.sqrt(2))
+    found = read(ratio(PSI_DEG), tag_ratio=0.01)[1]
+    assert found == pytest.approx(np.abs(bend_deg / slope), rel=1e-3)

@@ -15,7 +15,7 @@ from card_rooms import (
     scene_of,
 )
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.capture.antennas import curvature_deg, ratio_noise
+from gnuradio.wiforce.estimation.capture.antennas import ratio_noise
 from gnuradio.wiforce.estimation.packets.antenna_noise import shared_noise
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
@@ -352,10 +352,7 @@ def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
     assert found is not None and found.clock_hz == pytest.approx(120, abs=0.5)
 
 
-def test_ratio_of_antennas_has_the_noise_of_both_and_bends_with_the_tag():
+def test_ratio_of_antennas_has_the_noise_of_both():
     ones, noise = np.ones((1, 64)), np.array([[0.1, 0.2]])
     assert ratio_noise((ones, 2 * ones), (noise, 4 * noise), ones / 2) == pytest.approx(noise / 2)
-    # |1 - exp(j 60 deg)| is 1: 0.01 rad of which half the power lies along the phase.
-    turned = np.exp(1j * np.radians([0.0, 60.0]))
-    assert curvature_deg(turned, 0.01) == pytest.approx([0, np.degrees(0.01) / np.sqrt(2)])
     assert rotation_std_deg(np.array([0.0, 1e-6, 1e-3]), 1)[:2].tolist() == [0.0, 0.0]

@@ -23,18 +23,6 @@ def channel_ratio(first: Array, second: Array) -> Array:
     return np.divide(first, second, out=np.zeros_like(first), where=received)
 
 
-def curvature_deg(ratios: Array, tag_ratio: float) -> Array:
-    """Phase errors of ratios R because the ratio of two antennas is not linear in the tag, in
-    degrees.
-
-    ``tag_ratio`` is |T| / |S|, amplitudes of tag and static path. While a switch is closed, the
-    ratio is (S_1 + T_1) / (S_2 + T_2), so an end is measured as proportional to T / (1 + T_2 /
-    S_2). With R = exp(j phi) this changes arg R by Im[(1 - R) T_2 / S_2]; the phase of T_2 / S_2 is
-    unknown.
-    """
-    return np.degrees(tag_ratio * np.abs(1 - np.exp(1j * np.angle(ratios))) / np.sqrt(2))
-
-
 def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
     """Ratio of two antennas' channels as the folded frames of one antenna, (n, symbol_length).
 

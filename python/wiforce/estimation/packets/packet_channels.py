@@ -166,8 +166,8 @@ class AntennaCombination:
     antennas this is the numerator of the ratio H_1 / H_2 - S_1 / S_2. Since it contains no static
     path, an error of x changes nothing but the tag, in proportion. The tag itself is in x with <S,
     T> / <S, S>, which bends the result as the ratio of two antennas does
-    (:func:`.antennas.curvature_deg`), but less, as no faded subcarrier is divided by. Each antenna
-    weighs as much as it receives, and so does each subcarrier.
+    (docs/theory.md, Formulas), but less, as no faded subcarrier is divided by. Each antenna weighs
+    as much as it receives, and so does each subcarrier.
 
     A single antenna has no such sums. There, x is the same for all subcarriers but for a delay, so
     that a packet less x times its static paths contains all of the tag but what has the shape of
