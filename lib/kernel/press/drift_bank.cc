@@ -52,7 +52,7 @@ void drift_bank::reset(double phase, double variance)
     d_mean.fill(phase);
     d_variance.fill(variance);
     d_with.fill(0);
-    d_carried = 0;
+    d_carried = d_farthest2 = 0;
     d_estimate = { phase, std::max(variance, least_variance) };
 }
 
@@ -101,13 +101,14 @@ void drift_bank::merge(const drift_bank& other, double share)
             d_mean[i], d_variance[i], apart, other.d_variance[i], others / d_weight[i]);
     }
     d_carried += share * (other.d_carried - d_carried);
+    d_farthest2 += share * (other.d_farthest2 - d_farthest2);
     find_usual_rate();
     summarize();
 }
 
 double drift_bank::carry(drift_bank& other, double phase, double noise, double memory)
 {
-    const double was = other.d_estimate.mean, before = d_carried;
+    const double was = other.d_estimate.mean;
     for (std::size_t i = 0; i < d_count; i++) {
         const double gain = d_with[i] / (d_variance[i] + noise);
         other.d_mean[i] += gain * wrapped(phase - d_mean[i]);
@@ -120,7 +121,9 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
     other.find_usual_rate();
     other.summarize();
     d_carried += other.d_estimate.mean - was;
-    other.widen(std::max(0.0, d_carried * d_carried - before * before) / 2);
+    const double farther2 = std::max(d_carried * d_carried, d_farthest2);
+    other.widen((farther2 - d_farthest2) / 2);
+    d_farthest2 = farther2;
     return likelihood;
 }
 

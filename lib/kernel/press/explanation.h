@@ -108,7 +108,7 @@ struct explanation {
         bool by_hand = false;
         double velocity = 0;   // rad/s
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
-        // Turns, and moved cables, seen where nothing looks alike, in this time.
+        // Turns seen where nothing looks alike, in this time, and cables that moved.
         double seen = 0, moved = 0, watched_s = 0;
     } turn;
 
