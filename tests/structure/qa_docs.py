@@ -221,7 +221,9 @@ def test_formulas_name_functions_that_exist():
     text = (ROOT / "docs/theory.md").read_text(encoding="utf-8")
     rows = text.split("## Formulas")[1].split("\n## ")[0].splitlines()
     found = [re.findall(r"`([\w/.]+\.py)`, `([\w.]+)`", row) for row in rows]
-    assert sum(map(len, found)) > 9
+    kernels = re.findall(r"`(lib/[\w/.]+)`", "\n".join(rows))
+    assert sum(map(len, found)) > 8 and len(kernels) > 3
+    assert not [name for name in kernels if not (ROOT / name).is_file()]
     for file, function in sum(found, []):
         source = (ROOT / "python/wiforce" / file).read_text(encoding="utf-8")
         for name in function.split("."):
