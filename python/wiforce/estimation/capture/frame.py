@@ -54,6 +54,21 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     which static paths add up, is correlated with the sent frame at every cyclic shift: a thousand
     frames or more are better than one.
     """
+    found = _search(samples, waveform)
+    return None if found is None else (found.begin - MARGIN) % len(found.mean)
+
+
+class _Found(NamedTuple):
+    """A mean frame, its match with the sent one at every cyclic shift, both (frame_length,), and
+    the sample of it at which preambles begin.
+    """
+
+    mean: Array
+    match: Array
+    begin: int
+
+
+def _search(samples: Array, waveform: Waveform) -> _Found | None:
     mean = _mean_of_frames(samples, waveform.frame_length)
     if mean is None:
         return None
@@ -67,7 +82,7 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
         clear = match[best] >= _CLEAR * np.sqrt(np.mean(quiet**2))
     else:
         clear = _noise(mean, match[best], waveform) + math.log(len(mean)) < _FALSE_ALARM
-    return (best - MARGIN) % len(mean) if clear else None
+    return _Found(mean, match, best) if clear else None
 
 
 def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
@@ -132,11 +147,12 @@ def elsewhere(samples: Array, waveform: Waveform) -> int | None:
     It is unknown where another place matches as well but for noise, as where symbols follow each
     other without a guard.
     """
-    offset = find_frame_offset(samples, waveform)
-    mean = _mean_of_frames(samples, waveform.frame_length)
-    if offset is None or mean is None or keeps_alignment(offset, waveform):
+    found = _search(samples, waveform)
+    if found is None:
         return None
-    match, begin = _match(mean, waveform), (offset + MARGIN) % len(mean)
+    mean, match, begin = found
+    if keeps_alignment((begin - MARGIN) % len(mean), waveform):
+        return None
     other = np.delete(match, np.arange(begin - MARGIN, begin + MARGIN + 1) % len(match)).max()
     here, there = (_noise(mean, each, waveform) for each in (match[begin], other))
     return begin if here - there < _FALSE_ALARM else None
@@ -147,13 +163,15 @@ def symbols_in(samples: Array, waveform: Waveform) -> int:
 
     As many as expected where noise explains that they seem fewer.
     """
-    offset = find_frame_offset(samples, waveform)
-    mean = _mean_of_frames(samples, waveform.frame_length)
     sent = waveform.preamble_length // waveform.symbol_length
     repeated = np.tile(waveform.symbol, sent)
-    if offset is None or mean is None or not np.array_equal(repeated, waveform.preamble):
+    if not np.array_equal(repeated, waveform.preamble):
         return sent
-    preamble = np.roll(mean, -offset - MARGIN)[: len(repeated)]
+    found = _search(samples, waveform)
+    if found is None:
+        return sent
+    mean = found.mean
+    preamble = np.roll(mean, -found.begin)[: len(repeated)]
     sums = np.r_[0, np.cumsum(preamble.reshape(sent, -1) @ waveform.symbol.conj())]
     # What a part of the preamble explains, as a match of the whole one.
     match = {
