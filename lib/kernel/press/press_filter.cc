@@ -460,14 +460,18 @@ double press_filter::happens(double rate) const
 // Half of the turns are sudden.
 double press_filter::turn_probability(const explanation& of) const
 {
-    return happens((d_set.turns * d_set.turns_s + of.turn.seen) /
-                   (d_set.turns_s + of.turn.watched_s) / 2);
+    return happens(learned(d_set.turns, of.turn.seen, of) / 2);
 }
 
 double press_filter::move_probability(const explanation& of) const
 {
-    return happens((d_set.steps * d_set.turns_s + of.turn.moved) /
-                   (d_set.turns_s + of.turn.watched_s));
+    return happens(learned(d_set.steps, of.turn.moved, of));
+}
+
+// Rate of what was expected at a rate of its own, and was seen so often.
+double press_filter::learned(double per_s, double seen, const explanation& of) const
+{
+    return (per_s * d_set.turns_s + seen) / (d_set.turns_s + of.turn.watched_s);
 }
 
 // Of a sudden change that began at any time in a group, that the group ends before it.

@@ -68,6 +68,9 @@ public:
 private:
     using mixture = explanation::mixture_of_states;
 
+    // Of any mixture, beside those whose states before and after are known.
+    static constexpr double any_share = 0.25;
+
     enum class course { begins, warms, goes_on, ends }; // warms: begins by a finger
 
     // press_filter.cc: what may follow, and what is kept of it.
@@ -85,6 +88,7 @@ private:
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
+    double learned(double per_s, double seen, const explanation& of) const;
     double move_probability(const explanation& of) const;
     double turn_probability(const explanation& of) const;
     double going_on() const;
@@ -167,7 +171,7 @@ private:
                         const both_ends& to,
                         state after,
                         double variance,
-                        double any = 0.25);
+                        double any = any_share);
     double pressed_in_part(const mixture& from) const;
     both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;

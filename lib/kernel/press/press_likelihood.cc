@@ -405,10 +405,9 @@ double press_filter::chord(
 
 // Log density, over that of any mixture, of a press for a part of a group that was
 // untouched before: z = 1 - s + s e^{j phi} at both ends, so that each shows its share s
-// and phi of the press. Any mixture itself has a quarter, as in `chord`.
+// and phi of the press.
 double press_filter::pressed_in_part(const mixture& from) const
 {
-    constexpr double any = 0.25;
     std::array<double, 2> share;
     double variance = 0, log_area = 0;
     for (int e = 0; e < 2; e++) {
@@ -429,7 +428,7 @@ double press_filter::pressed_in_part(const mixture& from) const
         change[e] = std::arg(from.seen[e] / from.start[e] - (1 - s));
     const double here = std::log(d_image->density(change) + 1e-12) - log_area +
                         log_normal(share[0] - share[1], variance) - log_any_mixture;
-    return log_sum(std::log1p(-any) + here, std::log(any));
+    return log_sum(std::log1p(-any_share) + here, std::log(any_share));
 }
 
 both_ends press_filter::untouched_ratio(const explanation& of) const
