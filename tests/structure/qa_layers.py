@@ -114,6 +114,21 @@ def test_command_imports_have_no_cycle():
     TopologicalSorter(own_imports(modules_of(APPLICATION / "wiforce_app"))).prepare()
 
 
+def test_folders_of_kernels_have_no_cycle():
+    kernels = ROOT / "lib/kernel"
+    TopologicalSorter(
+        {
+            folder.name: set(
+                re.findall(
+                    r'#include "\.\./(\w+)/', "".join(map(Path.read_text, folder.glob("*.*")))
+                )
+            )
+            for folder in kernels.iterdir()
+            if folder.is_dir()
+        }
+    ).prepare()
+
+
 def test_package_outside_blocks_does_not_import_gnuradio():
     """``wiforce.read`` and the planning would load GNU Radio's runtime."""
     loaded = [

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "clock_likelihood.h"
 
+#include "../algebra/complex_rows.h"
+#include "../algebra/matrix_product.h"
 #include "../clones.h"
 #include "../require.h"
-#include "../separation/complex_rows.h"
-#include "../separation/matrix_product.h"
 
 namespace gr::wiforce::kernel {
 

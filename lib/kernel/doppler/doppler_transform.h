@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../fold/phase_group.h"
 #include "../fourier/fourier_transform.h"
-#include "phase_group.h"
 
 namespace gr::wiforce::kernel {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../doppler/phase_group.h"
+#include "../fold/phase_group.h"
 #include "../fourier/fourier_transform.h"
 #include "recent_level.h"
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "end_fit.h"
 
+#include "../algebra/complex_rows.h"
+#include "../algebra/matrix_product.h"
+#include "../algebra/symmetric.h"
 #include "../clones.h"
-#include "complex_rows.h"
-#include "matrix_product.h"
-#include "symmetric.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "end_separation.h"
 
+#include "../algebra/complex_rows.h"
+#include "../algebra/matrix_product.h"
 #include "../clones.h"
-#include "complex_rows.h"
-#include "matrix_product.h"
 #include "phase_expansion.h"
 
 #include <algorithm>

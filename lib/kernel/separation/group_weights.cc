@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "group_weights.h"
 
+#include "../algebra/complex_rows.h"
+#include "../algebra/matrix_product.h"
 #include "../clones.h"
-#include "complex_rows.h"
-#include "matrix_product.h"
 
 #include <algorithm>
 

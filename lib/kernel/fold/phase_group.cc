@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group.h"
 
-#include "../fold/sample_loops.h"
 #include "../require.h"
+#include "sample_loops.h"
 
 #include <algorithm>
 #include <utility>
