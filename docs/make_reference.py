@@ -17,8 +17,7 @@ from gnuradio.wiforce.io.text.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.scene import Scene, shipped_scenes
 from gnuradio.wiforce.scene.effects import OtherTag
 from gnuradio.wiforce.scene.load import about_scene
-from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
-from gnuradio.wiforce.scene.simulated_tags import Tag
+from gnuradio.wiforce.scene.simulated import Move, Press, Simulation, Tag
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 from gnuradio.wiforce.sensor.file import CarrierCurves, CurvesFile, LineFile, SensorFile
 from wiforce_app.main import PROGRAM, command

@@ -12,7 +12,7 @@ from gnuradio.wiforce.gui.surface_view import ellipse
 from gnuradio.wiforce.io.palette import BEAM, INK, SERIES
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.simulation.skin import plate_share
+from gnuradio.wiforce.simulation.presses import plate_share
 from gnuradio.wiforce.surface.estimator import SurfaceEstimator
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse

@@ -9,8 +9,8 @@ import numpy as np
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
+from gnuradio.wiforce.estimation.phases.reference import SubcarrierAverage
 from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg

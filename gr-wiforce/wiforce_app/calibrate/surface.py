@@ -12,8 +12,12 @@ from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
 from gnuradio.wiforce.surface.calibration import fit_spreading, read_known_presses, taps_of
-from gnuradio.wiforce.surface.checks import borne_together, borne_too_much, surprising_taps
-from gnuradio.wiforce.surface.file import write_spreading
+from gnuradio.wiforce.surface.file import (
+    borne_together,
+    borne_too_much,
+    surprising_taps,
+    write_spreading,
+)
 
 from ..shell.log import log
 

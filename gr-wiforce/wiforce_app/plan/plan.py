@@ -18,7 +18,7 @@ from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
-from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
+from gnuradio.wiforce.scene.simulated import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import IntegerRange, sample_type, scene_names

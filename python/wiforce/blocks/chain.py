@@ -11,11 +11,10 @@ import pmt
 from gnuradio import gr
 
 from ..errors import InputError
-from ..estimation.capture.folded_groups import FoldedGroups
-from ..estimation.capture.slips import Slips
+from ..estimation.capture.folded_groups import FoldedGroups, Slips
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups, is_clipped
-from ..estimation.phases.average import SubcarrierAverage
+from ..estimation.phases.reference import SubcarrierAverage
 from ..io.readings import GroupCounts, Reading, as_reading
 from ..planning.plan import Plan
 from ..press.sensor_state import describe_doubt

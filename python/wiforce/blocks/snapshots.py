@@ -5,7 +5,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..estimation.capture.antennas import folded_ratio, ratio_noise
+from ..estimation.capture.folded_groups import folded_ratio, ratio_noise
 from ..estimation.capture.frame import FrameFollower
 from ..estimation.groups import Array
 from ..signal.waveform import Waveform

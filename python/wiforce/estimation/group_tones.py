@@ -22,12 +22,10 @@ _LOUD = 10.0
 class GroupWeights(group_weights):
     """Weights from the n snapshots received of a group to its M tones.
 
-    ``line_gain`` (M, 1) is the gain of each line by derotation (1 / ``ToneTable.symbol_gain``),
-    ``times_s`` (n,) are from the group's centre, ``loss`` is N over n. ``whitener`` (M, M) makes
-    the noise of the tones' parts (``signal.weights.parts_of``) white, with the variance of H, and
-    ``colorer`` makes tones of these; ``mixer`` (n, M) leads from snapshots to whitened parts.
-    ``switched`` is :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the
-    averages of all tags, and behind them the slopes.
+    ``line_gain`` (M, 1) is 1 / ``ToneTable.symbol_gain``, ``times_s`` (n,) from the group's centre,
+    ``loss`` N over n. ``whitener`` (M, M) makes the noise of the tones' parts
+    (``signal.weights.parts_of``) white, with the variance of H, ``colorer`` tones of these;
+    ``mixer`` (n, M) leads from snapshots to whitened parts, ``switched`` from clocks.
     """
 
     def __init__(
@@ -124,10 +122,7 @@ class GroupTones:
 
 
 def without_loud(groups: GroupTones) -> GroupTones:
-    """Groups of at most ten times the median power.
-
-    A burst of interference would dominate a sum over groups.
-    """
+    """Groups of at most ten times the median power: bursts would dominate a sum over groups."""
     if not len(groups):
         return groups
     return groups[np.flatnonzero(groups.level <= _LOUD * np.median(groups.level))]
@@ -141,11 +136,10 @@ def power_of(values: Array) -> Array:
 class GroupFit(end_fit):
     """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
 
-    ``rows`` (E,) are these ends among those of all tags, ``mixed`` (G, M, 2E) the tags' waveforms
-    as whitened parts, and behind them their derivatives by the phases of the clocks. ``ends`` (G,
-    E, K) are V, ``gain`` (G, E) its variance over that of H, ``residual`` (G, M, K) is whitened,
-    without what the wander of a clock explains where ``solve`` made the fit; ``white`` (G, M, E) is
-    the mixing matrix W [s1, s2, ...], whitened, and ``solver`` (G, E, M) its pseudo-inverse.
+    ``rows`` (E,) are these among all ends, ``mixed`` (G, M, 2E) the tags' waveforms, and behind
+    them their slopes by phase. ``ends`` (G, E, K) are V, ``gain`` (G, E) its variance over that of
+    H, ``white`` (G, M, E) is W [s1, s2, ...], ``solver`` (G, E, M) its pseudo-inverse, ``residual``
+    (G, M, K).
     """
 
     def __init__(self, rows: Array, mixed: Array, tones: Array) -> None:

@@ -236,9 +236,8 @@ class Groups:
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
-        """Join batches that follow each other.
-
-        Empty batches are left out: a stage that holds groups back gives them without its arrays.
+        """Join batches that follow each other, without empty ones, which lack arrays of their
+        stage.
         """
         kept = [batch for batch in batches if len(batch)]
         if len(kept) == 1:

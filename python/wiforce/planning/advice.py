@@ -10,7 +10,7 @@ from ..calibration.validation import verdict
 from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..sensor.curves import CurveModel
-from ..signal.bands import BANDS, bands_holding, occupied_band_hz
+from ..signal.carrier import BANDS, bands_holding, occupied_band_hz
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .clocks import (
     FARTHER,

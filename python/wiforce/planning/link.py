@@ -9,7 +9,7 @@ import numpy as np
 from ..io.readings import WEAK_PHASE_DEG
 from ..scene import Scene
 from ..scene.link import Link
-from ..signal.bands import BANDS, occupied_band_hz
+from ..signal.carrier import BANDS, occupied_band_hz
 from .expected import phase_std_deg, receive_levels, why_not_readable
 from .plan import Plan
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Groups
-from ..estimation.phases.average import SubcarrierAverage
+from ..estimation.phases.reference import SubcarrierAverage
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlannedSensor, PlanOrScene, as_plan
 from ..press.evidence import PressEvidence, Suspicion

@@ -13,9 +13,13 @@ from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..estimation.packets.antenna_noise import shared_noise
 from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
-from ..estimation.packets.packet_channels import DividedPackets, PacketChannels, undivided
+from ..estimation.packets.packet_channels import (
+    DividedPackets,
+    PacketChannels,
+    shared_noise,
+    undivided,
+)
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
 from ..estimation.packets.tag_parts import SolvedTags
 from ..io.capture.channel_snapshots import ChannelSnapshots

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..estimation.capture.compression import Compression, measure_compression
-from ..estimation.capture.folded_groups import FoldedGroups, SnapshotGroup
-from ..estimation.capture.slips import Slips
+from ..estimation.capture.folded_groups import FoldedGroups, Slips, SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
 from ..io.readings import GroupCounts, Reading

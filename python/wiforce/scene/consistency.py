@@ -165,12 +165,7 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
 
 
 def simulation_warnings(scene: Scene) -> list[str]:
-    """What makes a simulation differ from what was probably meant, a sentence each.
-
-    Sensors that are pressed and read with one and the same model are named: such readings have no
-    calibration error, and are better than those of any real sensor. So are presses within the first
-    millimetre, which are probably meant in metres.
-    """
+    """What differs from what was probably meant, a sentence each: one model twice, mm as m."""
     models = {sensor.name: sensor.model for sensor in scene.sensors}
     found = [
         f"simulation.presses[{i}].location_mm is {press.location_mm:g}: is it in metres instead "

@@ -20,7 +20,7 @@ from ..io.text.values import KeyPath
 from ..signal.symbols import decode_symbol, encode_symbol, read_symbol
 from .consistency import check_scene
 from .schema import Scene, Sounding
-from .simulated_tags import with_all_tags
+from .simulated import with_all_tags
 
 
 def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:
@@ -68,10 +68,7 @@ at most 1e+06 Hz, got 0
 
 
 def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
-    """Read and check the scene that a capture's metadata hold (:func:`load_scene`).
-
-    Sensor files are searched relative to the capture.
-    """
+    """Read the scene in a capture's metadata; sensor files are relative to the capture."""
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
         if capture.path.suffix == ".sigmf-data":
@@ -156,10 +153,7 @@ _WAVEFORM, _SYMBOL = "sounding.waveform", "sounding.symbol"
 def scene_of(
     capture: Capture | ChannelSnapshots, scene: str | Path | dict[str, Any] | Scene | None = None
 ) -> tuple[Scene, list[str]]:
-    """The scene to read a capture with: the capture's own unless another is given.
-
-    Also a line for each key in which the scene given differs from the capture's own.
-    """
+    """The scene to read a capture with, and a line for each key that differs from its own."""
     if scene is None:
         return load_capture_scene(capture), []
     given = load_scene(scene)
@@ -169,10 +163,7 @@ def scene_of(
 
 
 def accepted_suspicions(scene: Scene) -> list[str]:
-    """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
-
-    Returns list of str: a sentence each.
-    """
+    """Likely mistakes in the sensors' calibrations that were accepted, a sentence each."""
     return [
         f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
         for sensor in scene.sensors
@@ -201,10 +192,7 @@ def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[
 
 
 def _by_key(scene: Scene, names: Container[str]) -> dict[str, Any]:
-    """Values of a scene, and of sensors of these names, by dotted key.
-
-    Sensors are named, since their order means nothing.
-    """
+    """Values of a scene, and of sensors of these names whatever their order, by dotted key."""
     values = scene.as_dict()
     sensors = {sensor.pop("name"): sensor for sensor in values.pop("sensors")}
     flat: dict[str, Any] = {"sensors": sorted(sensors)}

@@ -24,13 +24,10 @@ from ..io.text.values import (
     ValueType,
     as_number,
 )
-from ..signal.bands import BANDS
-from ..signal.carrier import CARRIERS_HZ
+from ..signal.carrier import BANDS, CARRIERS_HZ
 from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
 from ..signal.waveform import WAVEFORMS, Waveform, packet_waveform, sounding_waveform
-from .packets import Packets
-from .simulated import Simulation
-from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
+from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -63,10 +60,7 @@ class MainsFrequency(ValueType):
 
 
 class OffReflection(ValueType):
-    """G_off / rho, complex: one pair [re, im] for both switches, or a pair for each.
-
-    Read as a tuple of two complex numbers.
-    """
+    """G_off / rho, one pair [re, im] or one for each switch, read as two complex numbers."""
 
     @property
     def allowed(self) -> str:
@@ -201,6 +195,45 @@ class Sounding:
             averaged_repetitions=self.averaged_repetitions,
             symbol=None if self.symbol is None else decode_symbol(self.symbol),
         )
+
+
+# Time that a channel estimate averages, in s: two long training symbols of 3.2 us each, as in the
+# legacy and HT preambles (IEEE 802.11-2020, 17.3.3 and 19.3.9).
+_TRAINING_S = 6.4e-6
+
+
+@declared
+class Packets:
+    """Packets, each of which gives one snapshot of the channel at a time of its own."""
+
+    interval_s: float = key(
+        Number(unit="s", low=1e-5, high=10),
+        default=1e-3,
+        doc="Mean time between packets that are received: 0.0026 to 0.112 for an ESP32, about "
+        "0.001 for better hardware. Phase groups last `phase_group.snapshots` times this.",
+    )
+    gaps: str = key(
+        Choice(words=("exponential", "regular")),
+        default="exponential",
+        doc="Times between packets, for `plan` and `simulate`: `exponential` as in traffic of "
+        "independent senders, `regular` as from a sender with a timer.",
+    )
+    window_s: float = key(
+        Number(unit="s", low=1e-7, high=1e-2),
+        default=_TRAINING_S,
+        doc="Time of a packet that its channel estimate averages, Ta: that of its training "
+        "symbols.",
+    )
+    subcarriers: int = key(
+        Integer(low=4, high=4096),
+        default=52,
+        doc="Subcarriers, for `plan` and `simulate`; `read` uses those of the file.",
+    )
+    spacing_hz: float = key(
+        Number(unit="Hz", low=1e3, high=1e8),
+        default=312.5e3,
+        doc="Distance of these subcarriers.",
+    )
 
 
 @declared
@@ -451,20 +484,14 @@ class Scene:
         return dataclasses.replace(self, sensors=tuple(sensors))
 
     def load_model(self, name: str) -> "SensorModel":
-        """Load a sensor model by its shipped name, or by its path relative to the scene file.
-
-        A model without the scene's carrier is transferred to it (see ``sensor.load_sensor``).
-        """
+        """Load a shipped model, or one relative to the scene file, at the scene's carrier."""
         from ..sensor import load_sensor
 
         folder = self.path.parent if self.path else None
         return load_sensor(name, folder, self.radio.center_frequency_hz)
 
     def as_dict(self, beside: Path | None = None) -> dict[str, Any]:
-        """The scene with all defaults filled in, as plain values that YAML and JSON can hold.
-
-        ``beside``: the file that will hold it; names of sensor files lead there from its folder.
-        """
+        """The scene with all defaults as plain values; sensor files as named ``beside`` a file."""
         return plain(Scene, self if beside is None else self._read_from(beside.parent))
 
     def _read_from(self, folder: Path) -> "Scene":

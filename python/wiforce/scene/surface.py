@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..io.text.schema import ListOf, Mapping, declared, key
 from ..io.text.values import Choice, Integer, Text
-from ..surface.checks import law_violations
-from ..surface.file import SpreadingKeys, read_spreading
+from ..surface.file import SpreadingKeys, law_violations, read_spreading
 from ..surface.skin import Skin, Spreading, Strip
 from .effects import POSITION
-from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
+from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
 
 if TYPE_CHECKING:
     from .schema import Scene
@@ -111,10 +110,7 @@ def bare_skin(scene: "Scene") -> Skin | None:
 
 
 def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:
-    """What contradicts itself in the surface of a scene and in the presses on it.
-
-    Dotted key, rule and value, where the rule does not state the value itself.
-    """
+    """What contradicts itself in surface and presses: dotted key, rule and, maybe, value."""
     surface = scene.surface
     presses = scene.simulation.surface_presses
     if surface is None:

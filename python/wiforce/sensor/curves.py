@@ -32,9 +32,8 @@ _SLOPE_STEP = 0.01
 
 
 def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndarray) -> np.ndarray:
-    """Slope in deg/N of a phase over forces (...) above 0, by central differences.
-
-    ``curve`` makes phases in degrees, (...) or (..., P), from forces.
+    """Slope in deg/N, by central differences, of a curve that makes phases from forces (...) above
+    0.
     """
     step = _SLOPE_STEP * force_n
     change = curve(force_n + step) - curve(force_n - step)
@@ -80,10 +79,7 @@ class CubicBasis:
 
 
 class SplineBasis:
-    """Cubic B-splines in u = F^(-1/3), in which touch-down is a straight line.
-
-    Outside the first and the last knot they go on as straight lines in u.
-    """
+    """Cubic B-splines in u = F^(-1/3), in which touch-down is a straight line; linear outside."""
 
     def __init__(self, knots_n: Array) -> None:
         self._u = np.sort(touch_down(knots_n))
@@ -105,10 +101,7 @@ class SplineBasis:
         return value + (u - inside)[..., None] * slope
 
     def curvatures(self) -> Array:
-        """Second derivatives at points spread evenly over u; shape (points, size).
-
-        In units of the span of u, and such that the sum of squares is their mean square.
-        """
+        """Second derivatives (points, size) over the span of u, whose squares sum to their mean."""
         at = np.linspace(self._u[0], self._u[-1], 8 * len(self._u))
         span = self._u[-1] - self._u[0]
         return span**2 * basis_splines(self._knots, at, 2) / np.sqrt(len(at))
@@ -139,12 +132,9 @@ def force_knots(form: str, force_n: Array) -> Array | None:
 class Carrier:
     """Curves at one carrier, for J calibrated locations, ascending.
 
-    ``force_span_n`` (J, 2) is what the calibration covers at each location, ``coefficients_deg``
-    (2, J, K) and ``covariance_deg2`` (2, J, K, K) the curves of both ports. ``noise_deg`` and
-    ``misfit_deg`` are, per port, the scatter of the calibration data about the curves and the part
-    of it that is not noise but a form that does not fit, one standard deviation. ``interpolation``
-    is that of :class:`~.location.LocationInterpolation`, ``hysteresis_n`` half of the largest
-    difference between loading and unloading, None where the calibration did not hold both.
+    ``force_span_n`` (J, 2), ``coefficients_deg`` (2, J, K) and ``covariance_deg2`` (2, J, K, K) per
+    port; ``noise_deg`` and ``misfit_deg`` are the scatter about the curves and what of it is their
+    form, ``hysteresis_n`` half of the difference between loading and unloading, where known.
     """
 
     frequency_hz: float
@@ -161,11 +151,8 @@ class Carrier:
 
 @dataclass(frozen=True)
 class CurveModel(SensorModel):
-    """A sensor known by its calibration.
-
-    ``form`` is ``cubic``, ``power`` or ``spline``, ``knots_n`` the knots of the force basis where
-    it has any, ``cross_validation`` the errors of curves that had not seen what they are compared
-    with.
+    """A sensor known by its calibration: ``form`` of :data:`FORMS`, and the ``knots_n`` of its
+    basis.
     """
 
     form: str = "power"
@@ -231,10 +218,7 @@ class CurveModel(SensorModel):
         return np.sqrt(sum(self.variance_parts_deg2(force, location, carrier).values()))
 
     def variance_parts_deg2(self, force: Array, location: Array, carrier: int) -> dict[str, Array]:
-        """Variance of the phases by its cause, each (..., 2); for forces above the onset.
-
-        ``noise`` of the data, ``locations`` too far apart, ``form`` of the curves, ``hysteresis``.
-        """
+        """Variance of the phases by cause, each (..., 2), for forces above the onset."""
         curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
         basis, covariance = self._basis(force), curves.covariance_deg2
         along = basis @ np.moveaxis(covariance, 2, 0).reshape(len(covariance[0, 0]), -1)
@@ -259,9 +243,8 @@ class CurveModel(SensorModel):
     def _hysteresis_deg(self, force: Array, location: Array, carrier: int) -> Array:
         """Standard deviation of each phase by which force is as uncertain as by hysteresis.
 
-        Hysteresis changes both phases as a change of the force does. Standard deviations are
-        independent of each other, and force follows from the sum of both phases, in which location
-        cancels: the factor makes the standard deviation of that sum as large.
+        Force follows from the sum of both phases: independent errors are scaled so that theirs is
+        it.
         """
         slope = np.abs(
             slope_over_force(lambda force_n: self.short_deg(force_n, location, carrier), force)
@@ -305,10 +288,7 @@ class CurveModel(SensorModel):
         )
 
     def _whole_turns(self, index: int, ports_deg: Array) -> Array:
-        """Turns of 360 deg in the curves, as coefficients (2, 1, K), which would not stay whole.
-
-        What ports add, touched and untouched phases have in common.
-        """
+        """Turns of 360 deg in the curves, as coefficients (2, 1, K), which would not stay whole."""
         values = self._at_locations(np.linspace(*self.force_span_n, 8), index)
         turns = 360.0 * np.round((values.mean(axis=(0, 2)) - ports_deg) / 360.0)
         return turns[:, None, None] * np.array(self._basis.constant)

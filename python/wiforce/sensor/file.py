@@ -65,12 +65,7 @@ _COLUMNS = (
 
 
 def with_present_keys(content: dict[str, Any], top: KeyPath) -> dict[str, Any]:
-    """The content of a sensor file of any version, with the keys of the present one.
-
-    Rows of numbers under ``interpolation`` become transitions without a spread of their own, which
-    is what each row stood for: the readings are those of the earlier version. Refuses a row that no
-    version wrote; the content given is not changed.
-    """
+    """The content of a sensor file of any version with present keys: rows become transitions."""
     carriers = content.get("carriers")
     if not isinstance(carriers, list) or not any(map(_has_rows, carriers)):
         return content

@@ -31,11 +31,9 @@ _MOST_TURNS_DEG2 = 500_000.0
 
 
 class ForwardMap:
-    """Phases at every carrier asked for, over the domain in which solutions are looked for.
+    """Phases, not wrapped, of P = 2 per carrier over the domain in which solutions are looked for.
 
-    ``force_n`` and ``location_mm`` are its nodes, ``size`` is P = 2 phases per carrier. Phases are
-    not wrapped: they are smooth over the domain. Refuses a model whose phases are not finite, or
-    turn on and on.
+    Refuses a model whose phases are not finite, or turn on and on.
     """
 
     def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
@@ -91,10 +89,8 @@ class ForwardMap:
         return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
 
     def table(self) -> Array:
-        """At every node, what ``lib/kernel/inversion/tabulated_model.h`` interpolates.
-
-        (forces, locations, P, 5): phases, their derivatives by the logarithm of force, by location
-        and by both, and their variances.
+        """Nodes (forces, locations, P, 5) of ``tabulated_model.h``: phases, slopes by log F, l,
+        both; var.
         """
         phase = self.phase_deg
         by_force = np.tensordot(node_slopes(self._log_force), phase, 1)
@@ -198,12 +194,7 @@ class Inversion:
 
 
 class Inverter:
-    """Inverts one model at one or several of its carriers, by their indices in the order of the
-    phases.
-
-    The posterior of (force, location) given the phases of a reading, integrated by
-    ``lib/kernel/inversion/press_posterior.h``.
-    """
+    """Inverts one model at some carriers, by ``lib/kernel/inversion/press_posterior.h``."""
 
     def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
         self.forward = ForwardMap(model, carriers)
@@ -264,10 +255,7 @@ class Inverter:
         return code
 
     def systematic(self, force_n: float, location_mm: float) -> Array:
-        """Covariance (2, 2) of force and location that the model's own error leaves.
-
-        It is the same at every reading of a press, however many are averaged.
-        """
+        """Covariance (2, 2) of force and location by the model's error, which no average lowers."""
         at = np.array([force_n]), np.array([location_mm])
         slopes = self.forward.slopes(*at)[0]
         variance = np.maximum(self.forward.variances(*at)[0], 1e-12)

@@ -62,15 +62,11 @@ def _inverse_spread_profile(ratio: np.ndarray, half: float) -> np.ndarray:
 class ContactLaw:
     """A soft beam pressed onto the line.
 
-    The beam is an Euler beam on an elastic foundation (M. Hetenyi, *Beams on Elastic Foundation*,
-    1946): under a point load its deflection falls off as ``exp(-kx) (cos kx + sin kx)``, where
-    ``decay_length_mm`` is 1/k. It touches the line wherever it is deflected by more than the gap,
-    so the half width a of the short solves ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends
-    of the beam are held, which tilts the short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 =
-    a (1 - t)`` with ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both
-    ends move alike. ``asymmetry`` is in [0, 1). A wide object (a fingertip, evenly loaded over
-    ``width_mm``) deflects the beam by the average of that profile over its width: the line is
-    touched at a higher force, and then over more of its length.
+    A beam on an elastic foundation (M. Hetenyi, *Beams on Elastic Foundation*, 1946) is deflected
+    by ``exp(-kx) (cos kx + sin kx)`` under a point load, 1/k = ``decay_length_mm``, and touches
+    where that exceeds the gap: ``exp(-ka) (cos ka + sin ka) = F_onset / F``. Its held ends tilt the
+    short: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)``, ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x =
+    L/2 - l``, asymmetry in [0, 1). A load over ``width_mm`` averages the profile over it.
     """
 
     onset_force_n: float
@@ -82,10 +78,7 @@ class ContactLaw:
     def extents_mm(
         self, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
     ) -> np.ndarray:
-        """Extent (..., 2) of the short towards port 1 and port 2, a_1 and a_2.
-
-        Forces below the onset count as the onset, where the short has no width.
-        """
+        """Extents a_1 and a_2 (..., 2) of the short towards the ports; 0 up to the onset."""
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
@@ -142,10 +135,7 @@ CONNECTOR_MM = 30.0
 def transfer_std_deg(
     length_mm: float, permittivity: float, from_hz: float, frequency_hz: float
 ) -> float:
-    """Standard deviation of each phase that a transfer between carriers adds, in degrees.
-
-    ``permittivity`` is the effective relative one of the line; 0 at the carrier of the calibration.
-    """
+    """Standard deviation of each phase that a transfer between carriers adds, in degrees."""
     way_mm = length_mm * np.sqrt(permittivity) + CONNECTOR_MM
     delay_s = 2e-3 * way_mm / SPEED_OF_LIGHT_M_S
     turn = 2 * np.pi * abs(frequency_hz - from_hz) * delay_s

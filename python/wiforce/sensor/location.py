@@ -96,10 +96,7 @@ def _kernel(at: Array, length: float) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocationInterpolation:
-    """Weights of J calibrated locations at any location, and the variance of the result.
-
-    Outside the calibrated span the trends go on, and the variance grows.
-    """
+    """Weights of J calibrated locations at any location, and the variance of the result."""
 
     location_mm: np.ndarray
     length_mm: float
@@ -107,10 +104,7 @@ class LocationInterpolation:
 
     @cached_property
     def _tables(self) -> list[list[CubicSpline]]:
-        """Splines over location, per port: mean weights, their covariance, residual variance.
-
-        What does not change between the calibrated locations is not seen by them, and left out.
-        """
+        """Splines over location, per port: mean weights, their covariance, residual variance."""
         grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
         slopes, tables = node_slopes(grid), []
         for port in (0, 1):
@@ -133,10 +127,7 @@ class LocationInterpolation:
     def _kriging(
         self, grid: Array, transition: Transition, port: int
     ) -> tuple[Array, Array, np.ndarray]:
-        """Weights (4, G, J) and unit variance (4, G) of a transition's hypotheses.
-
-        Also which of them change between the calibrated locations (4,).
-        """
+        """Weights (4, G, J), variance (4, G) and visibility (4,) of a transition's hypotheses."""
         at, length = self.location_mm, transition.residual_length_mm
         count, pairs = at.size, transition.hypotheses()
 
@@ -163,11 +154,7 @@ class LocationInterpolation:
         return self._tables[port][0](self._inside(location_mm))
 
     def variance(self, location_mm: ArrayLike, port: int, values: Array) -> Array:
-        """Variance of a value at locations (...) by not knowing how it goes between the calibrated
-        ones.
-
-        ``values`` (..., J) are those at the calibrated locations.
-        """
+        """Variance of values at locations (...), given those at the calibrated ones (..., J)."""
         _, spread, within = self._tables[port]
         inside = self._inside(location_mm)
         along = np.einsum("...ji,...i->...j", spread(inside), values)
@@ -189,10 +176,8 @@ def learn_interpolation(
 ) -> LocationInterpolation:
     """The transitions that explain calibrated curves at J locations, with their probabilities.
 
-    ``values`` (2, J, n) are what the contact adds to the line's phase (deg), for each port,
-    location and a few forces, with this variance from noise in the calibration (deg^2).
-    ``physical`` is False where the values cannot come from a contact (their steps are larger than a
-    press is wide): then only slow trends are considered.
+    ``values`` (2, J, n), in deg, are what the contact adds to the line's phase at a few forces;
+    where they are not ``physical``, with steps wider than a press, only slow trends are considered.
     """
     at = np.asarray(location_mm, float)
     curves = _Curves(at, float(length_mm), values, noise_variance, physical)
@@ -269,10 +254,7 @@ def _components(values: Array, floor: float) -> Array:
 def _restricted(
     at: Array, change: Array, length: float, components: Array
 ) -> tuple[Array, Array, Array]:
-    """Generalised squares that the trend leaves, the trace of their matrix, and the log
-
-    determinant of the restricted likelihood; each of shape (H,).
-    """
+    """Squares (H,) that the trend leaves, trace of their matrix, log determinant."""
     inverse = np.linalg.inv(_kernel(at, length))
     ones, changing = inverse.sum(axis=0), change @ inverse
     # of 1 with 1, 1 with S, S with S
@@ -299,10 +281,7 @@ def _explained(normal: tuple[Any, Any, Any], one: Any, both: Any, change: Array)
 def _summaries(
     shape: str, length: float, pairs: Array, share: Array, variance: Array, width: float
 ) -> list[Transition]:
-    """Transitions that stand for the nodes of one shape, nodes of similar fade and shift in one.
-
-    How similar, ``width`` says in units of the constants above.
-    """
+    """Transitions for the nodes of one shape, those within ``width`` of the constants in one."""
     log_fade, shift = np.log(pairs[:, 0]), pairs[:, 1]
     unassigned, found = share.copy(), []
     while unassigned.size and unassigned.max() > 1e-3 * _LEFT_OUT:

@@ -25,10 +25,9 @@ _MOST_STEPS, _DIVISORS, _LEAST_CYCLES = 256, {1: 1, 2: 8, 3: 64}, 64
 
 
 def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> np.ndarray:
-    """Effective permittivity of a microstrip line with air above the trace.
+    """Effective permittivity of a microstrip line over a gap of some permittivity, within 0.2 %.
 
-    ``permittivity`` is that of the gap. E. Hammerstad and O. Jensen, "Accurate Models for
-    Microstrip Computer-Aided Design", IEEE MTT-S 1980, 407-409, equations 3 to 5: within 0.2 %.
+    E. Hammerstad and O. Jensen, IEEE MTT-S 1980, 407-409, equations 3 to 5.
     """
     u = np.asarray(width_to_height, float)
     a = 1 + np.log((u**4 + (u / 52) ** 2) / (u**4 + 0.432)) / 49 + np.log1p((u / 18.1) ** 3) / 18.7
@@ -40,10 +39,9 @@ def effective_permittivity(width_to_height: ArrayLike, permittivity: float) -> n
 def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) -> float:
     """Characteristic impedance of two parallel strips in air, one of them the ground.
 
-    The charge of a strip of half width a is a sum of Chebyshev polynomials T_n(x/a) over sqrt(1 -
-    (x/a)^2), which has the singularity at the edges. The potential of each term on its own strip is
-    known: -ln(a/2) T_0 and T_n/n (J. C. Mason and D. C. Handscomb, *Chebyshev Polynomials*, 2003,
-    9.5.2); that on the other strip follows by Gauss-Chebyshev quadrature.
+    The charge is a sum of T_n(x/a) over sqrt(1 - (x/a)^2). Potentials are -ln(a/2) T_0 and T_n/n on
+    the own strip (J. C. Mason and D. C. Handscomb, *Chebyshev Polynomials*, 2003, 9.5.2), and by
+    Gauss-Chebyshev quadrature on the other.
     """
     ground_mm = min(ground_mm, width_mm + _WIDEST_HEIGHTS * height_mm)
     count = _TERMS + int(np.ceil(max(width_mm, ground_mm) / height_mm))
@@ -67,10 +65,7 @@ def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) ->
 
 @dataclass(frozen=True)
 class Microstrip:
-    """A line of a sensor: a trace over a ground, the paper's by default.
-
-    ``permittivity`` is that of what fills the gap between them: air or an elastomer.
-    """
+    """A trace over a ground, the paper's by default; ``permittivity`` is that of the gap."""
 
     width_mm: float = 2.5
     height_mm: float = 0.63
@@ -94,10 +89,9 @@ class Microstrip:
         return float(round_trip_deg_per_mm(frequency_hz, self.effective_permittivity))
 
     def reflection_db(self, frequency_hz: ArrayLike, port_ohm: float = 50.0) -> np.ndarray:
-        """S11 of the untouched line between two ports, in dB.
+        """S11 = r (1 - t^2) / (1 - r^2 t^2) in dB of the untouched line between two ports.
 
-        Of a line of impedance Z between ports of Z_0, S11 = r (1 - t^2) / (1 - r^2 t^2), with
-        r = (Z - Z_0) / (Z + Z_0) and t = exp(-j beta L) (Pozar, *Microwave Engineering*, 4.3).
+        r = (Z - Z_0) / (Z + Z_0), t = exp(-j beta L) (Pozar, *Microwave Engineering*, 4.3).
         """
         r = (self.impedance_ohm - port_ohm) / (self.impedance_ohm + port_ohm)
         index = np.sqrt(self.effective_permittivity)
@@ -107,10 +101,7 @@ class Microstrip:
         return np.asarray(20 * np.log10(np.maximum(found, 1e-12)))
 
     def matched(self, port_ohm: float = 50.0) -> "Microstrip":
-        """The same line at the height at which its impedance is that of the ports.
-
-        InputError when no height of 0.02 to 5 widths of the trace has this impedance.
-        """
+        """The line at the height, of 0.02 to 5 widths, at which it has the ports' impedance."""
         from scipy.optimize import brentq  # slow to import, and needed here only
 
         def missing(height_mm: float) -> float:
@@ -125,11 +116,7 @@ class Microstrip:
 
 @dataclass(frozen=True)
 class TagTimer:
-    """Settings of the tag's firmware, and the clock that they give with an exact crystal.
-
-    ``steps``: timer steps per slot, a sixteenth of a period (``SLOT``); ``prescaler``: bits of the
-    timer's prescaler (``PRESCALER``).
-    """
+    """Settings of the tag's firmware (``SLOT``, ``PRESCALER``), and the clock that they give."""
 
     steps: int
     prescaler: int
@@ -137,10 +124,7 @@ class TagTimer:
 
 
 def tag_timer(clock_hz: float, crystal_hz: float = CRYSTAL_HZ) -> TagTimer:
-    """The settings of the tag's firmware that are nearest to a clock.
-
-    InputError when the timer reaches no clock within 1 % of it.
-    """
+    """Settings of the tag's firmware nearest to a clock; refused beyond 1 % of it."""
     found = []
     for prescaler, divisor in _DIVISORS.items():
         unit_hz = crystal_hz / divisor / SLOTS

@@ -109,11 +109,7 @@ class SensorModel:
         return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz{hint}")
 
     def at_carrier(self, frequency_hz: float) -> SensorModel:
-        """The model for use at one carrier, at most 10 % from those it holds.
-
-        The model itself where it holds the carrier, else the one that :meth:`transferred` makes of
-        it, kept for reuse.
-        """
+        """The model at a carrier at most 10 % from its own: itself, or transferred and kept."""
         held = np.asarray(self.frequencies_hz)
         if np.any(np.abs(held - frequency_hz) <= CARRIER_TOLERANCE * held):
             return self
@@ -125,8 +121,7 @@ class SensorModel:
         """The model at another carrier only, its phases scaled from the nearest one, at most 10 %
         away.
 
-        That of a calibrated sensor states the uncertainty of the transfer in ``transfer_std_deg``.
-        A ``line`` model holds no measurement and is evaluated at the new carrier.
+        A calibrated one states the uncertainty, a ``line`` model is evaluated there.
         """
         held = np.asarray(self.frequencies_hz, float)
         nearest = int(np.argmin(np.abs(held - frequency_hz)))
@@ -147,10 +142,7 @@ class SensorModel:
 
     @property
     def calibrated(self) -> tuple[Array, Array, Array]:
-        """Locations (n,), rising, and the lowest and highest calibrated force at each; between
-
-        them the forces are straight lines.
-        """
+        """Locations (n,), rising, and least and highest calibrated force there, linear between."""
         low, high = (np.full(2, force) for force in self.force_span_n)
         return np.array(self.location_span_mm, float), low, high
 
@@ -351,11 +343,7 @@ def touch_of(
     std_deg: float,
     frequency_hz: float | None = None,
 ) -> np.ndarray:
-    """Tell touched (1) from untouched (0) phases (n, 2), where their standard deviation allows it.
-
-    0 for phases within three standard deviations of the untouched ones, 1 for others, -1 for phases
-    that lie within three standard deviations of a press as well.
-    """
+    """Touched (1), untouched (0) or either (-1) phases (n, 2), within three standard deviations."""
     phases = np.asarray(phases_deg, float)
     touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)
     pressed = _pressed_deg(model, frequency_hz)

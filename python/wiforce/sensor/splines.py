@@ -16,11 +16,9 @@ Array = NDArray[Any]
 
 
 def node_slopes(nodes: Array) -> Array:
-    """Slopes of a cubic spline at four or more rising nodes, as a matrix (n, n) times its values
-    there.
+    """Slopes of a cubic spline at 4 or more rising nodes, as a matrix (n, n) times its values.
 
-    The first two and the last two pieces are one polynomial each ("not-a-knot"). C. de Boor, *A
-    Practical Guide to Splines*, 1978, chapter IV, equations 4 and 6.
+    "Not-a-knot"; C. de Boor, *A Practical Guide to Splines*, 1978, chapter IV, equations 4 and 6.
     """
     steps = np.diff(nodes)
     count, inner = len(nodes), np.arange(1, len(nodes) - 1)
@@ -42,10 +40,7 @@ def node_slopes(nodes: Array) -> Array:
 
 
 class CubicSpline:
-    """Cubic spline through values (n, ...) at nodes (n,), as that of SciPy.
-
-    ``slopes`` (n, n): those of :func:`node_slopes`, where several splines share their nodes.
-    """
+    """SciPy's cubic spline through values (n, ...) at nodes (n,), by their :func:`node_slopes`."""
 
     def __init__(self, nodes: Array, values: Array, slopes: Array | None = None) -> None:
         self._nodes, self._values = nodes, values
@@ -76,8 +71,7 @@ class CubicSpline:
 def basis_splines(knots: Array, at: ArrayLike, derivative: int = 0, degree: int = 3) -> Array:
     """All B-splines (..., len(knots) - degree - 1) of rising knots, or their derivatives.
 
-    ``at`` lies between the first and the last knot, which stand as often as the degree and once
-    more. The recursions of C. de Boor, *A Practical Guide to Splines*, 1978, chapter X.
+    The outer knots stand degree + 1 times. C. de Boor, *A Practical Guide to Splines*, chapter X.
     """
     at = np.asarray(at, float)
     if degree == 0:

@@ -68,11 +68,7 @@ class _PhaseCurves:
 
 
 class FilterBank:
-    """One filter of the force per location, of which M rise in equal steps.
-
-    ``mean`` and ``variance`` (M,) are those of the force, from ``start_n`` and ``start_std_n`` on;
-    ``log_weight`` (M,) is that of the location, 0 at the likeliest.
-    """
+    """A filter of the force at each of M locations, with the log weight of the location."""
 
     def __init__(
         self, forward: ForwardMap, location_mm: Array, start_n: float, start_std_n: float
@@ -88,11 +84,7 @@ class FilterBank:
         self.variance = self.variance + variance
 
     def update(self, phases_deg: Array, std_deg: Array) -> float:
-        """Takes one reading; gives how badly the best location explains it (squared, whitened).
-
-        ``phases_deg`` (P,) are those of both ends at each carrier, modulo 360, ``std_deg`` their
-        noise.
-        """
+        """Take phases (P,), modulo 360, and noise; least squared residual of a location."""
         low, high = self._forward.force_n[[0, -1]]
         noise = std_deg**2 + self.curves.variance
         freedom = NOISE_FREEDOM + len(phases_deg)
@@ -177,11 +169,10 @@ _TWO_PLACES_MM = 6.0
 
 
 class PressTracker:
-    """Follows one sensor's presses, reading by reading.
+    """Follows one sensor's presses reading by reading, at all carriers unless one is given.
 
-    All carriers of the model are used together unless one is given. ``force_walk_n`` is the
-    standard deviation of the change of force in one second, which grows with the root of time. The
-    force at a press's first reading is 1.1 N above the onset, give or take as much.
+    ``force_walk_n`` is the force's change in 1 s; a press begins 1.1 N above the onset, give or
+    take.
     """
 
     def __init__(
@@ -209,11 +200,8 @@ class PressTracker:
         self._bank, self._lost = None, 0
 
     def update(self, phases_deg: ArrayLike, std_deg: ArrayLike, touched: bool = True) -> Reported:
-        """Takes phases (2,) or (2 C,), modulo 360, and their noise; gives force, location, stds and
-        flags.
-
-        ``touched`` False ends the press: then numbers are NaN. Flags are those of
-        :class:`.Inversion`.
+        """Force, its std, location, its std and flags of phases (2,) or (2 C,); NaN if not
+        ``touched``.
         """
         if not touched:
             self.reset()
@@ -306,11 +294,7 @@ def smooth_press(
     frequency_hz: float | None = None,
     force_walk_n: float = FORCE_WALK_N,
 ) -> Inversion:
-    """Force over a whole press and its location, each reading in the light of all of them.
-
-    Parameters are those of :class:`.PressTracker`; ``phases_deg`` (n, 2) or (n, 2 C) and
-    ``std_deg`` hold the readings of one press.
-    """
+    """Force over a press and its location, by all readings (n, 2) or (n, 2 C) of it together."""
     phases = np.atleast_2d(np.asarray(phases_deg, float))
     if not phases.size:
         raise InputError("phases_deg", "must hold a reading or more", phases.shape)

@@ -102,10 +102,7 @@ def _derivatives(
     times_s: np.ndarray,
     averaging_s: float,
 ) -> tuple[np.ndarray, list[list[tuple[int, np.ndarray]]]]:
-    """Derivatives of the signal by phases, amplitudes, clock phases and offsets.
-
-    Returns the waveforms as columns, and for every parameter its (column, channel) terms.
-    """
+    """Waveforms as columns, and the (column, channel) terms of each of the bound's parameters."""
     columns, slopes = [], []
     for clock_hz, phase in clocks:
         phases = phase + 2 * np.pi * clock_hz * times_s

@@ -58,11 +58,7 @@ def tag_lines(
     harmonics: int = 8,
     clutter_hz: float = 0.0,
 ) -> tuple[Tone, ...]:
-    """Tones on which the tags are read, ascending in frequency and symmetric about 0.
-
-    Lines +-1..+-``harmonics`` of each tag in groups of N snapshots of period T, without those that
-    alias into the clutter band.
-    """
+    """Tones of lines +-1..+-``harmonics`` of the tags, ascending, without those in the clutter."""
     rate = 1 / snapshot_period_s
     resolution = rate / group_length
     lines = []
@@ -123,11 +119,9 @@ def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float
 def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float) -> np.ndarray:
     """Orthonormal basis (N, order) of everything slower than B = ``clutter_hz`` in a phase group.
 
-    The constant alone when nothing moves (B = 0), otherwise the first ``order`` discrete prolate
-    spheroidal sequences of half-bandwidth NW = B N T. D. Slepian, "Prolate spheroidal wave
-    functions, Fourier analysis, and uncertainty - V: the discrete case", Bell System Technical
-    Journal 57 (1978): about 2NW sequences hold all the energy that signals of N samples can have
-    within the band.
+    The constant for B = 0, otherwise discrete prolate spheroidal sequences of half-bandwidth NW = B
+    N T, about 2NW of which hold all energy within the band (D. Slepian, "Prolate spheroidal wave
+    functions, Fourier analysis, and uncertainty - V", Bell System Technical Journal 57 (1978)).
     """
     if clutter_hz == 0:
         basis = np.full((group_length, 1), group_length**-0.5)
@@ -142,10 +136,7 @@ def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float
 
 @dataclass(frozen=True, eq=False)
 class RoomNoise:
-    """Autocovariance (N,) of what disturbs a group, in units of the receiver's white noise.
-
-    At lags of 0 to N - 1 snapshots; white noise alone is (1, 0, 0, ...).
-    """
+    """Autocovariance (N,) of what disturbs a group, over the receiver's white noise (1, 0, ...)."""
 
     autocovariance: np.ndarray = field(repr=False)
 
@@ -160,12 +151,7 @@ class RoomNoise:
 def room_noise(
     frequency_hz: np.ndarray, power: np.ndarray, group_length: int, snapshot_period_s: float
 ) -> RoomNoise:
-    """Noise of a room from the power spectrum of its disturbances, at frequencies (L,) of 0 or
-    above.
-
-    ``power`` (L,) is the mean at +f and -f, each per subcarrier and snapshot in units of the white
-    noise: c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T).
-    """
+    """Noise c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T) of disturbances (L,) over white."""
     lags_s = np.arange(group_length) * snapshot_period_s
     values = 2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))
     values[0] += 1.0

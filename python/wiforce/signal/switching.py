@@ -6,7 +6,7 @@ Clock 1 runs at fs with 25 % duty, high for phases within +-pi/4 of 0. Clock 2 r
 the time Ta of the folded samples.
 
 This is the estimator's model of the tag. The simulator has its own, at the level of samples
-(:mod:`..simulation.switching`), and deliberately shares no code with this one, so that a mistake
+(:mod:`..simulation.tag`), and deliberately shares no code with this one, so that a mistake
 in either shows in the readings.
 """
 
@@ -24,12 +24,11 @@ DUTY = (0.25, 0.25)
 def harmonics(
     m: ArrayLike, averaging_phase: float = 0.0, duty: tuple[float, float] = DUTY
 ) -> np.ndarray:
-    """Fourier coefficients c1[m] and c2[m], (..., 2), of the two averaged waveforms at harmonics of
-    fs.
+    """Fourier coefficients c1[m] and c2[m], (..., 2), of the averaged waveforms, by fs Ta and
+    duties.
 
-    c1[m] = d1 sinc(m d1) sinc(m fs Ta); c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta) for even
-    m, 0 for odd m, with ``averaging_phase`` fs Ta and the duty cycles d1 and d2. With duty cycles
-    of 1/4 end 1 is alone at m = +-1, end 2 alone at m = +-4.
+    c1[m] = d1 sinc(m d1) sinc(m fs Ta); c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta), 0 for
+    odd m. With duties of 1/4 end 1 is alone at m = +-1, end 2 at m = +-4.
     """
     m = np.asarray(m)
     smear = np.sinc(m * averaging_phase)
@@ -40,11 +39,9 @@ def harmonics(
 
 
 def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarray:
-    """Upper limit (M,) of the power that harmonics of a tag, from 1, have in the snapshots.
+    """Upper limit (M,) of the power of a tag's harmonics in the snapshots, over line 1 of end 1.
 
-    Relative to line 1 of end 1, both ends together. A harmonic that is faster than a symbol moves
-    energy from a subcarrier to its neighbours: the average over the symbol suppresses it, except
-    around multiples of the subcarrier spacing.
+    One that is faster than a symbol is averaged, but around multiples of the subcarrier spacing.
     """
     m = np.asarray(m)
     spacing_hz = waveform.spacing_hz
@@ -61,11 +58,10 @@ def switch_averages(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> np.ndarray:
-    """Averages (..., n, 2) of s1 and s2, in 0..1, over a window of clock phase.
+    """Averages (..., n, 2) of s1 and s2, in 0..1, over windows of clock phases (..., n) in rad.
 
-    ``phase`` (..., n) is clock 1's in radians at the window's centre, ``half_window`` half the
-    window, pi fs Ta, at most pi/8, the half width of the narrower pulse. Clock 2's pulses come late
-    by ``clock2_delay`` radians of clock 1; duty cycles are about a quarter.
+    Half a window, pi fs Ta, is at most pi/8, half the width of the narrower pulse; clock 2 comes
+    late by ``clock2_delay`` rad of clock 1.
     """
     return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).swapaxes(-1, -2)
 
@@ -76,10 +72,7 @@ def switch_averages_and_slopes(
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """:func:`switch_averages` and their derivatives by the clock's phase, (..., n, 2) per radian.
-
-    The slope is 0 where the window holds no edge.
-    """
+    """:func:`switch_averages` and their derivatives by phase, (..., n, 2); 0 without an edge."""
     cycles = _cycles_from_pulse(phase, clock2_delay)
     averages = _ramps(cycles.copy(), half_window, duty)
     # Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
@@ -118,11 +111,7 @@ def switch_edges(
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:
-    """Derivatives of s1 by the duty cycle of clock 1, and of s2 by that of clock 2, from the
-    slopes.
-
-    A wider pulse moves both of its edges outwards.
-    """
+    """Derivatives of s1 and s2 by their duty cycles, which move both edges, from the slopes."""
     return np.abs(slopes) * (np.pi, np.pi / 2)
 
 

@@ -44,31 +44,28 @@ def repeated_symbol(length: int) -> np.ndarray:
 
 
 def up_chirp(length: int) -> np.ndarray:
-    """Up-chirp over the whole sample rate, as LoRa sends in its preamble; N = 2^SF samples.
+    """LoRa's up-chirp x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), N = 2^SF.
 
-    x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), L. Vangelista, Frequency Shift Chirp Modulation: The
-    LoRa Modulation, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
+    L. Vangelista, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
     """
     n = np.arange(length)
     return np.exp(2j * np.pi * (n**2 / (2 * length) - n / 2))
 
 
 def fmcw_sweep(length: int) -> np.ndarray:
-    """Linear sweep over 80 % of the sample rate, continuous from one repetition to the next.
+    """Continuous sweep x[n] = exp(j pi B (n^2 / N - n)), B = 0.8, over 80 % of the sample rate.
 
-    x[n] = exp(j pi B (n^2 / N - n)), B = 0.8: the sawtooth of A. G. Stove, Linear FMCW radar
-    techniques, IEE Proceedings F 139(5), 1992.
+    The sawtooth of A. G. Stove, Linear FMCW radar techniques, IEE Proceedings F 139(5), 1992.
     """
     n = np.arange(length)
     return np.exp(1j * np.pi * _SWEPT_BAND * (n**2 / length - n))
 
 
 def zadoff_chu(length: int) -> np.ndarray:
-    """Zadoff-Chu sequence: constant envelope at the samples, and a flat spectrum.
+    """Zadoff-Chu sequence x[n] = exp(-j pi u n (n + N mod 2) / N), u coprime to N from 25/63 N on.
 
-    x[n] = exp(-j pi u n (n + N mod 2) / N), u coprime to N: D. C. Chu, Polyphase codes with good
-    periodic correlation properties, IEEE Transactions on Information Theory 18(4), 1972. u is the
-    first such number from 25/63 N on, 25 for the 63 samples of LTE.
+    D. C. Chu, Polyphase codes with good periodic correlation properties, IEEE Transactions on
+    Information Theory 18(4), 1972.
     """
     root = round(_ROOT * length)
     while math.gcd(root, length) > 1:
@@ -87,11 +84,7 @@ SYMBOLS: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
 
 
 def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
-    """Subcarriers (K,), ascending, on which a symbol has enough energy to estimate the channel.
-
-    Never 0, where receivers add an offset and the leakage of their oscillator, nor -N/2, where the
-    edges of the band alias into each other.
-    """
+    """Subcarriers (K,), rising, with energy; not 0 (offset, leakage) nor -N/2 (aliased edges)."""
     length = len(symbol)
     power = np.abs(np.fft.fft(symbol)) ** 2
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
@@ -109,11 +102,7 @@ def peak_to_average_db(symbol: np.ndarray) -> float:
 
 
 def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
-    """A symbol as it is used: in single precision, its largest component 1.
-
-    Refused unless it is one symbol of 16 to 4096 finite complex samples, with energy on four or
-    more subcarriers that can be used.
-    """
+    """A symbol in single precision, its largest component 1; refused unless it can be used."""
     if values.dtype.kind != "c":
         raise InputError(where, "must hold complex samples", str(values.dtype))
     if values.ndim != 1 or not SHORTEST_SYMBOL <= len(values) <= LONGEST_SYMBOL:

@@ -43,11 +43,7 @@ class TimedWeights(PartialWeights):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TimedTable(ToneTable):
-    """Weights of a run whose groups have times of their own: those of a typical group.
-
-    Without ``basis`` and ``room`` of :class:`.ToneTable`; ``typical_s`` (N,) are times from the
-    centre of the typical group.
-    """
+    """Weights of groups with times of their own: those of a typical one, ``typical_s`` (N,)."""
 
     typical_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
     clutter_hz: float = 0.0
@@ -58,10 +54,8 @@ class TimedTable(ToneTable):
         return self.typical_s
 
     def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> TimedWeights | None:
-        """Weights of a group at these times (n,) from its centre; None when they do not determine
-        the tones.
-
-        ``states`` (n,) are those of the receiver: each has a constant of its own.
+        """Weights at times (n,) from the centre, with a constant per state (n,); None if
+        undetermined.
         """
         fit = self._fit(times_s, states)
         if fit is None:
@@ -82,17 +76,14 @@ class TimedTable(ToneTable):
 
     @cached_property
     def _fits(self) -> dict[bytes, tuple[bytes, "_Fit | None"]]:
-        """States and fits of some groups, by their times: packets are divided several times, and
-        most groups keep their states.
-        """
+        """States and fits of some groups by their times: packets are divided several times."""
         return {}
 
     def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
     ) -> float | None:
-        """Variance of the tones by what neither they nor clutter explain of a channel (n, K).
-
-        None where :meth:`at` is. ``states`` as there.
+        """Variance of the tones by what is unexplained of a channel (n, K); None where :meth:`at`
+        is.
         """
         fit = self._fit(times_s, states)
         if fit is None:
@@ -122,10 +113,7 @@ def timed_table(
     clutter_hz: float = 0.0,
     harmonics: int = 8,
 ) -> TimedTable:
-    """Weight table for the lines of all tags, at the times (N,) of a typical group from its centre.
-
-    As :func:`.design_weights`; refused when these snapshots do not determine the lines.
-    """
+    """:func:`.design_weights` at the times (N,) of a typical group from its centre."""
     tones = timed_lines(clocks_hz, times_s, period_s, clutter_hz, harmonics)
     empty = np.zeros((len(tones), len(times_s)), complex)
     table = TimedTable(
@@ -178,14 +166,11 @@ def timed_lines(
 
 
 def clutter_at(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
-    """Basis (n, order) of everything slower than B = ``clutter_hz``, at times from the group's
-    centre.
+    """Basis (n, order) of everything slower than B = ``clutter_hz`` at times from the centre.
 
-    The constant alone when nothing moves, otherwise prolate spheroidal wave functions, not
-    orthogonal at these times: the functions whose samples on a grid are the sequences of
-    :func:`.clutter_basis`, eigenfunctions of the band limit B within the group's length, expanded
-    in Legendre polynomials (H. Xiao, V. Rokhlin, N. Yarvin, "Prolate spheroidal wavefunctions,
-    quadrature and interpolation", Inverse Problems 17 (2001), section 4).
+    Prolate spheroidal wave functions in Legendre polynomials (H. Xiao, V. Rokhlin, N. Yarvin,
+    Inverse Problems 17 (2001), section 4), whose samples on a grid are those of
+    :func:`.clutter_basis`; not orthogonal here. The constant for B = 0.
     """
     if clutter_hz == 0:
         return np.ones((len(times_s), 1))
@@ -208,10 +193,7 @@ def _prolate_functions(band: float, order: int) -> np.ndarray:
 
 
 class _Fit(NamedTuple):
-    """Least-squares fit of [tones, clutter] (n, columns): A diag(scale) = Q R.
-
-    ``columns`` holds cosines and sines of the upper half of the tones, and clutter.
-    """
+    """Least-squares fit of cosines, sines and clutter (n, columns): A diag(scale) = Q R."""
 
     orthogonal: np.ndarray  # Q
     inverse: np.ndarray  # rows of diag(scale) R^-1 that are cosines, then sines

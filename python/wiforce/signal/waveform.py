@@ -101,10 +101,8 @@ class Waveform:
     def is_derotated(self) -> bool:
         """Whether the rotation of a tone within the symbol is undone before the FFT.
 
-        This concentrates each line, but what is aliased to it from around multiples of the snapshot
-        rate rotates otherwise: negligible while a symbol is a small part of a frame. The mean over
-        a longer symbol is what the model of the switches says, and the rest is spread over the
-        subcarriers.
+        It concentrates each line, but not what is aliased to it: only while symbols are short in
+        frames.
         """
         return self.symbol_length <= _DEROTATED_SHARE * self.frame_length
 
@@ -159,20 +157,14 @@ class Waveform:
 
     @property
     def channel_noise_gain(self) -> float:
-        """sigma_H^2 / sigma^2: noise variance in H over that of a sample, K / (N repetitions).
-
-        Where the subcarriers differ in power it is the harmonic mean over them, so that K times
-        the SNR of a subcarrier is the same energy for any symbol.
+        """sigma_H^2 / sigma^2: noise in H over that of a sample, the harmonic mean over
+        subcarriers.
         """
         used_samples = self.repetitions * self.symbol_length * self.used_share
         return len(self.subcarriers) / used_samples
 
     def equalizer(self) -> np.ndarray:
-        """Factors (symbol_length,) that turn the FFT of a folded vector into the channel; 0 if
-        unoccupied.
-
-        H[k] = FFT(folded)[k] / (X_k N / sqrt(K)) for N samples and |X_k| = 1.
-        """
+        """Factors (symbol_length,) from the FFT of folded samples to the channel, or 0."""
         factors = np.zeros(self.symbol_length, complex)
         power = np.sum(np.abs(self.reference) ** 2) / self.used_share
         factors[self.bins] = np.sqrt(power) / (self.symbol_length * self.reference)
@@ -361,12 +353,10 @@ _NAME = "packets"
 
 @dataclass(frozen=True)
 class PacketWaveform(Waveform):
-    """Packets instead of frames: channels are given, samples do not exist.
+    """Packets instead of frames, of which channels are given; of :class:`.Waveform` only K counts.
 
-    Of the attributes of :class:`.Waveform` only the number of subcarriers has a meaning.
-    ``interval_s`` is the mean time between two packets, ``window_s`` what a channel estimate
-    averages, Ta, and ``frequency_hz`` (K,) that of each channel against the carrier; more than one
-    where several antennas are combined.
+    ``interval_s`` is the mean time between two, ``window_s`` what an estimate averages, Ta,
+    ``frequency_hz`` (K,) that of each channel, for each combination of antennas.
     """
 
     interval_s: float = 1e-3
@@ -432,11 +422,8 @@ def packet_waveform(
     spacing_hz: float = 312.5e3,
     channels: int = 1,
 ) -> PacketWaveform:
-    """What the receiver has to know of packets (:class:`PacketWaveform`).
-
-    ``subcarriers`` are their number, centred on the carrier and ``spacing_hz`` apart, or their
-    frequencies against it; ``channels`` per subcarrier are one, or one for each combination of
-    antennas.
+    """A :class:`PacketWaveform` of centred subcarriers, or of their frequencies against the
+    carrier.
     """
     if isinstance(subcarriers, np.ndarray):
         hertz = subcarriers.astype(float)

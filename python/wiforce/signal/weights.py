@@ -58,11 +58,7 @@ class PartialWeights:
 
 
 class PartialSolver:
-    """Solves the weights of incomplete groups of one table.
-
-    ``basis`` (N, M + clutter order) holds M tones in the order of their frequency, symmetric about
-    0, then clutter, which is real.
-    """
+    """Solves the weights of incomplete groups by a basis (N, M + clutter order), tones first."""
 
     def __init__(self, basis: np.ndarray, tones: int) -> None:
         self._half = tones // 2
@@ -122,10 +118,7 @@ def _tones(parts: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
 
 
 def parts_of(weights: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts (M, n) of the weights (M, n) of positive frequencies, in turns.
-
-    Each pair of opposite tones is a + jb and a - jb of what these leave of the snapshots.
-    """
+    """Real and imaginary parts (M, n), in turns, of weights (M, n) of positive frequencies."""
     upper = weights[len(weights) // 2 :]
     return np.stack([upper.real, upper.imag], axis=1).reshape(weights.shape)
 
@@ -145,22 +138,13 @@ def _of_parts(parts: np.ndarray) -> np.ndarray:
 
 
 def whitener_of(parts: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
-    """Matrix (M, M) that makes the noise of the tones' parts white: the inverse Cholesky factor.
-
-    Of W C W^T: W are the parts of the weights (M, n), C the covariance of the noise of the
-    snapshots, the identity if not given.
-    """
+    """Inverse Cholesky factor (M, M) of W C W^T, of parts W (M, n) and the noise's covariance C."""
     colored = parts if covariance is None else parts @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ parts.T))
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse (n, m); by the slower of LAPACK's algorithms where the usual one does not
-    converge.
-
-    The divide-and-conquer SVD (gesdd) of OpenBLAS 0.3.21 fails for some nearly singular bases,
-    which NumPy reports as LinAlgError or, when LAPACK complains as well, as SystemError.
-    """
+    """Pseudo-inverse (n, m), by gesvd where gesdd of OpenBLAS 0.3.21 does not converge."""
     try:
         return np.linalg.pinv(matrix, rcond=_SINGULAR)
     except (np.linalg.LinAlgError, SystemError):
@@ -181,10 +165,8 @@ WORST_GAIN = 30
 class ToneTable:
     """Weights of a run, with what is needed to interpret them and to redo them for gaps.
 
-    P_m = sum_n weights[m, n] H[n]; phases count from the group's centre snapshot (N - 1) / 2. Rows
-    of opposite frequency are conjugates of each other. The values are exactly representable in
-    single precision, so that a kernel in floats applies the very table that the mixing matrix is
-    computed with.
+    P_m = sum_n weights[m, n] H[n], with phases from the group's centre snapshot; opposite rows are
+    conjugates. The values are those of single precision, as the kernels apply them.
     """
 
     tones: tuple[Tone, ...]  # ascending in frequency, symmetric about 0
@@ -220,20 +202,14 @@ class ToneTable:
         return parts_of(self.weights)
 
     def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
-        """Factors (M, symbol_length) that undo each line's rotation within a symbol, before the
-        FFT.
-
-        A line at f rotates by 2 pi f / sample_rate from one folded sample to the next and would
-        leak into the neighbouring subcarriers.
+        """Factors (M, symbol_length) that undo each line's rotation of 2 pi f / sample_rate a
+        sample.
         """
         offset_s = centered_times_s(symbol_length, 1 / sample_rate_hz)
         return np.exp(-2j * np.pi * np.outer(self._lines_hz, offset_s))
 
     def symbol_gain(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
-        """Amplitude (M,) that the average over a symbol leaves of each line without derotation.
-
-        sinc(symbol_length f / sample_rate), 1 at best.
-        """
+        """Amplitude (M,) that averages over a symbol leave of lines without derotation, by sinc."""
         return np.sinc(self._lines_hz * symbol_length / sample_rate_hz)
 
     @cached_property
@@ -290,12 +266,10 @@ def design_weights(
 ) -> ToneTable:
     """Weight table for the lines +-1..+-``harmonics``, at least 4, of all tags of a scene.
 
-    For groups of N snapshots of period T, with what moves up to ``clutter_hz``. ``rectangular``
-    makes it a plain Fourier sum over the group for every line, as in the WiForce paper: clutter and
-    the lines themselves then leak into one another. Disturbances of ``room`` between the lines are
-    suppressed as far as this does not cost more than it gains. Refused when a clock is too fast (4
-    fs must lie below half the snapshot rate), the clutter band reaches the first line, or the group
-    is too short to separate the lines from each other and from clutter.
+    For groups of N snapshots of period T, with what moves up to ``clutter_hz``; disturbances of
+    ``room`` are suppressed as far as that gains. ``rectangular``: a plain Fourier sum, as in the
+    paper. Refused when 4 fs exceeds half the snapshot rate, clutter reaches the first line, or the
+    group is too short.
     """
     _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)

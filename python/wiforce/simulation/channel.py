@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .interference import power_over_noise, transmitters
-from .moving import modulated_paths, tag_paths
-from .paths import Levels, static_taps
+from .paths import Levels, modulated_paths, static_taps, tag_paths
 from .presses import TouchState
-from .radio import AnalogueFrontEnd, FreeOscillators, GainRipple
+from .radio import AnalogueFrontEnd, FreeOscillators, GainRipple, RadioNoiseSource
 from .random_sources import Fir, Ramp, RandomSources
-from .synthesizers import RadioNoiseSource
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -33,14 +31,10 @@ _PIECE = 32768
 class AirChannel:
     """The received samples of a scene, as a stream.
 
-    Sounding frames of the stated amplitude (root of the mean preamble power) give the scene's
-    ``snr_db`` and clutter levels, and a receive peak 3 dB below full scale (1.0). ``through`` makes
-    the static path the input itself at unit gain and without delay, for use behind another channel;
-    levels are then relative to it. Each receive ``antenna`` has its own paths and noise; tags,
-    moving objects and the receiver's oscillator are common.
-
-    ``sensors`` are tags by sensor name, to change them while running; ``scale`` is the received
-    amplitude per unit of the signal model's rho.
+    Frames of ``amplitude``, the root of the mean preamble power, give the scene's levels and a peak
+    3 dB below full scale (1.0). ``through`` makes the static path the input itself. Each
+    ``antenna`` has its own paths and noise. ``sensors`` are tags by name, to change them while
+    running; ``scale`` is the received amplitude per unit of rho.
     """
 
     def __init__(
@@ -119,11 +113,7 @@ class AirChannel:
         return {name: tag.pressed.state(time_s) for name, tag in self.sensors.items()}
 
     def process(self, samples: ArrayLike, first_sample: int) -> np.ndarray:
-        """Receive (n,) while samples (n,) are sent; full scale is 1 per component, not clipped.
-
-        Each call continues where the previous one ended (see :meth:`restart`), or raises
-        ValueError.
-        """
+        """Receive (n,) while samples (n,) are sent, full scale 1, where the last call ended."""
         if first_sample != self._next:
             raise ValueError(f"first_sample: must continue at {self._next}, got {first_sample}")
         sent = np.ascontiguousarray(samples, np.complex64)

@@ -27,18 +27,11 @@ _TIMES, _SIGNAL = 0, 1
 
 
 class Transmitter:
-    """A transmitter that is on the air now and then, as received.
+    """A transmitter that is on the air for a ``share`` of the time, as received.
 
-    Its signal is Gaussian noise, as that of OFDM nearly is, over the whole band or over a part of
-    it (``bandwidth``, a share of the sample rate) that is drawn anew for each transmission.
-    ``gain`` is amplitude and phase: root of the power per sample that it would have with the whole
-    band.
-
-    It transmits for ``share`` of the time. Durations are spread evenly over their range. The pauses
-    are exponentially distributed with the mean that gives the stated share. Narrow-band noise is
-    the sum of blocks that overlap by half, each windowed by half a period of a sine: the squares of
-    the windows add up to 1 and the blocks are independent, so that the power is constant. The
-    window spreads the edges of the band by about 2 / 8192 of the sample rate.
+    Gaussian noise over a ``bandwidth``, a share of the sample rate drawn for each transmission;
+    ``gain`` is amplitude and phase. Durations are uniform, pauses exponential. Narrow-band noise is
+    the sum of blocks with sine windows that overlap by half, of constant power.
     """
 
     def __init__(

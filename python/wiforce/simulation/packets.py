@@ -60,10 +60,7 @@ def simulate_packets(
     progress: Callable[[int], object] | None = None,
     overwrite: bool = True,
 ) -> list[Path]:
-    """Write the channel snapshots of a scene with packets to ``NAME.npz``, and their truth.
-
-    As :func:`.simulator.simulate` for samples; ``progress`` is called with the number of packets.
-    """
+    """Write the channel snapshots of a scene with packets to ``NAME.npz``, and their truth."""
     scene = load_scene(scene)
     stem = os.fspath(name).removesuffix(".npz")
     if os.path.basename(stem) in ("", ".", "..") or not stem.isprintable():

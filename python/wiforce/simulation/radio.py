@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transmitter and receiver of a simulated scene: analogue parts, oscillators, converter."""
+"""Transmitter and receiver of a simulated scene: analogue parts, oscillators, noise, converter."""
 
 from typing import TYPE_CHECKING
 
@@ -9,15 +9,16 @@ from numpy.typing import ArrayLike
 from .random_sources import Ramp, Seeds
 
 if TYPE_CHECKING:
-    from ..scene.effects import FrontEnd, Ripple
+    from ..scene.effects import FrontEnd, RadioNoise, Ripple
+    from ..signal.waveform import Waveform
 
 
 class FreeOscillators:
-    """Phase of the transmitter's oscillator relative to the receiver's.
+    """Phase of the transmitter's oscillator relative to the receiver's: an offset and a random
+    walk.
 
-    A constant carrier offset, and a random walk of the phase. The variance of a Lorentzian
-    oscillator's phase grows by 2 pi ``linewidth_hz`` per second (A. Demir, A. Mehrotra, J.
-    Roychowdhury, "Phase noise in oscillators", IEEE Trans. Circuits and Systems I 47 (2000)).
+    Its variance grows by 2 pi ``linewidth_hz`` per second (A. Demir, A. Mehrotra, J. Roychowdhury,
+    IEEE Trans. Circuits and Systems I 47 (2000)).
     """
 
     def __init__(
@@ -76,24 +77,17 @@ class Adc:
 
 
 def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:
-    """mu and nu of y = mu x + nu conj(x) for a mixer whose I and Q differ.
+    """mu and nu of y = mu x + nu conj(x) for a mixer with Q of g (Q cos phi + I sin phi).
 
-    I stays as it is, and Q becomes g (Q cos phi + I sin phi), with ``phase_deg`` the deviation of
-    their angle from 90 degrees, so that mu = (1 + g exp(j phi)) / 2 and nu = (1 - g exp(-j phi)) /
-    2. See M. Valkama, M. Renfors, V. Koivunen, "Advanced methods for I/Q imbalance compensation in
-    communication receivers", IEEE Trans. Signal Processing 49 (2001).
+    (1 + g exp(j phi)) / 2 and (1 - g exp(-j phi)) / 2 (M. Valkama, M. Renfors, V. Koivunen, IEEE
+    Trans. Signal Processing 49 (2001)).
     """
     rotated = 10 ** (gain_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
     return complex(1 + rotated) / 2, complex(1 - np.conj(rotated)) / 2
 
 
 class AnalogueFrontEnd:
-    """Mixers of transmitter and receiver, and the receiver's amplifier.
-
-    Compression and DC offset refer to the ``peak`` of the received signal. The amplifier comes
-    before the mixer: x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), the third-order polynomial up to
-    where its slope would be negative. Then follow the mixer's image and the DC offset.
-    """
+    """The receiver's amplifier, x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), mixers and DC offset."""
 
     def __init__(self, stated: "FrontEnd", peak: float, seeds: Seeds) -> None:
         self._sent = image_gains(stated.transmitter_gain_db, stated.transmitter_phase_deg)
@@ -135,3 +129,87 @@ class GainRipple:
         times = self._ramp.knots(first_sample, len(samples))
         gain = 1 + self._amplitude * np.cos(2 * np.pi * (self._start + self._hz * times))
         samples *= self._ramp.interpolate(gain, first_sample, len(samples))
+
+
+# Values that are drawn together: knots of the phase, and samples of the transmitter's noise.
+_BLOCK = 8192
+# Counters of Seeds: what is drawn.
+_PHASE, _TRANSMITTER = 0, 1
+# Multiples of the snapshot rate that alias onto a line: averaging over Ta leaves little beyond.
+_ALIASES = np.arange(-16, 17)
+
+
+def phase_noise_density(stated: "RadioNoise", offset_hz: np.ndarray) -> np.ndarray:
+    """Two-sided density of the phase in rad^2 per Hz: flat within the loops, -20 dB a decade
+    beyond.
+
+    D. B. Leeson, Proc. IEEE 54 (1966). 0 with one synthesizer, whose phase cancels to -60 dB.
+    """
+    if stated.synthesizers == "one":
+        return np.zeros(np.shape(offset_hz))
+    return 10 ** (stated.phase_noise_dbc_hz / 10) / (1 + (offset_hz / stated.loop_hz) ** 2)
+
+
+def noise_over_static(
+    stated: "RadioNoise", waveform: "Waveform", line_hz: float
+) -> tuple[float, float]:
+    """Variances over the static path's power, around a line, of phase and transmitter noise."""
+    rate_hz = 1 / waveform.snapshot_period_s
+    offset_hz = line_hz + rate_hz * _ALIASES
+    passed = phase_noise_density(stated, offset_hz) * np.sinc(offset_hz * waveform.averaging_s) ** 2
+    sent = 10 ** (stated.transmitter_dbc_hz / 10) * waveform.sample_rate_hz
+    return float(passed.sum() * rate_hz), float(sent * waveform.channel_noise_gain)
+
+
+class RadioNoiseSource:
+    """The noise of a scene's radio: white, shaped in overlapping blocks; can start anywhere."""
+
+    def __init__(
+        self,
+        stated: "RadioNoise",
+        amplitude: float,
+        ramp: Ramp,
+        sample_rate_hz: float,
+        seeds: Seeds,
+    ) -> None:
+        self._seeds, self._ramp = seeds, ramp
+        density = 10 ** (stated.transmitter_dbc_hz / 10)
+        self._sent_std = np.float32(amplitude * np.sqrt(density * sample_rate_hz / 2))
+        times = ramp.knots(0, 1)
+        self._spacing_s = float(times[1] - times[0])
+        frequencies = np.fft.rfftfreq(_BLOCK, self._spacing_s)
+        self._shape = np.sqrt(phase_noise_density(stated, frequencies) / self._spacing_s)
+        self._window = np.sin(np.pi * (np.arange(_BLOCK) + 0.5) / _BLOCK)
+        self._blocks: dict[int, np.ndarray] = {}
+
+    def transmit(self, first_sample: int, samples: np.ndarray) -> np.ndarray:
+        """Samples with the noise of the transmitter; ndarray of complex64, shape (n,)."""
+        parts, end = [], first_sample + len(samples)
+        for block in range(first_sample // _BLOCK, (end - 1) // _BLOCK + 1):
+            rng = self._seeds.generator(_TRANSMITTER, block)
+            drawn = rng.standard_normal(2 * _BLOCK, np.float32).view(np.complex64)
+            start = block * _BLOCK
+            parts.append(drawn[max(first_sample - start, 0) : end - start])
+        return samples + self._sent_std * np.concatenate(parts)
+
+    def rotate(self, first_sample: int, samples: np.ndarray) -> None:
+        """Turn received samples by the phase, in place."""
+        times_s = self._ramp.knots(first_sample, len(samples))
+        phase = self._phase(np.rint(times_s / self._spacing_s).astype(np.int64))
+        samples *= self._ramp.interpolate(np.exp(1j * phase), first_sample, len(samples))
+
+    def _phase(self, knots: np.ndarray) -> np.ndarray:
+        phase, half = np.zeros(len(knots)), _BLOCK // 2
+        for block in range(int(knots[0]) // half, int(knots[-1]) // half + 2):
+            inside = knots - (block - 1) * half
+            here = (inside >= 0) & (inside < _BLOCK)
+            phase[here] += self._block(block)[inside[here]]
+        return phase
+
+    def _block(self, block: int) -> np.ndarray:
+        if block not in self._blocks:
+            white = self._seeds.generator(_PHASE, block).standard_normal(_BLOCK)
+            shaped = np.fft.irfft(np.fft.rfft(white) * self._shape, _BLOCK)
+            self._blocks = {b: v for b, v in self._blocks.items() if abs(b - block) <= 2}
+            self._blocks[block] = self._window * shaped
+        return self._blocks[block]

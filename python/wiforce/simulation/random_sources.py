@@ -27,11 +27,7 @@ EFFECTS = (
 
 
 class Seeds:
-    """Generators of one effect (:data:`EFFECTS`), by counter.
-
-    What is drawn for a counter, such as the index of a block of samples, does not depend on what
-    was drawn before. Effects that draw in this way can start anywhere in the stream.
-    """
+    """Generators of an effect by counter, independent of what was drawn before: start anywhere."""
 
     def __init__(self, seed: int, effect: str) -> None:
         self._seed, self._key = seed, (_EFFECT_KEY, EFFECTS.index(effect))
@@ -43,11 +39,7 @@ class Seeds:
 
 
 class RandomSources:
-    """Generators of a scene's random quantities, one per kind, so that kinds stay independent.
-
-    Antennas other than the first have their own paths and noise, and rotate each path of tags and
-    moving objects by a phase of its own.
-    """
+    """Generators of a scene, one per kind; antennas have paths, noise and phases of their own."""
 
     def __init__(self, seed: int, antenna: int) -> None:
         seeds = np.random.SeedSequence(seed).spawn(5)
@@ -75,10 +67,7 @@ _KNOT_SPACING_S = 10e-6
 
 
 class Fir:
-    """Direct-form FIR filter for a stream of complex64 that carries its own history.
-
-    Real taps take half the operations; ``memory`` is the number of samples of history.
-    """
+    """FIR filter (n,) for a stream with a history of ``memory``; real taps take half the work."""
 
     def __init__(self, taps: np.ndarray) -> None:
         self._complex = np.iscomplexobj(taps)
@@ -111,9 +100,8 @@ class Ramp:
         self._rate = sample_rate_hz
 
     def knots(self, first_sample: int, count: int) -> np.ndarray:
-        """Times of the knots around some samples, in s since sample 0.
-
-        From the last knot at or before the first sample to the first knot at or after the last.
+        """Times in s of the knots around some samples, the last before and the first behind
+        included.
         """
         first = first_sample // self._step
         last = -(-(first_sample + count) // self._step)
@@ -134,11 +122,7 @@ _DRAWN = 4096
 
 
 class RandomWalk:
-    """A random walk from 0 at time 0, reflected at +-``limit``, and its integral.
-
-    ``std_per_sqrt_s`` is the standard deviation after 1 s. The walk is linear between knots, and
-    kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
-    """
+    """A random walk from 0, reflected at +-``limit``, and its integral, at times in any order."""
 
     def __init__(
         self,

@@ -29,10 +29,7 @@ def simulate(
     progress: Callable[[int], object] | None = None,
     overwrite: bool = True,
 ) -> list[Path]:
-    """Write the capture of a scene, whether it can be read or not: see ``wiforce.simulate``.
-
-    Of a scene with packets, channel snapshots are written (:func:`.packets.simulate_packets`).
-    """
+    """Write the capture of a scene, or its channel snapshots: see ``wiforce.simulate``."""
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     scene = load_scene(scene)

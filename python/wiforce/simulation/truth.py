@@ -15,7 +15,7 @@ import numpy as np
 from ..io.readings import Reading, rounded
 from ..scene import Scene
 from ..signal.carrier import wrap_deg
-from .skin import surface_truth
+from .presses import surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -39,9 +39,7 @@ def group_centers(scene: Scene) -> np.ndarray:
 def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
     """Write the state at the centre of each phase group as CSV, a row per group and sensor.
 
-    ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
-    0); ``location_mm`` is empty where nothing presses. A surface has rows of its own, with x in
-    ``location_mm`` and y in one more column. Numbers are rounded as those of readings.
+    ``force_n`` also below the onset; surfaces have rows with x in ``location_mm``, and ``y_mm``.
     """
     times = group_centers(scene)
     states = channel.touch_state(times)
@@ -70,10 +68,7 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
 
 @contextmanager
 def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Files that appear together when all of them are complete, or not at all.
-
-    They are written to a temporary folder beside ``paths``, and moved there in order after success.
-    """
+    """Files that appear in order when all are complete, or not at all; temporary before that."""
     with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
         temporary = [Path(folder) / path.name for path in paths]
         yield temporary
@@ -83,12 +78,10 @@ def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 @dataclass(frozen=True)
 class Score:
-    """Errors over the steady touched groups of one sensor.
+    """Errors over the steady touched groups of one sensor, touched before and after as well.
 
-    A group is steady when the sensor is touched in it and in both neighbouring groups.
-    ``force_error_n``, ``location_error_mm`` (n,) and ``phase_error_deg`` (n, 2) are reading minus
-    truth in the steady groups that are read as touched, by the readings ``compared``; ``missed``
-    steady groups are not read as touched, and ``false`` untouched groups are, without a flag.
+    ``force_error_n``, ``location_error_mm`` (n,) and ``phase_error_deg`` (n, 2) of those read as
+    touched; ``missed`` are not, ``false`` untouched groups are, without a flag.
     """
 
     sensor: str

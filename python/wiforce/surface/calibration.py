@@ -69,12 +69,9 @@ class SpreadingFit:
 
 
 def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> SpreadingFit:
-    """Fit a spreading law ``strips``, ``table`` or ``gaussian``, or refuse taps that do not
-    determine it.
+    """Fit a law ``strips``, ``table`` or ``gaussian``, or refuse taps that do not determine it.
 
-    The standard deviations of the law are those of taps that are left out of the fit in turn, less
-    the noise of the strips' own readings; that of the shares is at least that of the fitted taps.
-    Of the skin, positions of the strips count.
+    Its standard deviations are those of taps left out in turn, less the noise of the strips.
     """
     share = taps.strip_force_n / taps.force_n[:, None]
     noise = taps.strip_force_std_n / taps.force_n[:, None]
@@ -147,10 +144,7 @@ def _along(taps: SurfaceTaps, shown: NDArray[np.bool_]) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class _Data:
-    """Shares of n taps and S strips, shape (n, S).
-
-    ``most`` is the share that an untouched strip bears at most; distances have a sign.
-    """
+    """Shares of n taps and S strips, (n, S), ``most`` of untouched ones; distances have a sign."""
 
     distance_mm: Array
     share: Array
@@ -322,11 +316,7 @@ class KnownPress:
 
 
 def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[KnownPress]:
-    """Read a CSV table of known presses, which must lie on the skin where one is given.
-
-    Columns ``start_s``, ``end_s``, ``force_n``, ``x_mm`` and ``y_mm``; an InputError names file and
-    row.
-    """
+    """Read a CSV table of known presses, on the skin if given; an InputError names file and row."""
     header, rows = read_csv(path)
     require_columns(path, header, _COLUMNS)
     if len(rows) > _MOST_TAPS:
@@ -366,11 +356,7 @@ def _check_place(skin: Skin, press: KnownPress, where: str) -> None:
 def taps_of(
     skin: Skin, presses: Sequence[KnownPress], rows: Iterable[Mapping[str, Any]]
 ) -> SurfaceTaps:
-    """What the strips showed of known presses: means over the readings of each press.
-
-    Of the rows of readings, those with a flag other than ``extrapolated`` and
-    ``force-unobservable`` are left out.
-    """
+    """Mean readings of the strips during each press, without those that have other flags."""
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)
     touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]

@@ -40,12 +40,7 @@ class StripProfile:
 def strip_profile(
     model: SensorModel, frequency_hz: float, phases_deg: Array, std_deg: Array
 ) -> StripProfile:
-    """Profile likelihood of phases (n, 2) of a touched strip, with their noise, over the force on
-    it.
-
-    The likelihood is that of the single strip (``sensor/inversion.py``): noise and the model's own
-    error are normal. The forces are chosen about the press that the inversion finds.
-    """
+    """Profile likelihood over the force of a touched strip's phases (n, 2), about its inversion."""
     inverter = model.inverter(frequency_hz)
     forward = inverter.forward
     found = inverter.invert(phases_deg, std_deg)
@@ -138,17 +133,13 @@ class SurfacePress:
 
 
 class SurfacePosterior:
-    """The posterior of force, x and y.
+    """The posterior of force, x and y, all forces and points being equally likely beforehand.
 
-    All forces up to the largest that the strips can show, and all points of the plane up to one
-    spacing beyond the outer strips, are equally likely beforehand. The force on strip i is normal
-    about ``share(y - y_i) F`` with ``share_std F``, the location that it shows about x with
-    ``location_std_mm``. A touched strip gives the likelihood of its phases, averaged over both; an
-    untouched one the probability that its force is below the onset. The posterior is summed over y,
-    and integrated over force and x about the least-squares solution of the touched strips at each
-    y, so that its mean and covariance need not be those of a normal distribution. Forces that would
-    touch an untouched strip are left out: of few points about the solution hardly one would be left
-    beside such strips, and the force would seem certain.
+    The force on strip i is normal about ``share(y - y_i) F`` with ``share_std F``, its location
+    about x with ``location_std_mm``. Touched strips give the likelihood of their phases, untouched
+    ones the probability of less than the onset. It is summed over y, and integrated over force and
+    x about the least squares at each y, over forces that touch no untouched strip: few points would
+    be left.
     """
 
     def __init__(self, skin: Skin) -> None:
@@ -238,10 +229,9 @@ class SurfacePosterior:
     def _conditional(
         self, summary: _Summary, evidence: SurfaceEvidence, y: Array
     ) -> tuple[Array, Array, Array]:
-        """Least squares of (force, x) at each y: mean, covariance and logarithm of the evidence.
+        """Mean (n, Y, 2), covariance (n, Y, 2, 2) and log evidence (n, Y) of (force, x) at each y.
 
         Of touched strips; untouched ones count as far as the least likely force contradicts them.
-        Shapes (n, Y, 2), (n, Y, 2, 2) and (n, Y).
         """
         shares = self._skin.shares(y)  # (n, Y, S)
         touched = evidence.touched[:, None].astype(float)
@@ -404,10 +394,8 @@ class SurfaceFound:
 class SurfaceEstimator:
     """Reads the presses on a skin, 1 or 2 at a time.
 
-    A second press is looked for where one press does not explain the strips. The strips are then
-    divided into those below and those above some y, and each part is read by itself. This is
-    accepted where no press makes a contact of its own on a strip of the other one; what it adds to
-    the force there is an error of that strip.
+    Where one does not explain the strips, they are divided at some y. Two are accepted where none
+    makes contact on the other's strips; what it adds to the force there is an error.
     """
 
     def __init__(self, skin: Skin, presses: int = 1) -> None:
@@ -419,9 +407,8 @@ class SurfaceEstimator:
     def read(
         self, phases_deg: Array, std_deg: Array, usable: Flags, touched: Flags
     ) -> SurfaceFound:
-        """Presses of a batch, from phases and their noise (G, S, 2) in the order of the skin.
-
-        ``usable`` and ``touched`` are (G, S); strips that are not usable are left out.
+        """Presses from phases and noise (G, S, 2), by order of the skin, of ``usable`` strips (G,
+        S).
         """
         count, presses = len(usable), self._presses
         none_touched = np.where(usable.all(axis=1), 0, -1)

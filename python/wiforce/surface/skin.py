@@ -21,11 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Spreading:
-    """Share of a press that a strip bears, by its distance across from the press.
-
-    Between its points the curve is a monotone cubic; it is the same on both sides of a press, and
-    zero behind its last point.
-    """
+    """Share of a press that a strip bears by distance: a monotone cubic, 0 beyond its points."""
 
     distance_mm: tuple[float, ...]  # rising, from 0
     shares: tuple[float, ...]  # share of the force at each distance
@@ -62,11 +58,7 @@ class Spreading:
 
 @dataclass(frozen=True)
 class StripSpreading(Spreading):
-    """A law in which every strip has a curve of its own, since strips near an edge bear more.
-
-    ``distance_mm`` are y of a press less that of the strip, rising; ``shares`` the mean of the
-    strips' curves, which ``of_strips`` holds.
-    """
+    """Curves of each strip by y of the press less its own, and ``shares``, their mean."""
 
     of_strips: tuple[tuple[float, ...], ...] = ()
 
@@ -153,11 +145,8 @@ class Skin:
 
     @property
     def untouched_below_n(self) -> Array:
-        """Force below which each strip lies where it is untouched.
-
-        This is the onset. Where a calibration has no sweeps that start before the contact, the
-        onset is assumed to be half the least calibrated force: then it is that force, since an
-        onset which is too low would exclude presses that the strip does not show.
+        """Force below which each strip is untouched, (S,): the onset, or where that is assumed the
+        least calibrated force, as too low an onset would exclude presses.
         """
         bounds = []
         for strip in self.strips:

@@ -10,7 +10,7 @@ import pytest
 from command_runs import run_command
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.antennas import channel_ratio
+from gnuradio.wiforce.estimation.capture.folded_groups import channel_ratio
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.scene import load_scene

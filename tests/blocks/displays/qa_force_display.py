@@ -11,7 +11,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gui import Trend, history, widget, words
+from gnuradio.wiforce.gui import Trend, widget, words
 from gnuradio.wiforce.io.readings import Reading
 from PyQt5 import QtCore, QtWidgets
 from PyQt5.QtGui import QColor
@@ -142,14 +142,14 @@ def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatc
 
 
 def test_track_earlier_time_starts_new_history():
-    kept = history.Track(20.0)
+    kept = widget.Track(20.0)
     for time_s in (1.0, 2.0, 3.0, 0.5):
         kept.add(Reading(time_s, "arm", touch=1, force_n=time_s))
     assert kept.series("force_n")[0].tolist() == [0.5]
 
 
 def test_track_history_keeps_span_and_gaps():
-    kept = history.Track(2.0)
+    kept = widget.Track(2.0)
     for time_s in range(6):
         force_n = None if time_s == 4 else float(time_s)
         flags = ("transition",) if time_s == 3 else ()
@@ -162,7 +162,7 @@ def test_track_history_keeps_span_and_gaps():
 
 def test_track_untouched_sensor_has_no_force_and_no_location():
     """A force that disappears from the plot looks like a lost sensor, not like a release."""
-    kept = history.Track(2.0)
+    kept = widget.Track(2.0)
     kept.add(Reading(1.0, "arm", touch=0, flags=("reference",)))
     kept.add(Reading(1.1, "arm", flags=("gap",)))
     np.testing.assert_array_equal(kept.series("force_n")[1], [0.0, np.nan])

@@ -9,9 +9,13 @@ import os
 import numpy as np
 import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.guided.entry_plausibility import press_warnings
 from gnuradio.wiforce.calibration.guided.press_measurement import PressMeasurement
-from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan, Target
+from gnuradio.wiforce.calibration.guided.session import (
+    CalibrationSession,
+    SessionPlan,
+    Target,
+    press_warnings,
+)
 from gnuradio.wiforce.calibration.tables import read_tap_csv
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.sensor import load_sensor

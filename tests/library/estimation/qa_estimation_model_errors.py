@@ -6,7 +6,7 @@ import pytest
 from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.phases.profile import ProfileCheck, image_of
+from gnuradio.wiforce.estimation.phases.reference import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
 from gnuradio.wiforce.planning.loss import automatic_band_hz, end_variances
 from gnuradio.wiforce.press.explanations import filter_of

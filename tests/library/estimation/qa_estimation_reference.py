@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.phases.average import SubcarrierAverage
-from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference
+from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference, SubcarrierAverage
 from long_cases import cases
 from plain import WAVEFORM, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 

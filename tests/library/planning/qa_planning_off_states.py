@@ -6,8 +6,13 @@ import dataclasses
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.planning.expected import error_map, expect, phase_std_deg
-from gnuradio.wiforce.planning.off_states import PressedLine, turn_std_deg
+from gnuradio.wiforce.planning.expected import (
+    PressedLine,
+    error_map,
+    expect,
+    phase_std_deg,
+    turn_std_deg,
+)
 from scipy.optimize import least_squares
 
 FORCE_N, LOCATION_MM = 4.0, 40.0

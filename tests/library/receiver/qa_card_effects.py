@@ -15,8 +15,7 @@ from card_rooms import (
     scene_of,
 )
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.capture.antennas import ratio_noise
-from gnuradio.wiforce.estimation.packets.antenna_noise import shared_noise
+from gnuradio.wiforce.estimation.capture.folded_groups import ratio_noise
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
@@ -28,6 +27,7 @@ from gnuradio.wiforce.estimation.packets.packet_channels import (
     DividedPackets,
     PacketChannels,
     rotation_std_deg,
+    shared_noise,
 )
 from gnuradio.wiforce.estimation.packets.packet_survey import (
     find_tag,

@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.estimation.capture import folded_groups
-from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
-from gnuradio.wiforce.estimation.capture.slips import Slips
+from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup
 from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
 from press_capture import DEFAULT, array_source

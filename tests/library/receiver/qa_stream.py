@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup, frame_settings
-from gnuradio.wiforce.estimation.capture.slips import Slips
+from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.press.sensor_state import RETUNED

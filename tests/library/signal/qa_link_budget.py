@@ -8,7 +8,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.signal.link_budget import (
+from gnuradio.wiforce.scene.link import (
     VACUUM_PERMITTIVITY_F_M,
     free_space_loss_db,
     layers_loss_db,

@@ -9,7 +9,7 @@ from gnuradio.wiforce.simulation.channel import PEAK, AirChannel
 from gnuradio.wiforce.simulation.paths import MovingPath, delay_taps, response, tag_taps
 from gnuradio.wiforce.simulation.radio import Adc
 from gnuradio.wiforce.simulation.random_sources import Fir
-from gnuradio.wiforce.simulation.switching import SWITCHES, switch_states
+from gnuradio.wiforce.simulation.tag import SWITCHES, switch_states
 
 TA = 256 / 12.5e6
 T = 720 / 12.5e6

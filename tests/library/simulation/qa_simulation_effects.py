@@ -10,9 +10,9 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.effects import Lamps, RadioNoise, Walker
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.moving import MainsLamps, Person
+from gnuradio.wiforce.simulation.paths import MainsLamps, Person
+from gnuradio.wiforce.simulation.radio import noise_over_static
 from gnuradio.wiforce.simulation.random_sources import Seeds
-from gnuradio.wiforce.simulation.synthesizers import noise_over_static
 from long_cases import cases
 
 RATE = 12.5e6

@@ -4,17 +4,17 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulated_tags import Tag
+from gnuradio.wiforce.scene.simulated import Tag
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.random_sources import Seeds
-from gnuradio.wiforce.simulation.switching import (
+from gnuradio.wiforce.simulation.tag import (
     SWITCHES,
+    IrregularClock,
     SwitchingClock,
     switch_states,
     with_duty_errors,
 )
-from gnuradio.wiforce.simulation.tag import IrregularClock
 
 CLOCK = (1000.0, 3000.0, 1.0, 3100.0, 0.123)
 PRESS = {"start_s": 1.0, "hold_s": 1.0, "rise_s": 0.5, "force_n": 4.0, "location_mm": 33.0}

@@ -69,16 +69,11 @@ void bind_inversion(py::module& m)
                          const array<double>& table,
                          const std::array<std::vector<double>, 3>& calibrated,
                          double consistent) {
-                 return press_posterior(
-                     tabulated_model(flat(force), flat(location), flat(table)),
-                     calibrated_span(calibrated[0], calibrated[1], calibrated[2]),
-                     consistent);
-             }),
-             "force_n"_a,
-             "location_mm"_a,
-             "table"_a,
-             "calibrated"_a,
-             "consistent"_a)
+            return press_posterior(
+                tabulated_model(flat(force), flat(location), flat(table)),
+                calibrated_span(calibrated[0], calibrated[1], calibrated[2]),
+                consistent);
+        }))
         .def("invert", &invert, "phases_deg"_a, "std_deg"_a, "location_mm"_a = py::none())
         .def("unobservable",
              py::vectorize([](const press_posterior* posterior,
@@ -86,22 +81,14 @@ void bind_inversion(py::module& m)
                               double location,
                               double std) {
                  return posterior->profile().fit().unobservable(force, location, std);
-             }),
-             "force_n"_a,
-             "location_mm"_a,
-             "std_deg"_a)
-        .def(
-            "extrapolated",
-            [](const press_posterior& posterior,
-               double force,
-               double location,
-               double force_variance,
-               double location_variance) {
-                return posterior.span().extrapolated(
-                    force, location, force_variance, location_variance);
-            },
-            "force_n"_a,
-            "location_mm"_a,
-            "force_variance"_a,
-            "location_variance"_a);
+             }))
+        .def("extrapolated",
+             [](const press_posterior& posterior,
+                double force,
+                double location,
+                double force_variance,
+                double location_variance) {
+                 return posterior.span().extrapolated(
+                     force, location, force_variance, location_variance);
+             });
 }

@@ -16,9 +16,7 @@
 void bind_inversion(pybind11::module& m);
 void bind_phases(pybind11::module& m);
 void bind_press(pybind11::module& m);
-void bind_press_groups(pybind11::module& m);
 void bind_recordings(pybind11::module& m);
-void bind_screening(pybind11::module& m);
 void bind_separation(pybind11::module& m);
 void bind_tones(pybind11::module& m);
 

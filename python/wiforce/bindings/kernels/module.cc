@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 static int exit_status = 0;
@@ -42,19 +41,16 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_inversion(m);
     bind_phases(m);
     bind_press(m);
-    bind_press_groups(m);
     bind_recordings(m);
-    bind_screening(m);
     bind_separation(m);
     bind_tones(m);
     m.def("exit_on_terminate",
           &exit_on_terminate,
           "From now on, an exception that nothing catches in C++ ends the process with "
           "this "
-          "status, without a message and without a core dump.",
-          "status"_a);
+          "status, without a message and without a core dump.");
     py::class_<timeline>(m, "timeline", "Times on a stream of samples; see Timeline.")
-        .def(py::init<double>(), "sample_rate"_a)
-        .def("note", &note, "item"_a, "seconds"_a, "fraction"_a)
-        .def("time_at", &time_at, "item"_a);
+        .def(py::init<double>())
+        .def("note", &note)
+        .def("time_at", &time_at);
 }

@@ -152,24 +152,14 @@ array<double> steps_of(receiver_steps& steps,
 void bind_phases(py::module& m)
 {
     py::class_<profile_check>(m, "profile_check", "Of E ends on K subcarriers.")
-        .def(py::init<std::size_t, std::size_t>(), "ends"_a, "subcarriers"_a)
+        .def(py::init<std::size_t, std::size_t>())
         .def("reset", &profile_check::reset, "Forget the groups so far.")
         .def("set_reference",
              &set_reference,
-             "reference"_a,
-             "image"_a,
-             "other"_a,
              "reference, image: (E, K). other: (E, D, K).");
     m.def(
         "conjugate_difference",
         &difference_of,
-        "ends"_a,
-        "gain"_a,
-        "noise"_a,
-        "noise_rise"_a,
-        "reference"_a,
-        "reference_gain"_a,
-        "check"_a,
         "ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.\n"
         "reference: (E, K). reference_gain: (E,). check: with this reference, or None.\n"
         "Gives changes (G, E, K), and gain, reference_power, reference_gain and "
@@ -178,23 +168,14 @@ void bind_phases(py::module& m)
     m.def(
         "subcarrier_average",
         &average_of,
-        "changes"_a,
-        "noise"_a,
-        "gain"_a,
-        "reference_gain"_a,
-        "reference_power"_a,
         "changes: (G, E, K). noise: (G, K). Others, ratios and std in degrees: (G, E).");
     py::class_<receiver_steps>(
         m,
         "receiver_steps",
         "Steps of the receiver's phase and gain, as the static path shows them.")
-        .def(py::init<double>(), "group_period_s"_a)
+        .def(py::init<double>())
         .def("process",
              &steps_of,
-             "static"_a,
-             "ratios"_a,
-             "reference_power"_a,
-             "locked"_a,
              "static: (G, K) or None. ratios, reference_power: (G, E). locked: (G, E / "
              "2).\n"
              "Gives turn, gain and variance, (G, 3).");

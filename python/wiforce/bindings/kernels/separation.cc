@@ -334,19 +334,16 @@ void bind_separation(py::module& m)
 {
     m.def("whiten",
           &whitened,
-          "whitener"_a,
-          "tones"_a,
           "whitener: (M, M). tones: (G, M, K). Gives their parts with white noise (G, M, "
           "K), and\ntheir mean power (G,).");
     m.def("tone_peaks",
           &peaks_of,
-          "tones"_a,
           "tones: (G, M, K). Gives their largest real or imaginary part (G,), NaN where "
           "not "
           "all are\nfinite.");
     using sizes = end_fit::shape;
     py::class_<end_fit>(m, "end_fit", "mixed: (G, M, 4S). tones: (G, M, K).")
-        .def(py::init(&make_end_fit), "mixed"_a, "tones"_a)
+        .def(py::init(&make_end_fit))
         .def(
             "solve",
             [](end_fit& fit, const complex_array& tones) {
@@ -357,7 +354,6 @@ void bind_separation(py::module& m)
                               "end_fit: tones must have shape (G, M, K)");
                 fit.solve(tones.data());
             },
-            "tones"_a,
             "Fit other tones of the same groups at the same clocks: ends and residual.")
         .def_property_readonly("white",
                                member(&end_fit::mixing, &sizes::tones, &sizes::ends),
@@ -396,33 +392,24 @@ void bind_separation(py::module& m)
             "(G, K), sum of the squared residual over the tones.");
     py::class_<phase_expansion>(
         m, "phase_expansion", "A fit of ends, expanded in the phases of the clocks.")
-        .def(py::init<const end_fit&>(), "fit"_a)
+        .def(py::init<const end_fit&>())
         .def("information",
              &informed,
-             "inverse_noise"_a,
              "inverse_noise: (K,). Gives gradient (G, S), expected (G, S, S), excess (G, "
              "S).");
     m.def(
         "phase_errors",
         &errors_of,
-        "gradient"_a,
-        "information"_a,
-        "excess"_a,
         "Gauss-Newton step (S,) to be added to each phase in rad, and its variance (S,);"
         "\ninfinite where a phase is not determined. gradient, excess: (S,), "
         "information: (S, S).");
     py::class_<clock_likelihood>(
         m, "clock_likelihood", "derivatives: (6, L). lines: (L,).")
         .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
-                 return clock_likelihood(flat(derivatives), flat(lines));
-             }),
-             "derivatives"_a,
-             "lines"_a)
+            return clock_likelihood(flat(derivatives), flat(lines));
+        }))
         .def("at",
              &likelihood_at,
-             "phase"_a,
-             "tones"_a,
-             "inverse_noise"_a,
              "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3).");
     py::class_<group_weights>(
         m,
@@ -438,8 +425,6 @@ void bind_separation(py::module& m)
         .def(
             "switched",
             &mix_switching,
-            "clocks"_a,
-            "pulses"_a,
             "Whitened parts of the tags' switching waveforms, and their derivatives: (G, "
             "M, 4S).\nclocks: (G, S, 3), phase in rad and rate in rad/s at the centres, "
             "and half the phase that\na snapshot averages over. pulses: (S, 3), delay "
@@ -469,40 +454,27 @@ void bind_separation(py::module& m)
                          std::pair<double, double> energy_and_curvature,
                          std::size_t groups,
                          double seen_s) {
-                 return clock_tracker({ time_s,
-                                        phase,
-                                        rate,
-                                        variances.first,
-                                        variances.second,
-                                        nominal_rate,
-                                        subcarriers,
-                                        slope_variance,
-                                        energy_and_curvature.first,
-                                        energy_and_curvature.second,
-                                        groups,
-                                        seen_s });
-             }),
-             "time_s"_a,
-             "phase"_a,
-             "rate"_a,
-             "variances"_a,
-             "nominal_rate"_a,
-             "subcarriers"_a,
-             "slope_variance"_a,
-             "energy_and_curvature"_a,
-             "groups"_a,
-             "seen_s"_a)
-        .def(py::init<const clock_tracker&>(), "other"_a)
+            return clock_tracker({ time_s,
+                                   phase,
+                                   rate,
+                                   variances.first,
+                                   variances.second,
+                                   nominal_rate,
+                                   subcarriers,
+                                   slope_variance,
+                                   energy_and_curvature.first,
+                                   energy_and_curvature.second,
+                                   groups,
+                                   seen_s });
+        }))
+        .def(py::init<const clock_tracker&>())
         .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
         .def_readwrite("phase", &clock_tracker::phase, "In rad.")
         .def_readwrite("rate", &clock_tracker::rate, "Above nominal, in rad/s.")
         .def_readwrite("variances",
                        &clock_tracker::variances,
                        "Of the phase, the covariance, and of the rate.")
-        .def("predict",
-             &clock_tracker::predict,
-             "at_s"_a,
-             "The phase expected at a time, in rad.")
+        .def("predict", &clock_tracker::predict, "The phase expected at a time, in rad.")
         .def(
             "update",
             [](clock_tracker& of,
@@ -528,14 +500,9 @@ void bind_separation(py::module& m)
             [](const clock_tracker& of, double at_s, double absent_s, double unseen_s) {
                 return clock_limits{ absent_s, unseen_s }.expired(of, at_s);
             },
-            "at_s"_a,
-            "absent_s"_a,
-            "unseen_s"_a,
             "Whether the tag was absent, or not received, for longer than this.");
     m.def("predict_clocks",
           &predict_clocks,
-          "trackers"_a,
-          "center_s"_a,
           "Phases and rates (G, S) expected at times (G,).");
     py::class_<noise_estimate>(m, "noise_estimate", "profile: (K,), or None.")
         .def(py::init([](double group_period_s,
@@ -598,15 +565,6 @@ void bind_separation(py::module& m)
                                              nominal_rate,    stated_rate,
                                              { delay, duty }, overlapping };
              }),
-             "index"_a,
-             "clock"_a,
-             "likelihood"_a,
-             "lines"_a,
-             "nominal_rate"_a,
-             "stated_rate"_a,
-             "delay"_a,
-             "duty"_a,
-             "overlapping"_a,
              py::keep_alive<1, 3>(),
              py::keep_alive<1, 4>());
     py::class_<end_separation>(
@@ -619,22 +577,14 @@ void bind_separation(py::module& m)
                          double least_error,
                          double absent_s,
                          double unseen_s) {
-                 return end_separation({ tags,
-                                         group_length,
-                                         averaging_s,
-                                         jointly,
-                                         line_power,
-                                         least_error,
-                                         { absent_s, unseen_s } });
-             }),
-             "tags"_a,
-             "group_length"_a,
-             "averaging_s"_a,
-             "jointly"_a,
-             "line_power"_a,
-             "least_error"_a,
-             "absent_s"_a,
-             "unseen_s"_a)
+            return end_separation({ tags,
+                                    group_length,
+                                    averaging_s,
+                                    jointly,
+                                    line_power,
+                                    least_error,
+                                    { absent_s, unseen_s } });
+        }))
         .def("reset",
              &end_separation::reset,
              "Forget the residuals so far, when the clocks were acquired again.")
@@ -656,14 +606,8 @@ void bind_separation(py::module& m)
              "model is lost.");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
-    m.def("raised_subcarriers",
-          &raised_of,
-          "ratios"_a,
-          "freedom"_a,
-          "ratios: (G, K). Gives (G, K).");
+    m.def("raised_subcarriers", &raised_of, "ratios: (G, K). Gives (G, K).");
     m.def("chi_squared_limit",
           &chi_squared_limit,
-          "freedom"_a,
-          "stds"_a,
           "With so many complex degrees of freedom.");
 }

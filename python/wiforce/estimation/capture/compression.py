@@ -71,15 +71,12 @@ class Compression:
 
 
 def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
-    """Measure compression on the subcarrier that is never sent, in some hundred frames of a run's
-    start.
+    """Measure compression on the subcarrier that is never sent, in some hundred frames from a run's
+    start: c sum_n |s[n]|^2 s[n] beside a DC offset, which may be added before or behind it.
 
     None where it is below 0.3 % at the largest sample or not significant, or the guard is too short
-    for the echoes to fade. Its standard deviation is half of the difference between a DC offset
-    that is there before the signal is compressed, and one that is added behind.
-
-    What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset. Filters ring at the
-    edges of the preamble, so that only its middle and that of the guard are used.
+    for echoes to fade. Only the middle of preamble and guard is used, since filters ring at the
+    edges.
     """
     if not _is_silent_at_zero(waveform):
         return None

@@ -14,10 +14,97 @@ import numpy as np
 from ...io.capture.recordings import Capture
 from ...signal.waveform import Waveform
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import folded_reader, interference_screen, tone_reader, tone_transform
+from ...wiforce_kernels import (
+    UNNOTICED_FRAMES,
+    folded_reader,
+    interference_screen,
+    tone_reader,
+    tone_transform,
+)
 from ..groups import Array, Groups, is_clipped
-from .antennas import folded_ratio, ratio_noise
-from .slips import Slips
+
+
+def channel_ratio(first: Array, second: Array) -> Array:
+    """Ratio H_1 / H_2 of the channels of two antennas, (n, K); 0 where the second receives nothing.
+
+    Of H_a = exp(j phi) (S_a + r T_a) it cancels the oscillators' phase, and is linear in r while
+    the tag is weak: higher orders change a phase by up to 2 |T|/|S| rad (Y. Zeng et al., FarSense,
+    2019).
+    """
+    received = np.abs(second) > 0
+    return np.divide(first, second, out=np.zeros_like(first), where=received)
+
+
+def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
+    """Ratio of two antennas times the symbol, like folded frames of one antenna, (n,
+    symbol_length).
+    """
+    bins = waveform.bins
+    channels = [np.fft.fft(folded.astype(complex), axis=1)[:, bins] for folded in (first, second)]
+    spectrum = np.zeros((len(first), waveform.symbol_length), complex)
+    spectrum[:, bins] = channel_ratio(*channels) / waveform.equalizer()[bins]
+    return np.fft.ifft(spectrum, axis=1)
+
+
+def ratio_noise(antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio: Array) -> Array:
+    """Noise (n, 2), float32, of two antennas' ratio: smallest and largest, as of one antenna."""
+    relative = sum(own / _power(folded) for own, folded in zip(noise, antennas, strict=True))
+    return np.asarray(relative * _power(ratio), np.float32)
+
+
+def _power(folded: Array) -> Array:
+    """Mean power per sample, shape (n, 1)."""
+    power = np.mean(folded.real**2 + folded.imag**2, axis=1, keepdims=True)
+    return np.maximum(power, np.finfo(np.float32).tiny)
+
+
+class Slips:
+    """Slips of the frame timing: groups before each would be read as a press, and are left out."""
+
+    def __init__(self, group_length: int) -> None:
+        self._length = group_length
+        self._known: set[tuple[int, int]] = set()
+        self._misplaced: list[tuple[int, int]] = []
+        self._ends: list[int] = []
+        self._retuned = False  # in a group that was left out
+        # Groups before the latest one in which a slip may still be found.
+        self.unsure = -(-UNNOTICED_FRAMES // group_length)
+
+    def add(self, misplaced: Iterable[tuple[int, int]]) -> None:
+        """Add the frames (first, end) that slips misplaced; those that are known may come again."""
+        for frames in misplaced:
+            if frames not in self._known:
+                self._known.add(frames)
+                self._misplaced.append(frames)
+                self._ends.append(frames[1])
+
+    def elsewhere(self, group: Array) -> Array:
+        """Which groups (n,) hold frames that may lie elsewhere; none of a later call is earlier."""
+        found = np.zeros(len(group), bool)
+        if len(group):
+            begin = int(group.min()) * self._length
+            self._misplaced = [frames for frames in self._misplaced if frames[1] > begin]
+        for first, end in self._misplaced:
+            found |= (group >= first // self._length) & (group * self._length < end)
+        return found
+
+    def behind(self, group: Array) -> Array:
+        """Which of the groups (n,) that are read next are the first ones behind a slip."""
+        found = np.zeros(len(group), bool)
+        for end in self._ends.copy():
+            later = group * self._length >= end
+            if later.any():
+                found[np.argmax(later)] = True
+                self._ends.remove(end)
+        return found
+
+    def mark(self, group: int, retuned: bool) -> tuple[bool, bool] | None:
+        """Whether the next group follows a slip, and a retuned device; None where left out."""
+        self._retuned |= retuned
+        if self._misplaced and self.elsewhere(np.array([group]))[0]:
+            return None
+        retuned, self._retuned = self._retuned, False
+        return bool(self._ends) and bool(self.behind(np.array([group]))[0]), retuned
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +132,7 @@ class SnapshotGroup:
 
 
 def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
-    """Factors by which tones are multiplied before the FFT (``ToneTable.derotation``), (M,
-    symbol_length).
-
-    Empty where the waveform's symbol is too long for it.
-    """
+    """Factors (M, symbol_length) of tones before the FFT; (0, symbol_length) for a long symbol."""
     if not waveform.is_derotated:
         return np.zeros((0, waveform.symbol_length), complex)
     return table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
@@ -65,12 +148,7 @@ def kernel_rows(table: ToneTable, waveform: Waveform) -> tuple[Array, Array]:
 
 
 class FoldedGroups:
-    """Converts the folded frames of a group to its tones.
-
-    Zeros in place of missing snapshots would let static clutter leak into the tones. The weights of
-    an incomplete group are therefore solved for the snapshots that were received. Tones of complete
-    groups are derotated where ``derotated``.
-    """
+    """Converts folded frames of a group to tones, by weights for the snapshots received."""
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
         self._table, self._waveform = table, waveform
@@ -88,11 +166,8 @@ class FoldedGroups:
         return tone_transform(weights, self._waveform.equalizer(), rotation, self._bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array, Array]:
-        """Tones (M, K) and static path (K,) of a group, and the weights (N,) of its snapshots in
-        them.
-
-        Takes the folded frames of the snapshots that are present. All weights are zero when these
-        do not determine the tones.
+        """Tones (M, K), static path (K,), and weights (N,), all 0 where the snapshots do not
+        suffice.
         """
         if len(folded) == len(present):
             rows = self._kernel.transform(folded)
@@ -165,11 +240,7 @@ def first_frames(
     count: int,
     group_length: int,
 ) -> tuple[Array, Array]:
-    """The first frames of a recording, or of the ratio of two antennas: indices (n,), folded
-    frames.
-
-    Without groups that hold frames elsewhere. Fewer than ``count`` where a recording ends.
-    """
+    """Up to ``count`` first frames of one recording or a ratio: indices (n,) and folded frames."""
     kernels = [folded_reader(**frame_settings(each, waveform, frame_offset)) for each in recordings]
     slips = Slips(group_length)
     count += slips.unsure * group_length
@@ -186,11 +257,7 @@ def first_frames(
 
 
 class _RatioFrames:
-    """Frames that two antennas have in common, and their ratio.
-
-    ``ended`` where one antenna has no more. Antennas that have lost other frames are read at other
-    paces, so that frames of one are held until the other has come as far.
-    """
+    """Frames that two antennas have in common, and their ratio; ``ended`` where one has no more."""
 
     def __init__(self, kernels: Iterable[folded_reader], waveform: Waveform) -> None:
         self._kernels, self._waveform = tuple(kernels), waveform
@@ -198,9 +265,7 @@ class _RatioFrames:
         self.ended = False
 
     def read(self, count: int) -> tuple[Array, ...]:
-        """The next ones of up to ``count`` more of an antenna: indices, ratio, its noise,
-        saturation.
-        """
+        """The next frames, up to ``count`` of an antenna: indices, ratio, its noise, saturation."""
         newest = [int(held["snapshot"].max(initial=-1)) for held in self._held]
         for each, kernel in enumerate(self._kernels):
             if newest[each] == min(newest):

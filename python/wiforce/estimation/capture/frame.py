@@ -38,30 +38,22 @@ def whole_frames(samples: Array, frame_length: int) -> Array:
 
 
 def searched_samples(waveform: Waveform) -> int:
-    """Samples at the start of a stream in which frames are searched.
-
-    ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much energy.
-    """
+    """Samples at the start of a stream in which frames are searched; fewer frames of long ones."""
     length = waveform.frame_length
     frames = min(SEARCHED_FRAMES, max(_FEWEST_FRAMES, _SEARCHED_SAMPLES // length))
     return frames * length
 
 
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
-    """Find the sample at which the first frame of a stream begins; None when there is no preamble.
-
-    It is less than a frame, and ``MARGIN`` samples before the strongest path. The mean frame, in
-    which static paths add up, is correlated with the sent frame at every cyclic shift: a thousand
-    frames or more are better than one.
+    """Sample below a frame at which the first frame begins, by the mean frame; None without
+    preamble.
     """
     found = _search(samples, waveform)
     return None if found is None else (found.begin - MARGIN) % len(found.mean)
 
 
 class _Found(NamedTuple):
-    """A mean frame, its match with the sent one at every cyclic shift, both (frame_length,), and
-    the sample of it at which preambles begin.
-    """
+    """A mean frame, its match at every cyclic shift, (frame_length,), and where preambles begin."""
 
     mean: Array
     match: Array
@@ -107,10 +99,8 @@ def _match(mean: Array, waveform: Waveform) -> Array:
 
 
 def _noise(mean: Array, match: float, waveform: Waveform) -> float:
-    """Log likelihood of noise alone relative to that of a preamble that gives this match.
-
-    The share of a mean frame's power that no preamble at this shift explains, to the power of its
-    samples.
+    """Log likelihood of noise against a preamble with this match: (1 - share of power)^(samples -
+    1).
     """
     power = float(np.vdot(mean, mean).real) * float(np.sum(np.abs(waveform.preamble) ** 2))
     share = max(1 - match**2 / max(power, 1e-30), 1e-30)
@@ -126,27 +116,20 @@ def _quiet(match: Array, best: int, preamble: int) -> Array | None:
 
 
 def has_quiet_samples(waveform: Waveform) -> bool:
-    """Whether the guard is long enough to tell a preamble from noise in the mean frame.
-
-    Otherwise :func:`find_frame_offset` gives the best offset, whatever it is.
-    """
+    """Whether the guard is long enough to tell a preamble from noise in the mean frame."""
     return waveform.frame_length - 2 * (waveform.preamble_length + _ECHOES) - 1 >= _LEAST_QUIET
 
 
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
-    """Whether frames cut from sample 0 contain their averaged repetitions, the first one beginning
-    at ``offset``: the delay fits into the repetitions that are dropped.
+    """Whether frames cut from sample 0 hold the averaged repetitions of one beginning at
+    ``offset``.
     """
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
 
 
 def elsewhere(samples: Array, waveform: Waveform) -> int | None:
-    """Sample of a frame at which preambles begin; None where that is as cut, or unknown.
-
-    It is unknown where another place matches as well but for noise, as where symbols follow each
-    other without a guard.
-    """
+    """Sample of a frame at which preambles begin; None where that is as cut, or ambiguous."""
     found = _search(samples, waveform)
     if found is None:
         return None
@@ -159,10 +142,7 @@ def elsewhere(samples: Array, waveform: Waveform) -> int | None:
 
 
 def symbols_in(samples: Array, waveform: Waveform) -> int:
-    """Symbols that preambles of a repeated symbol hold, at most as many as expected.
-
-    As many as expected where noise explains that they seem fewer.
-    """
+    """Symbols that preambles of a repeated symbol hold, unless noise explains fewer."""
     sent = waveform.preamble_length // waveform.symbol_length
     repeated = np.tile(waveform.symbol, sent)
     if not np.array_equal(repeated, waveform.preamble):
@@ -185,10 +165,7 @@ def symbols_in(samples: Array, waveform: Waveform) -> int:
 
 
 def frame_offset_in(samples: Array, waveform: Waveform) -> int:
-    """Samples before the first frame of a recording, from its first :func:`searched_samples`.
-
-    0 where frames cut from sample 0 contain their preambles, and where no preamble is found.
-    """
+    """Samples before the first frame, by the first :func:`searched_samples`; 0 if none needed."""
     offset, length = find_frame_offset(samples, waveform), waveform.frame_length
     if offset is not None and has_quiet_samples(waveform):
         # Behind a slip, most frames are elsewhere. The first ones are those that all later ones are
@@ -240,11 +217,9 @@ _LEAST_VARIANCE = 1e-6
 class FramePeriod(NamedTuple):
     """What the samples of a stream say of the length of its frames.
 
-    ``samples`` is the period of the preambles, or None where it does not stand out of the noise; no
-    integer when transmitter and receiver ran at different rates. ``agrees`` where the expected
-    length of a frame is a period, and no part of it is. ``likeness`` is the mean over all frames of
-    the normalised correlation with the sounding symbol, at the place within the frame where it is
-    highest: 1 for the symbol without noise and echoes, about 0.1 for other signals.
+    ``samples`` is the period of the preambles, None where it does not stand out; ``agrees`` where
+    the expected length is a period and no part of it is; ``likeness``, 0 to 1, is the largest mean
+    over frames of the normalised correlation with the symbol, 0.1 for other signals.
     """
 
     samples: float | None
@@ -262,11 +237,9 @@ def find_frame_period(
 ) -> FramePeriod:
     """Find after how many samples the preambles of a stream repeat, from some dozen frames.
 
-    Samples lost in a gap are zeros. Each sample is given the normalised correlation of the samples
-    from there with the sounding symbol (or ``symbol``), q = |<s, y>|^2 / (|s|^2 |y|^2). It depends
-    on neither level nor carrier offset, and it ignores DC and most of what is no preamble. A period
-    is a lag at which, and at whose multiples, the autocovariance of q is high. The shortest such
-    lag of at least a preamble is the length of a frame.
+    Of q, the normalised correlation of the samples with the symbol from each of them on, a period
+    is a lag at which, and at whose multiples, the autocovariance is high. Level and carrier offset
+    do not matter; samples lost in a gap are zeros.
     """
     if symbol is None:
         symbol = symbol_of(waveform)
@@ -374,10 +347,7 @@ def _strength_of_periods(coherence: Array, preamble: int) -> tuple[Array, float]
 
 
 def _spread_without_guard(coherence: Array, waveform: Waveform) -> float:
-    """Spread of the lags of symbols that follow each other without a guard.
-
-    No lag is without signal then. What differs from one expected frame to the next is noise.
-    """
+    """Spread of lags without a guard, where all hold signal: by differences of expected frames."""
     beyond, length = coherence[waveform.preamble_length :], waveform.frame_length
     if len(beyond) <= length:
         return np.inf
@@ -395,11 +365,8 @@ def _fast_length(least: int) -> int:
 
 
 def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
-    """Whether each expected frame holds a preamble where the one before has it.
-
-    True also where another signal, a tone or a second reader, is received along with them. The
-    symbols of neighbouring frames are multiplied after correlation, which carrier offsets do not
-    harm. What gives the same product at all samples of a frame is no preamble.
+    """Whether each expected frame holds a preamble where the one before has it, beside other
+    signals.
     """
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
@@ -442,15 +409,10 @@ _ADAPTATION = 0.01
 class FrameFollower:
     """Cuts a stream into frames that keep their timing, whatever the period of the transmitter.
 
-    Where the transmitter is faster than the receiver, frames overlap by a sample now and then;
-    where it is slower, a sample between two frames is left out. What remains of the delay, half a
-    sample, is common to both antennas and cancels in their ratio. The stream begins with a frame.
-    ``period`` is the number of samples from one frame to the next, ``lost`` counts frames in the
-    gaps that are known, ``moved`` how often the timing shifted without one.
-
-    Timing is measured by the product of neighbouring bins of a frame's spectrum, summed over bins
-    and frames. A delay of d samples rotates it by -2 pi d / L; the common phase of a frame, which a
-    free-running oscillator makes random, cancels.
+    Frames overlap by a sample, or leave one out; what remains of the delay cancels in a ratio of
+    antennas. Timing is the phase of the product of neighbouring bins, summed over bins and frames:
+    a delay of d samples rotates it by -2 pi d / L, and a common phase cancels. ``lost`` counts
+    frames in known gaps, ``moved`` shifts without one.
     """
 
     def __init__(self, frame_length: int) -> None:
@@ -594,10 +556,8 @@ def _limit(averaged: Array) -> float:
 
 
 def _phase_noise_dbc_hz(averaged: Array, waveform: Waveform) -> float | None:
-    """Phase noise from the projections on their mean of what snapshots average.
-
-    Noise of other kinds has the same density in the real part, which is subtracted. The medians
-    over frequency leave out lines, those of tags included.
+    """Phase noise from projections (n,) on the mean: imaginary less real part, by medians over
+    lines.
     """
     count = len(averaged)
     mean = averaged.mean(axis=0)

@@ -46,12 +46,7 @@ SAMPLE_RATE_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4
 
 
 def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
-    """Find a sample of a recording at or after which the expected frames are received, or None.
-
-    It is ``start`` unless that is silent. Raises InputError, which names file, key and what was
-    found, for preambles of another waveform or sample rate, or when frames repeat after another
-    number of samples.
-    """
+    """Sample from ``start`` on where the expected frames are received, or None; refuses others."""
     needed = samples_needed(waveform.frame_length)
     for place in _places(start, recording.span, needed):
         samples = recording.read_span(place, needed)
@@ -85,11 +80,7 @@ def no_frames(recording: Capture, waveform: Waveform) -> InputError:
 
 
 def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
-    """Samples of a recording before its first frame, from a place with frames on
-    (:func:`find_frames`).
-
-    0 where frames taken from sample 0 hold their preambles, and where none stands out.
-    """
+    """Samples before the first frame, from a ``place`` with frames on; 0 where none is needed."""
     length = waveform.frame_length
     # On the grid that begins with the first sample, frames are where they are at the start.
     place -= place % length
@@ -115,10 +106,7 @@ def _stands_out(samples: Array, waveform: Waveform) -> bool:
 
 
 def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) -> bool:
-    """Whether the samples hold the expected frames; False where no frames can be seen.
-
-    Preambles of another kind, and frames of another length, are refused.
-    """
+    """Whether the samples hold the expected frames; refuses others, and other frame lengths."""
     found, expected = find_frame_period(samples, waveform), waveform.frame_length
     if found.samples is None or not found.agrees and found.likeness < _FAINT:
         return False
@@ -159,11 +147,7 @@ def _check_kind(
 
 
 def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> str:
-    """Which other waveform or sample rate explains preambles far better than the expected one.
-
-    Some dozen frames from any sample on, of ``likeness`` to this waveform (:class:`.FramePeriod`);
-    empty where none does.
-    """
+    """Which other waveform or rate explains some dozen frames far better; empty where none does."""
     clear = max(_UNLIKELY, 2 * likeness)
     for other in _other_waveforms(waveform):
         if find_frame_period(samples, other).likeness > clear:
@@ -290,11 +274,7 @@ def level_problem(samples: Array, averaged: int = 1) -> str:
 
 
 def snapshots_problem(folded: Array, waveform: Waveform) -> str:
-    """Why the folded frames (N, symbol_length) of a group cannot be those of frames.
-
-    Empty where they have a part in common, as frames by static paths have, and this part is the
-    waveform by paths that are shorter than a quarter of its symbol.
-    """
+    """Why the folded frames (N, symbol_length) of a group cannot be those of frames, or empty."""
     if len(folded) < _FEWEST:
         return ""
     mean = folded.mean(axis=0)
@@ -323,10 +303,7 @@ def _short_paths(mean: Array, waveform: Waveform) -> float:
 
 
 def frame_problem(samples: Array, waveform: Waveform, frame_offset: int) -> str:
-    """Where frames begin that do not begin where they are expected, at ``frame_offset``.
-
-    ``samples`` are those of many frames, as cut, or their mean; empty where it is not known.
-    """
+    """Where frames begin if not at ``frame_offset``, from many frames or their mean; or empty."""
     if problem := preamble_problem(samples, waveform):
         return problem
     begin = elsewhere(samples, waveform)
@@ -352,10 +329,7 @@ def preamble_problem(samples: Array, waveform: Waveform) -> str:
 
 
 def search_problem(samples: Array, waveform: Waveform, ended: str = "") -> str:
-    """Why :func:`.frame.find_frame_offset` found no frames of a waveform in samples.
-
-    Where nothing else is known: that their stream has ``ended``, if that is said.
-    """
+    """Why no frames of a waveform were found in samples; at least: their stream has ``ended``."""
     problem = level_problem(samples)
     if problem:
         return problem
@@ -384,10 +358,7 @@ def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -
 
 
 def offset_problem(recording: Capture, waveform: Waveform, place: int, frame_offset: int) -> str:
-    """Where the frames of a recording begin, if not at ``frame_offset``; empty otherwise.
-
-    They are received from ``place`` on (:func:`find_frames`).
-    """
+    """Where frames received from ``place`` on begin, if not at ``frame_offset``; or empty."""
     place += (frame_offset - place) % waveform.frame_length
     samples = recording.read_span(place, searched_samples(waveform))
     return frame_problem(samples, waveform, frame_offset)

@@ -69,10 +69,10 @@ def acquire(
 ) -> ClockFit:
     """Fit phase, offset and the delay of clock 2 to a block of L groups at ``times_s`` (L,).
 
-    ``covariances`` (L, lines, lines) are ``likelihood.covariance`` of each, ``likelihood`` has no
-    delay, ``nominal_rate`` is 2 pi fs. Offsets up to 1.5 times the tolerance are searched.
-    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/theory.md, Clock): a grid over
-    the offset, with a Fourier transform over the phase, then Newton steps.
+    Maximises the sum of J(theta_0 + 2 pi f t) (docs/theory.md, Clock) over offsets up to 1.5 times
+    the tolerance: a grid, with a Fourier transform over the phase, then Newton steps.
+    ``covariances`` (L, lines, lines) are ``likelihood.covariance`` of each; ``nominal_rate`` is 2
+    pi fs.
     """
     center = times_s.mean()
     elapsed = times_s - center
@@ -109,10 +109,7 @@ def _profile(coefficients: Array) -> Array:
 def most_likely(
     coefficients: Array, elapsed: Array, nominal_rate: float, tolerance_ppm: float
 ) -> tuple[float, float]:
-    """Rate above nominal and phase of the highest J of all groups, at all orders of coefficients.
-
-    Offsets up to 1.5 times the tolerance are searched, then those next to the best of them.
-    """
+    """Rate above nominal and phase of the highest J, within 1.5 times the tolerance."""
     limit = 1.5e-6 * tolerance_ppm * nominal_rate
     rate = 0.0
     if limit:
@@ -142,11 +139,7 @@ def _search(
 
 
 def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseLikelihood, float]:
-    """Likelihood with the delay of clock 2 that fits the block best, and the clock's phase.
-
-    A true 75 % clock 2 about the same centres equals an inverted one that is Ts/4 late: the sign
-    of the line is part of its unknown channel.
-    """
+    """Likelihood with the delay of clock 2 that fits the block best, and the clock's phase."""
 
     def best(delay: float) -> tuple[float, float]:
         coefficients = likelihood.coefficients(block, likelihood.projections(delay))

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Acquisition of all tags over a block of groups, when only their nominal clocks are known."""
+"""Acquisition of all tags over a block of groups, and of the shape of their pulses.
+
+Wider pulses change the levels of a tag's lines relative to each other, and give end 1 a share of
+line 4: the residual along the derivatives of the model gives duty cycles and delay of clock 2.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...signal.switching import DUTY, duty_slopes
 from ...signal.timed_weights import TimedTable
 from ...wiforce_kernels import (
     OUTLIER_RATIO,
@@ -18,12 +23,134 @@ from ...wiforce_kernels import (
     raised_subcarriers,
 )
 from ..ends.least_squares import ToneModel
-from ..group_tones import GroupTones, without_loud
+from ..group_tones import GroupFit, GroupTones, GroupWeights, power_of, without_loud
 from ..groups import Array
-from .acquisition import DELAY_EVIDENCE, acquire
+from .acquisition import DELAY_EVIDENCE, OVERLAP, acquire
 from .likelihood import complete_likelihood
-from .pulse_fit import fit_pulses
-from .tracked_tag import TrackedTag, likelihood_bias
+from .tracked_tag import ClockPath, TrackedTag, likelihood_bias
+
+# Gauss-Newton steps: the model is almost linear in these numbers.
+_STEPS = 4
+# Largest duty-cycle error that is believed: a second tag on almost the same clock can look like
+# more. Smaller ones than the second number do not matter, they change phases by 0.01 deg; a delay
+# by this many rad neither.
+_LARGEST_ERROR = 0.0125
+_NEGLIGIBLE = 1e-4
+_NEGLIGIBLE_RAD = 1e-3
+# Part of the residual along the ends' own channels that may remain. Disturbances by the room leave
+# such a residual too, of which the pulses explain little.
+_MAY_REMAIN = 0.5
+# Turns of both ends' waveforms, then their widening, by both duty cycles, the delay of clock 2, and
+# the phase of both.
+_BY_VALUE = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [0, -1, 0, 0], [1, 1, 0, 0]])
+
+
+@dataclass(eq=False, repr=False)
+class _Sums:
+    """Sums over groups: misfit, its part along the tag's channels above noise, gradient (3,),
+    information (3, 3), and how much later the clock is in every group (G,), now and by steps (G,
+    3).
+    """
+
+    energy: float
+    coherent: float
+    gradient: Array
+    information: Array
+    shifts: Array
+    shifts_by_value: Array
+
+
+def fit_pulses(model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array) -> bool:
+    """Fit duty cycles and delay of clock 2 of a tag; whether others are clearly better, then taken.
+
+    Variable projection (G. Golub and V. Pereyra, 1973): ends and clock phase of each group are
+    eliminated. ``inverse_noise`` (K,) is 1 / sigma_k^2.
+    """
+    tracker = tag.tracker
+    if tracker is None:
+        return False
+    before = tag.likelihood, tracker.likelihood
+    values = np.array([*tag.duty, tag.clock2_delay])
+    # The phases first: what they leave of the residual would hide how much the pulses explain.
+    shifts = _sums(model, tag, groups, inverse_noise, np.zeros(len(groups))).shifts
+    sums: list[_Sums] = []
+    for _ in range(_STEPS):
+        now = _sums(model, tag, groups, inverse_noise, shifts)
+        step = np.linalg.lstsq(now.information, now.gradient, rcond=1e-9)[0]
+        if not sums and now.gradient @ step / 2 < DELAY_EVIDENCE:
+            return False
+        sums.append(now)
+        values = values + step
+        shifts = shifts + now.shifts - now.shifts_by_value @ step
+        if np.abs(values[:2] - DUTY).max() > _LARGEST_ERROR or abs(values[2]) > OVERLAP:
+            break
+        duty, delay = (float(values[0]), float(values[1])), float(values[2])
+        tag.likelihood = before[0].delayed(0.0, duty)
+        tracker.likelihood = before[0].delayed(delay, duty)
+    else:
+        sums.append(_sums(model, tag, groups, inverse_noise, shifts))
+        change = np.abs(values - [*before[0].duty, before[1].clock2_delay])
+        matters = np.any(change > (_NEGLIGIBLE, _NEGLIGIBLE, _NEGLIGIBLE_RAD))
+        clear = sums[0].energy - sums[-1].energy > DELAY_EVIDENCE
+        if matters and clear and sums[-1].coherent < _MAY_REMAIN * sums[0].coherent:
+            tracker.phase += float(shifts.mean())
+            return True
+    tag.likelihood, tracker.likelihood = before
+    return False
+
+
+def _sums(
+    model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array, shifts: Array
+) -> _Sums:
+    """Sums over groups whose clock phases are ``shifts`` ahead of the tracker's."""
+    place = model.locked.index(tag)
+    ends = slice(2 * place, 2 * place + 2)
+    clocks = model.predict(groups)
+    clocks.phase[:, place] += shifts
+    fit = model.fit(groups, clocks)
+    changes = np.concatenate(
+        [_changes(tag, weights, clocks.of(place, rows)) for weights, rows in groups.by_weights()]
+    )
+    # What a change of the ends cannot compensate, times the channel of its end.
+    changes = changes - fit.white @ (fit.solver @ changes)
+    channels = fit.ends[:, ends][:, [0, 1, 0, 1]]
+    weights = inverse_noise / groups.loss
+    adjoint, weighted = changes.conj().swapaxes(1, 2), channels.conj() * weights[:, None]
+    along = np.sum((adjoint @ fit.residual) * weighted, axis=2).real
+    within = ((adjoint @ changes) * (weighted @ channels.swapaxes(1, 2))).real
+    gradient = 2 * along @ _BY_VALUE.T
+    information = 2 * _BY_VALUE @ within @ _BY_VALUE.T
+    # The phase of every group is eliminated.
+    own = np.maximum(information[:, 3, 3], 1e-300)
+    across = information[:, :3, 3]
+    by_phase = gradient[:, 3] / own
+    squares = np.sum(power_of(fit.residual).sum(axis=1) * weights)
+    return _Sums(
+        float(squares - np.sum(gradient[:, 3] ** 2 / own) / 2),
+        sum(_coherent(fit, row, ends, weights[row]) for row in range(len(groups))),
+        np.sum(gradient[:, :3] - across * by_phase[:, None], axis=0),
+        information[:, :3, :3].sum(axis=0) - (across / own[:, None]).T @ across,
+        by_phase,
+        across / own[:, None],
+    )
+
+
+def _changes(tag: TrackedTag, weights: GroupWeights, clock: ClockPath) -> Array:
+    """Derivatives of both waveforms' tones by the phase and by the duty cycles; (G, M, 4)."""
+    slopes = tag.waveforms_and_slopes(clock, weights.times_s)[1]
+    return np.concatenate([weights.mix(slopes), weights.mix(duty_slopes(slopes))], axis=2)
+
+
+def _coherent(fit: GroupFit, row: int, ends: slice, weights: Array) -> float:
+    """Energy of a group's residual along a tag's channels, above that of noise in all others."""
+    own = (fit.ends[row, ends] * np.sqrt(weights)).T
+    basis = np.linalg.qr(own)[0]
+    residual = fit.residual[row] * np.sqrt(weights)
+    along = float(power_of(residual @ basis.conj()).sum())
+    subcarriers, columns = basis.shape
+    across = float(power_of(residual).sum()) - along
+    return along - across * columns / max(subcarriers - columns, 1)
+
 
 # A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
 # 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/data/thresholds.csv
@@ -50,9 +177,8 @@ _REFINEMENTS = 3
 class ClockSearch:
     """Finds the tags' clocks, their levels and the noise in a block of ``groups``.
 
-    A clock is given up when its tag was absent, or not received, for longer than ``limits_s``.
-    ``jointly`` where the likelihood of some tag is biased, so that all clocks are estimated from
-    the complete model. Every search sets the noise.
+    A clock is given up where its tag was absent, or not received, for longer than ``limits_s``; all
+    are estimated ``jointly``, from the complete model, where some tag's likelihood is biased.
     """
 
     def __init__(self, model: ToneModel, noise: noise_estimate, averaging_s: float) -> None:
@@ -69,11 +195,7 @@ class ClockSearch:
         )
 
     def run(self, groups: GroupTones) -> None:
-        """Acquire every tag over a block of groups, all of them usable.
-
-        Two or three passes, because the noise and the leakage of other tags into a tag's lines are
-        known only after the first.
-        """
+        """Acquire every tag over usable groups; again, as noise and leakage are known only then."""
         groups = without_loud(groups)
         if len(groups) < 2:
             return
@@ -92,10 +214,8 @@ class ClockSearch:
         self._noise.set(self._noise.variance, groups.level.max(), len(groups))
 
     def late_s(self, groups: GroupTones, first: int) -> float:
-        """By how much later groups from ``first`` on are than their index says, in s.
-
-        Frame timing has slipped before them. It tells the samples that were lost or inserted but
-        for whole frames, and a tag's clock tells these.
+        """By how much later groups from ``first`` on are, in s, by the clocks: a slip's whole
+        frames.
         """
         groups = without_loud(groups)
         behind, tags = groups.group >= first, self._model.tags
@@ -125,8 +245,8 @@ class ClockSearch:
         return _best_of(late_s, np.array(found))
 
     def _late_s(self) -> Array:
-        """Times by which groups may be late: by whole frames, up to half a period of the slowest
-        clock. Beyond that, no clock tells it.
+        """Times by which groups may be late: whole frames, up to half a period of the slowest
+        clock.
         """
         period_s = self._model.table.snapshot_period_s
         half_s = np.pi / min(tag.rate for tag in self._model.tags)
@@ -134,10 +254,7 @@ class ClockSearch:
         return period_s * np.arange(-most, most + 1)
 
     def renew(self, groups: GroupTones) -> GroupTones:
-        """Give up clocks before some usable groups, and search again for those that are lost.
-
-        Gives the first of the groups: as many as have the tags that are locked then.
-        """
+        """Give up expired clocks, search lost ones; the groups that have the tags then locked."""
         first, tags = groups[:1], self._model.tags
         for tag in tags:
             if tag.tracker and tag.tracker.expired(float(first.center_s[0]), *self.limits_s):

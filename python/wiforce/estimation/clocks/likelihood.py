@@ -41,11 +41,10 @@ PHASE_MARGIN = 0.02
 class PhaseLikelihood:
     """Computes the coefficients of J(theta) from the tones of a group.
 
-    ``averaging_phase`` is fs Ta in cycles, ``clock2_delay`` that of clock 2's pulses in radians of
-    clock 1. ``rows`` (L,) are the tones of this tag alone that are used for its clock, ``lines``
-    (L,) their harmonics, ``scale`` (L,) the factors by which they have unit noise, ``projection``
-    (L, L) is Pi(0) for the scaled tones; ``kernel`` evaluates J at one phase. Refused when the
-    tag's own lines do not determine its clock's phase, or its ends.
+    ``averaging_phase`` is fs Ta in cycles, ``clock2_delay`` in radians of clock 1. ``rows``,
+    ``lines`` and ``scale`` (L,) are the tag's own tones, their harmonics and factors to unit noise,
+    ``projection`` (L, L) is Pi(0) for the scaled tones; ``kernel`` evaluates J at one phase.
+    Refused when the tag's own lines do not determine its clock's phase, or its ends.
     """
 
     def __init__(
@@ -119,9 +118,8 @@ class PhaseLikelihood:
 
     @cached_property
     def _sorted(self) -> tuple[Array, Array, Array]:
-        """Elements of an (L, L) matrix, sorted by the difference d >= 0 of their lines.
-
-        Their flat indices, the start of each d among them, and 1 where a pair of lines has this d.
+        """Elements of an (L, L) matrix by difference d >= 0 of lines: indices, starts, whether d
+        exists.
         """
         steps = self._steps.ravel()
         places = np.argsort(steps, kind="stable")
@@ -131,10 +129,8 @@ class PhaseLikelihood:
         return places, starts, np.isin(orders, steps).astype(float)
 
     def covariance(self, tones: Array, noise: Array) -> Array:
-        """sum_k conj(P_i) P_j / sigma_k^2, (..., L, L), of the tag's scaled lines (..., L, K).
-
-        Its trace is the energy of the lines, in units of the noise (..., K) of a tone of unit noise
-        gain.
+        """sum_k conj(P_i) P_j / sigma_k^2, (..., L, L), of scaled lines (..., L, K); trace: their
+        energy.
         """
         scaled = tones * self.scale[:, None]
         return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
@@ -151,9 +147,8 @@ class PhaseLikelihood:
         return delays, self.projections(delays)
 
     def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
-        """Coefficients q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
-
-        From a :meth:`covariance`; ``projection`` (..., L, L) replaces the likelihood's own.
+        """q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta), from a
+        :meth:`covariance`.
         """
         places, starts, exists = self._sorted
         terms = covariance * (self.projection if projection is None else projection)
@@ -162,10 +157,8 @@ class PhaseLikelihood:
 
 
 def phase_margin(spectra: Array, lines: Array) -> float:
-    """How clearly a clock phase differs from any that is an eighth of a cycle or more away.
-
-    Smallest share of the ends' signals, averaged over both, that changes at such a phase; 0 when
-    the ends can be swapped. ``spectra`` (L, 2) are theirs at the correct phase, on these harmonics.
+    """Least share of the ends' signals, spectra (L, 2), that changes an eighth of a cycle away or
+    more.
     """
     norms = np.linalg.norm(spectra, axis=0)
     if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
@@ -180,10 +173,7 @@ def phase_margin(spectra: Array, lines: Array) -> float:
 
 
 def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
-    """Lines by which a tag's clock is tracked: of this tag alone, and not aliased.
-
-    Returns rows, lines (ndarray of int, shape (L,)): index of the tone, and number of the harmonic.
-    """
+    """Tones (L,) of a tag alone, not aliased, that track its clock: their rows and harmonics."""
     rows, lines = [], []
     for row, tone in enumerate(tones):
         if len(tone.owners) == 1 and tone.owners[0][0] == tag:
@@ -221,12 +211,9 @@ _EVERY_PHASE = 1024
 def complete_likelihood(
     tag: TrackedTag, groups: GroupTones, fit: GroupFit | None, inverse_noise: Array
 ) -> Array:
-    """Coefficients (G, D + 1) of J(theta) of groups of snapshots with times of their own, as of
-    :meth:`.PhaseLikelihood.coefficients`; ``fit`` has what other tags may add to the tones.
+    """Coefficients (G, D + 1) of J(theta) of groups with times of their own, beside other tags.
 
-    These are mixed by other weights in every group, and each finds a switch either open or closed.
-    The likelihood changes in steps, of which no derivative tells where it is largest: it is
-    evaluated at all phases.
+    It changes in steps where switches open or close, so that it is evaluated at all phases.
     """
     clocks = np.empty((_EVERY_PHASE, 1, 3))
     clocks[:, 0, 0] = 2 * np.pi * np.arange(_EVERY_PHASE) / _EVERY_PHASE

@@ -35,11 +35,7 @@ def expected_clocks(trackers: Sequence[clock_tracker], center_s: Array) -> Clock
 
 
 class ClockTracker(clock_tracker):
-    """Tracks the clock of a tag, with the likelihood of its phase.
-
-    It begins with a fit of L groups at ``times_s``; ``noise_level`` is the mean noise variance that
-    the likelihoods of the fit are scaled by.
-    """
+    """Tracks a tag's clock and its likelihood, from a fit of L groups at ``times_s`` (L,) on."""
 
     rate: float  # above nominal, of the kernel's class
 
@@ -81,8 +77,8 @@ class ClockTracker(clock_tracker):
         return other
 
     def place(self, at_s: float, tolerance_ppm: float = 0.0) -> None:
-        """Set the clock at a time to the most likely one of the latest groups, within a tolerance
-        or near the present rate.
+        """Set the clock to the most likely one of the latest groups, near the rate or within a
+        tolerance.
         """
         times_s, coefficients = (np.array(each) for each in zip(*self.latest, strict=True))
         elapsed, former = times_s - at_s, 0.0 if tolerance_ppm else self.rate
@@ -137,12 +133,10 @@ class TagClock:
 
 
 class TrackedTag:
-    """State that the separation keeps for one tag.
+    """State of one tag: its ``rows`` among all ends, and a ``tracker``, None while it is not known.
 
-    ``index`` is that of the tag in the table, ``rows`` are its two ends among those of all tags.
-    ``tracker`` is None while the clock is not known; ``likelihood`` has the duty cycles found, once
-    ``pulses_known``, and no delay of clock 2. ``waiting`` are the latest groups, over which a lost
-    tag is acquired again.
+    ``likelihood`` has the duty cycles found, once ``pulses_known``, and no delay of clock 2;
+    ``waiting`` are the latest groups, over which a lost tag is acquired again.
     """
 
     def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
@@ -156,7 +150,7 @@ class TrackedTag:
         self.waiting: list[GroupTones] = []
 
     def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
-        """Track the clock of a fit to groups at ``times_s``, whose likelihoods ``noise_level``
+        """Track the clock of a fit to groups at ``times_s`` whose likelihoods ``noise_level``
         scales.
         """
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
@@ -193,10 +187,8 @@ class TrackedTag:
         return self.likelihood.duty
 
     def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
-        """s_1 and s_2 averaged over every snapshot, and their derivatives by the phase, (G, n, 2).
-
-        ``clock`` is that of this tag at the centres of G groups, ``times_s`` (n,) are from the
-        centre.
+        """s_1 and s_2 averaged over snapshots at ``times_s`` (n,), and their slopes by phase, (G,
+        n, 2).
         """
         phases = np.multiply.outer(self.rate + clock.rate, times_s)
         phases += clock.phase[:, None]
@@ -214,10 +206,7 @@ _ENDS = np.array([[1, 0], [0, 1], [1, 1], [1, -1], [1, 1j], [1, -1j]]).T
 def likelihood_bias(
     table: ToneTable, likelihood: PhaseLikelihood, clock: TagClock, averaging_s: float
 ) -> float:
-    """Largest bias in rad, without noise, of the clock phase that maximises a tag's likelihood.
-
-    The worst over clock phases, offsets within tolerance and channels.
-    """
+    """Largest bias in rad, without noise, of the phase of highest likelihood, over all channels."""
     largest = 0.0
     for offset in (-1, 0, 1):
         rate = 2 * np.pi * clock.clock_hz * (1 + offset * 1e-6 * clock.tolerance_ppm)

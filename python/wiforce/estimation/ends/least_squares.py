@@ -36,14 +36,10 @@ def without_wander(
 ) -> Array:
     """Residual (M, K) without what slow changes of the clocks' phases inside a group explain.
 
-    The phase of an oscillator without a crystal is a random walk: a jitter of 0.3 us per period
-    moves it by 0.6 deg in a group of 36 ms. The residual of a model with a constant offset is then
-    coherent over the subcarriers, but the phases of the ends are not disturbed, because the clock
-    turns positive and negative lines in opposite directions.
-
-    ``slopes`` (n, 2) are derivatives of the waveforms of each tag that wanders, by its clock's
-    phase, ``ends`` (2 tags, K) V of these tags; ``white`` (M, E) is the whitened mixing matrix of
-    all tags and ``solver`` (E, M) its pseudo-inverse.
+    Without a crystal, a jitter of 0.3 us per period moves the phase by 0.6 deg in 36 ms, coherently
+    over the subcarriers; the ends' phases are not disturbed, since positive and negative lines turn
+    in opposite directions. ``slopes`` (n, 2) of each such tag, its ``ends`` (2 tags, K), ``white``
+    (M, E) and ``solver`` (E, M) of all tags.
     """
     times = weights.times_s
     reach = max(float(np.abs(times).max()), 1e-12)
@@ -62,10 +58,9 @@ def without_wander(
 
 
 class ToneModel:
-    """The tones of a run's groups as a linear function of the ends' channels.
+    """The tones of a run's groups as a linear function of the ends' channels, by tag of the table.
 
-    Tags are in the order in which the table was designed. The sample rate is given when the tones
-    are derotated within ``symbol_length``, ``spread`` when tags switch within a symbol.
+    With a sample rate where tones are derotated, and ``spread`` where tags switch within a symbol.
     """
 
     def __init__(
@@ -175,8 +170,8 @@ class ToneModel:
         noise: noise_estimate,
         update: bool,
     ) -> dict[str, Array]:
-        """Ends, clocks and noise of the first of some usable groups, by the kernel; ``update``
-        clocks and noise, the latter in ``complete`` ones (G,).
+        """Ends, clocks and noise of the first of usable groups; noise from ``complete`` ones (G,)
+        only.
         """
         locked = self.locked
 

@@ -34,11 +34,9 @@ class EndSeparator:
     """Separates the tones of each group into the complex channels of the ends.
 
     V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks (docs/theory.md,
-    Ends). Groups are held back until the clocks are acquired. ``table`` has the weights of the run
-    and was designed for ``clocks`` in their order; ``derotated`` says whether the tones are
-    (``ToneTable.derotation``); ``others`` are tags that a survey has found, behind ``clocks`` in
-    the table: they are tracked and solved for, but not given. InputError when a tag's own lines do
-    not determine its clock's phase, or its ends.
+    Ends). ``table`` was designed for ``clocks``, then ``others``, which a survey has found: these
+    are solved for, but not given. InputError where a tag's own lines do not determine clock or
+    ends.
     """
 
     def __init__(
@@ -84,10 +82,8 @@ class EndSeparator:
         return self._search.groups
 
     def process(self, groups: Groups) -> Groups:
-        """Take groups with ``tones``; give those that are ready.
-
-        Returns Groups: with ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without
-        ``tones``; empty while groups are held back for acquisition.
+        """Replace ``tones`` by ends, noise and clocks; empty while groups are held back for
+        acquisition.
         """
         if self._started:
             return self._separate(groups)

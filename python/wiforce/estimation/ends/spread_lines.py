@@ -27,11 +27,9 @@ _ROUNDS = 3
 class SpreadLines:
     """Removes what tags spread over the subcarriers from the tones of groups.
 
-    Sample n of the symbol is a snapshot of its own, at its own time. The tones of end i there are
-    M_i[n] y_i[n], with the mixing matrix M_i at that time, and the symbol y_i as it is received,
-    whose transform is X V_i. The model of the tones on subcarriers has the mean of M_i over the
-    symbol. The rest is the transform of (M_i[n] - mean) y_i[n], over X. It is computed from the
-    ends, subtracted from the tones, and the ends are solved from what remains.
+    Sample n of a symbol has tones M_i[n] y_i[n] of end i, with the symbol y_i as received, whose
+    transform is X V_i. The model has the mean of M_i; the rest, the transform of (M_i[n] - mean)
+    y_i[n] over X, is computed from the ends, subtracted, and the ends are solved again.
     """
 
     def __init__(self, waveform: Waveform) -> None:
@@ -67,9 +65,8 @@ class SpreadLines:
         return white
 
     def of_ends(self, mixing: Array, ends: Array) -> Array:
-        """What ends V (E, K) spread over the subcarriers, (M, K).
-
-        ``mixing`` (N, E, M) is M_i[n] less its mean over the symbol, for ends i.
+        """What V (E, K) spread, (M, K), by ``mixing`` (N, E, M): M_i[n] less its mean over the
+        symbol.
         """
         channel = np.empty((len(ends), self._length), complex)
         channel[:, self._bins] = ends

@@ -46,10 +46,9 @@ _FREEDOM, _TURNS, _ALIKE = 4.0, 20, 1e-3
 
 @dataclass(frozen=True)
 class AntennaStates:
-    """State of the receiver chains in each packet.
+    """Receiver chains in each packet: ``label`` (n,), 0 the most frequent, -1 of other paths.
 
-    ``label`` (n,) is 0 for the most frequent state and -1 for packets of other paths, such as
-    another sender's; ``reference`` is the strongest antenna, against which the others change.
+    ``reference`` is the strongest antenna, against which the others change.
     """
 
     label: Array
@@ -69,12 +68,9 @@ class AntennaStates:
 def find_states(channel: Array, subcarrier_hz: Array, step: float) -> AntennaStates:
     """Find the states that the receiver chains of a card take, from channels (n, K, A).
 
-    ``step`` is the least change of the antennas against each other that makes a state, relative to
-    their static paths. What one antenna receives against another one is free of the packet's phase
-    and gain, and within a state it varies by noise and tags alone. Packets are divided where a
-    principal component takes values that are apart, the farthest ones first. A receiver changes an
-    antenna by a gain, a phase and a delay: a part that is not one of these against another part is
-    of a tag, of the room, or of another sender.
+    Antennas against each other are free of the packet's phase and gain. Packets are divided where a
+    principal component takes values that are apart by a ``step``, relative to the static paths.
+    What differs by more than gain, phase and delay is of a tag, the room or another sender.
     """
     reference, against = _against_strongest(channel)
     if not against.shape[1]:
@@ -94,14 +90,10 @@ def find_states_beside_tags(
     """States as of :func:`find_states`, and which errors of clocks and times packets show (n,).
 
     ``channel`` (E, n, K, A) is without tags, as far as they are ``known`` (n,), for E errors of
-    clocks and times, none first; ``closed`` (E, n, 2 S) is how long each end of each tag is closed
-    in a packet then, ``period`` (n,) the group of each packet, in which tags are constant. Groups
-    without a closed end are those whose tags were not found.
-
-    States are looked for in packets in which all ends are open at any of the errors, which hold no
-    tag. The others are compared with these states. Of a packet near an edge of a switch, it is not
-    known whether the end is closed; taken as closed with open ends, or the other way round, it
-    would be taken for one of another state, and then confirm a clock that is wrong.
+    clocks and times, none first; ``closed`` (E, n, 2 S) is how long each end is closed in a packet
+    then, ``period`` (n,) the group of each packet, in which tags are constant. States are looked
+    for in packets in which all ends are open at any of the errors, and the others compared with
+    them: a wrong one would confirm a wrong clock.
     """
     count = len(closed[0])
     reference, against = _against_strongest(channel.reshape(-1, *channel.shape[2:]))
@@ -142,9 +134,7 @@ def _against_strongest(channel: Array) -> tuple[int, Array]:
 def _means_and_labels(
     some: Array, against: Array, subcarrier_hz: Array, step: float
 ) -> tuple[Array, Array]:
-    """Means (states, C) of the states of some packets (m, C), and the nearest one of each packet
-    (n, C), -1 where it is of other paths.
-    """
+    """Means (states, C) of packets (m, C), and the nearest of each (n,), -1 of other paths."""
     own = np.zeros(len(some), int)
     while True:
         apart = _division(some * _units(some, own)[own], own, step)
@@ -161,10 +151,7 @@ def _means_and_labels(
 
 
 def against_reference(channel: Array, reference: int) -> Array:
-    """H_a conj(H_reference), free of phase and gain of the packets; (n, K, A).
-
-    In units of the reference antenna's mean power in the packet.
-    """
+    """H_a conj(H_reference) over the reference's mean power, free of packets' phases; (n, K, A)."""
     first = channel[:, :, reference]
     power = np.mean(np.abs(first) ** 2, axis=1)
     weight = first.conj() / np.maximum(power, 1e-30)[:, None]
@@ -225,10 +212,8 @@ def _middle(ranked: Array) -> float:
 
 
 def _merged(against: Array, label: Array, step: float) -> Array:
-    """Labels without states that are nearer to one another than a step.
-
-    A division is measured to the middle of all that is left. Where that is several states, a tag
-    may divide one of them that is far from this middle.
+    """Labels without states nearer than a step: a tag may divide one far from the middle of
+    several.
     """
     while True:
         states = np.unique(label)
@@ -259,9 +244,7 @@ def _noise(against: Array, means: Array, label: Array) -> Array:
 
 
 def _kinds(means: Array, noise: Array, count: Array, subcarrier_hz: Array) -> Array:
-    """What the parts are that packets were divided into, (parts,): states, of which each is a gain,
-    a phase and a delay against another one; packets of other paths; or parts of a state.
-    """
+    """Kinds of parts, (parts,): states (gain, phase and delay of one), other paths, neither."""
     kind = np.full(len(means), _OTHER)
     order = np.argsort(-count, kind="stable")
     kind[order[0]] = _STATE
@@ -283,9 +266,7 @@ def _likeness(one: Array, other: Array) -> float:
 
 
 def _own_change(former: Array, mean: Array, subcarrier_hz: Array) -> tuple[float, float]:
-    """Power of a change of the antennas (C,) against each other, and of what of it is not a gain, a
-    phase and a delay.
-    """
+    """Power of a change of antennas (C,), and of what of it is not gain, phase and delay."""
     hertz = (subcarrier_hz - subcarrier_hz.mean())[:, None]
     former, mean = (each.reshape(len(hertz), -1) for each in (former, mean))
     product = mean * former.conj()
@@ -304,10 +285,9 @@ def _own_change(former: Array, mean: Array, subcarrier_hz: Array) -> tuple[float
 class _Mixture:
     """States of packets beside tags of which only the switches are known.
 
-    ``means`` (states, C) are the states without tags, ``noise`` (m, C) packets less them and
-    ``share`` (states,) how often they are. Only what distinguishes states is looked at, in units of
-    its noise. A few packets are far from all states: noise has Student's t distribution (D. Peel
-    and G. J. McLachlan, Statistics and Computing 10 (2000), 339-348).
+    ``means`` (states, C) without tags, ``noise`` (m, C) of packets and ``share`` (states,), in
+    units of the noise of what distinguishes states, which has Student's t distribution (D. Peel and
+    G. J. McLachlan, Statistics and Computing 10 (2000), 339-348).
     """
 
     def __init__(self, means: Array, noise: Array, share: Array) -> None:
@@ -349,9 +329,7 @@ class _Mixture:
         return np.asarray((_FREEDOM + self._wide) / (_FREEDOM + distance))
 
     def _fit(self, packets: Array, closed: Array, tag: Array) -> tuple[float, Array, Array]:
-        """Logarithm of the posterior, tag (2 S, D) and probabilities of the states (n, states)
-        that expectation and maximisation lead to from a tag.
-        """
+        """Log posterior, tag (2 S, D) and probabilities (n, states) of EM from a tag."""
         former, share = -np.inf, self._share
         prior = np.multiply.outer(self._prior, np.eye(len(tag)))
         while True:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Packets of a card to channels that are free of its oscillator and of its receiver chains."""
+"""Packets of a card to channels free of its oscillator and receiver chains, and their noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...signal.lines import Tone, with_mirrors
+from ...signal.switching import harmonics
+from ...signal.timed_weights import TimedTable
 from ..groups import Array
 from .antenna_states import (
     LEAST_PACKETS,
@@ -28,14 +31,11 @@ _FAILED = 0.05
 def state_gains(
     channel: Array, states: AntennaStates, time_s: Array, period_s: float, known: Array
 ) -> Array:
-    """Factors (n, K, A) that bring antennas to what they are in the most frequent state of the
-    chains.
+    """Factors (n, K, A) that bring antennas to the most frequent state of the chains.
 
-    ``channel`` (n, K, A) is free of tags as far as they are known; ``known`` (n,) are packets
-    without tags, which the others of their state are treated as. ``time_s`` (n,) rises from 0; the
-    room and a press are constant within ``period_s``. The static paths in a state, period by
-    period, are compared with those in the other states at the nearest time, so that neither a slow
-    drift nor a press in part of a recording is taken for a property of the state.
+    ``known`` (n,) packets have no tags left in ``channel`` (n, K, A), others are taken as these of
+    their state. Static paths are compared period by period with those of other states at the
+    nearest time, so that neither drift nor a press is taken for a property of the state.
     """
     gains = np.ones(channel.shape, np.complex64)
     if states.count < 2:
@@ -82,11 +82,9 @@ def drift_gains(
 ) -> Array:
     """Slow changes (n, A) of gain and phase between antennas, which turn a tag as a press does.
 
-    Antennas are to be divided by them; they are 1 in the ``untouched`` packets and where nothing
-    drifts. The static paths against the reference antenna, measured in the ``known`` packets and
-    averaged over a period, are compared with those of the untouched reference. A change that is the
-    same on all subcarriers is one of the receiver; one of the room differs between subcarriers and
-    is left in.
+    Antennas are to be divided by them; 1 where ``untouched`` or nothing drifts. Means of ``known``
+    packets against the reference antenna are compared with the untouched ones: what is the same on
+    all subcarriers is of the receiver, what is not is of the room and left in.
     """
     gains = np.ones((len(channel), channel.shape[2]), complex)
     rows = np.flatnonzero(known)
@@ -126,14 +124,10 @@ _MOST_PACKETS = 4000
 def rotation_std_deg(change: Array, others: int) -> Array:
     """Rotation of all tags by a change of the static paths that packets are divided by, in degrees.
 
-    ``change`` (G,) is the power of the change in the combinations without a static path over that
-    of the static paths, ``others`` the combinations of a subcarrier, antennas less one. Where
-    static paths change by D, a combination holds T - (D / S) U in place of the tag's T, with the
-    tag's part U along the static paths S. U cannot be measured, and neither can the part of D along
-    S, since phase and gain of a packet are the same. Of n directions with independent Rayleigh
-    fading, another one holds t times their mean power or more with a probability of (1 + t / n)^-n
-    (:func:`.planning.packet_plan.tag_ratios`). The result is half of what is exceeded in 5 %; half
-    of its power changes phases.
+    ``change`` (G,) is its power in the combinations over that of the static paths, ``others`` are
+    antennas less one. A combination then holds T - (D / S) U, of which neither U nor D along S can
+    be measured. Of n directions with Rayleigh fading, one more exceeds t times their mean power
+    with probability (1 + t / n)^-n; the result is half of what is exceeded in 5 %.
     """
     exceeded = others * (_EXCEEDED ** (-1 / others) - 1)
     power = np.maximum(change - _LEAST_CHANGE**2, 0) / others
@@ -153,28 +147,18 @@ _EMPTY = 1e-3
 class AntennaCombination:
     """Combines the antennas of a receiver to channels without its oscillator, gain and timing.
 
-    ``channel`` (n, K, A) are packets that static paths dominate; ``former`` is a combination of
-    nearly the same packets, whose arbitrary phases and directions are kept. ``static`` (K, A) has a
-    mean power of 1 per subcarrier and an arbitrary common phase; ``by_subcarrier`` where each
-    subcarrier is divided by itself, because packets differ by more than a phase, a gain, a delay
-    and noise.
+    A packet is H_a = x (S_a + r T_a), x being its phase, gain and delay. On each subcarrier
+    antennas are combined to the A - 1 sums without static path, and divided by x, which the static
+    paths of all give; for two antennas that is the numerator of H_1 / H_2 - S_1 / S_2. The tag is
+    in x with <S, T> / <S, S>, which bends the result less than a ratio (docs/theory.md, Formulas).
 
-    A packet is received as H_a = x (S_a + r T_a), with a factor x that all antennas share: phase
-    and gain of the packet, and a phase that is linear over the subcarriers by its sampling time. On
-    each subcarrier the antennas are combined to the A - 1 sums that contain no static path, and
-    these are divided by x, which the static paths of all subcarriers and antennas give. For two
-    antennas this is the numerator of the ratio H_1 / H_2 - S_1 / S_2. Since it contains no static
-    path, an error of x changes nothing but the tag, in proportion. The tag itself is in x with <S,
-    T> / <S, S>, which bends the result as the ratio of two antennas does
-    (docs/theory.md, Formulas), but less, as no faded subcarrier is divided by. Each antenna weighs
-    as much as it receives, and so does each subcarrier.
+    A single antenna has no such sums: a packet less x times its static paths keeps what has another
+    shape over the subcarriers than these, or than their delay.
 
-    A single antenna has no such sums. There, x is the same for all subcarriers but for a delay, so
-    that a packet less x times its static paths contains all of the tag but what has the shape of
-    the static paths, or that of their delay, over the subcarriers: the less, the wider the band.
-    ``hidden`` is the expected power of a path along the static ones over that of a combination,
-    ``kept_db`` the share of its power that all combinations hold; 1 and 0 dB for several antennas,
-    whose fading is independent and whose other directions count as the whole.
+    ``former`` combined nearly the same packets (n, K, A), its phases are kept. ``static`` (K, A)
+    has mean power 1; ``by_subcarrier`` where each is divided by itself, as packets differ by more.
+    ``hidden`` is the power of a path along the static ones over a combination's, ``kept_db`` what
+    all combinations hold of it.
     """
 
     def __init__(
@@ -223,17 +207,14 @@ class AntennaCombination:
         self._hertz = self._hertz.astype(np.float32)
 
     def direct(self, channel: Array) -> Array:
-        """What packets (n, K, A) hold along the static paths and in units of them: x (1 + r U),
-        (n, K), where U is what they hold of a tag.
+        """x (1 + r U), (n, K): packets (n, K, A) along the static paths, U being a tag's part
+        there.
         """
         unit = self.static / np.abs(self._profile)[:, None] ** 2
         return np.asarray(np.einsum("nka,ka->nk", channel, unit.conj()))
 
     def process(self, channel: Array, tag: Array | None = None) -> Array:
-        """Combine the antennas of packets (n, K, A) to (n, K (A - 1)), or (n, K) for one, in units
-        of the static paths.
-
-        0 where nothing is received. ``tag`` (n, K) is the tags' part r U of :meth:`direct`, if
+        """Packets (n, K, A) to (n, K (A - 1)), or (n, K) of one antenna, with the tags' r U if
         known.
         """
         level = np.abs(self._profile)
@@ -366,18 +347,12 @@ def undivided(channel: Array) -> DividedPackets:
 class PacketChannels:
     """Divides the packets of a card by its oscillator and its receiver chains.
 
-    Takes channels (n, K, A), their times (n,), rising from 0, which of them are of the untouched
-    reference, the subcarriers (K,) against the carrier, and the length of a group. ``step`` is the
-    least change of the antennas against each other that is one of the receiver, while no tag is
-    known. ``states`` are those of the chains, by the packets without tags as far as these are
-    known.
-
-    An antenna receives H_a = x g_a (S_a + r T_a): the packet's phase, gain and delay x, the state
-    and the drift of the receiver chain g_a, the static paths S_a and the tag r T_a. x and g_a are
-    measured on S_a + r T_a, as there is nothing else. They are therefore divided out repeatedly:
-    first as if tags were weak, then with the tags known from before (:meth:`divide`). Radio
-    astronomy calls this self-calibration (T. J. Pearson and A. C. S. Readhead, Annual Review of
-    Astronomy and Astrophysics 22 (1984), 97-130).
+    An antenna receives H_a = x g_a (S_a + r T_a): x is phase, gain and delay of the packet, g_a
+    state and drift of the chain, S_a static paths. x and g_a are measured on S_a + r T_a and
+    divided out repeatedly, with tags known from before (:meth:`divide`): self-calibration (T. J.
+    Pearson and A. C. S. Readhead, Annual Review of Astronomy and Astrophysics 22 (1984), 97-130).
+    ``time_s`` (n,) rises from 0; ``step`` is the least change between antennas that is the
+    receiver's.
     """
 
     def __init__(
@@ -460,3 +435,95 @@ class PacketChannels:
         self._gain /= drift[:, None]
         rows = self._untouched & own
         return AntennaCombination(free[rows] * self._gain[rows], self._subcarrier_hz, former)
+
+
+# Frequencies beside a tone, in resolutions of a group, at which a tag has nothing.
+_BESIDE = (-2, -1, 1, 2)
+# Values by which noise is measured: their number gives its power to 1 / sqrt(4096), 1.6 %.
+_VALUES = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class SharedNoise:
+    """``whiten`` and ``precision`` (C, C) of combinations with common noise, as row vectors."""
+
+    whiten: Array
+    precision: Array
+
+    def removed(self, packets: DividedPackets) -> DividedPackets:
+        """Packets whose combinations have independent noise, as weights by subcarrier presume."""
+        combined = packets.combined @ self.whiten.astype(packets.combined.dtype)
+        return replace(packets, combined=combined)
+
+
+def shared_noise(
+    packets: DividedPackets, shared: Array, known: Array, time_s: Array, table: TimedTable
+) -> SharedNoise:
+    """Noise of the packets' combinations at the tags' lines.
+
+    Antennas wander against each other, an Intel AX200's by 0.5 deg rms mostly below 300 Hz, 15 dB
+    above the noise of all subcarriers. Noise D + B P B^H, with D by subcarrier and B in span of
+    ``shared`` (C, A - 1), is transformed to D; both are measured beside the tones.
+    """
+    parts = _beside_tones(packets.static, packets.state, known, time_s, table)
+    each = np.eye(len(shared))
+    if not parts:
+        return SharedNoise(each, each)
+    noise = np.concatenate(parts)
+    own = np.maximum(np.mean(np.abs(noise) ** 2, axis=0), 1e-300)
+    if not shared.shape[1]:
+        return SharedNoise(each, each / own)
+    for _ in range(2):
+        level = np.sqrt(own)
+        white, basis = noise / level, np.linalg.qr(shared / level[:, None])[0]
+        along = white @ basis.conj()
+        rest = white - along @ basis.T
+        kept = 1 - np.sum(np.abs(basis) ** 2, axis=1)
+        own = own * np.mean(np.abs(rest) ** 2, axis=0) / np.maximum(kept, 1e-3)
+    # A press that changes inside a group, or a step of the room, is no noise of the others.
+    count = np.array([len(each) for each in parts])
+    group = np.repeat(np.arange(len(parts)), count)
+    size = np.sqrt(np.bincount(group, np.sum(np.abs(along) ** 2, axis=1)) / count)
+    along /= np.maximum(size / np.maximum(np.median(size), 1e-300), 1)[group, None]
+    powers, vectors = np.linalg.eigh(along.T @ along.conj() / len(along))
+    # What independent noise leaves along them is no reason to weigh them less.
+    factors = 1 / np.sqrt(np.maximum(powers, 1))
+    turned = basis @ vectors
+    across = (turned.conj() * (1 - factors)) @ turned.T
+    whiten = each - level[:, None] ** -1 * across * level
+    return SharedNoise(whiten, (whiten / own) @ whiten.conj().T)
+
+
+def _beside_tones(
+    static: Array, state: Array, known: Array, time_s: Array, table: TimedTable
+) -> list[Array]:
+    """Noise (N, C) of groups beside the tones, by a tag's power in each, of packets (n, C)."""
+    period_s = table.group_period_s
+    bounds = np.searchsorted(time_s, np.arange(0, time_s[-1] + period_s, period_s))
+    whole = [(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
+    chosen = [(a, b) for a, b in whole if known[a:b].all()] or whole
+    lines = [tone for tone in table.tones if tone.frequency_hz > 0]
+    power = np.array([_power(tone) for tone in lines])
+    power = np.concatenate([power[::-1], power]) / power.sum()
+    found = []
+    each = len(_BESIDE) * len(power)
+    for first, last in chosen[:: -(-len(chosen) * each // _VALUES)]:
+        rows = np.arange(first, last)[state[first:last] >= 0]
+        center_s = (time_s[first] // period_s + 0.5) * period_s
+        own = []
+        for steps in _BESIDE:
+            beside = [t._replace(frequency_hz=t.frequency_hz + steps / period_s) for t in lines]
+            # What is left of a tag, of which little is known while it is weak, is no noise.
+            tones = with_mirrors([*beside, *lines])
+            weights = replace(table, tones=tones).at(time_s[rows] - center_s, state[rows])
+            if weights is not None:
+                middle = slice(len(lines), 3 * len(lines))
+                noise = weights.apply(static[rows].astype(complex))[middle]
+                own.append(np.sqrt(power * len(rows))[:, None] * noise)
+        if own:
+            found.append(np.concatenate(own))
+    return found
+
+
+def _power(tone: Tone) -> float:
+    return float(sum(np.sum(harmonics(abs(line)) ** 2) for _, line in tone.owners))

@@ -29,13 +29,10 @@ def whole_groups(time_s: Array, period_s: float) -> int:
 
 
 class PacketGroups:
-    """Packets to groups with their tones.
+    """Packets to groups with their tones; ``time_s`` (n,) from the start of the first group.
 
-    ``time_s`` (n,) rises from the start of the first group. ``untouched`` (K (A - 1),) is the mean
-    of the packets of the reference without tags where packets were divided by static paths: a
-    change of these paths rotates all tags. ``distorted`` leaves the tags' part in what packets are
-    divided by. ``hidden`` is the power of a change of the static paths that is not seen, over that
-    in a combination.
+    ``untouched`` (K (A - 1),) is the reference without tags: a change of static paths rotates tags,
+    of ``hidden`` power over what a combination shows. ``distorted`` leaves tags in the divisor.
     """
 
     def __init__(

@@ -41,9 +41,7 @@ class TagLines:
     stds: float  # standard deviations by which it exceeds all other clocks
 
     def phase_std_deg(self, packets: int, channels: int) -> float:
-        """Standard deviation of the phases of a group by the noise alone; ``channels`` are
-        subcarriers, times antennas less one.
-        """
+        """Deviation of a group's phases by noise; channels are subcarriers x (antennas - 1)."""
         gamma = 10 ** (self.snr_db / 10) / harmonics(1)[0] ** 2
         return float(np.degrees(1 / np.sqrt(2 * gamma * channels * packets * _INFORMATION)))
 
@@ -51,9 +49,8 @@ class TagLines:
 def snapshot_snr_db(channel: Array, subcarrier_hz: Array) -> list[float]:
     """SNR of one packet, of each antenna, in dB, from channels (n, K, A).
 
-    The product of a subcarrier and the conjugate of its neighbour turns phase and delay of a packet
-    into one phase, which the correlation of such products over packets does not contain. Its
-    eigenvalues but the largest ones are noise. Of an SNR s, products have s^2 / (2 s + 1).
+    By the smaller eigenvalues of products of neighbouring subcarriers, in which phase and delay of
+    a packet are one phase; an SNR s leaves s^2 / (2 s + 1) of them.
     """
     order = np.argsort(subcarrier_hz)
     steps = np.diff(subcarrier_hz[order])
@@ -70,11 +67,7 @@ def snapshot_snr_db(channel: Array, subcarrier_hz: Array) -> list[float]:
 
 
 def phase_std_deg(channel: Array, states: AntennaStates) -> float:
-    """How much the phases between two or more antennas vary beside their states, in degrees.
-
-    Standard deviation over packets of the mean phase over the subcarriers, of the steadiest antenna
-    but the reference.
-    """
+    """Deviation over packets of the mean phase between antennas beside their states, in degrees."""
     own = states.label >= 0
     others = _relative(channel[own], states, states.label[own]).reshape(
         np.count_nonzero(own), channel.shape[1], -1
@@ -84,11 +77,8 @@ def phase_std_deg(channel: Array, states: AntennaStates) -> float:
 
 
 def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines | None:
-    """Look for the clock of the strongest tag in packets (n, K, A); None where none is seen.
-
-    Antennas are compared with the strongest one, which is free of the packets' phases. A
-    single antenna (n, K, 1) is given without what all subcarriers of a packet share. The power at a
-    clock and its harmonics is compared with the median around each.
+    """Clock of the strongest tag in packets (n, K, A) by its harmonics' power over their floor, or
+    None.
     """
     own = states.label >= 0
     time_s, label = time_s[own], states.label[own]

@@ -36,12 +36,10 @@ _ASIDE = np.array([0.0, -1.0, 1.0]) * np.pi / 8
 
 @dataclass(frozen=True, eq=False)
 class SolvedTags:
-    """Tags in the packets of a recording.
-
-    ``uncertain`` is the amplitude of U that is still unknown, of each tag: sqrt(2) standard
-    deviations of its real or imaginary part, the larger one; empty where a tag was not found.
-    ``snr`` is that of a typical end, as a ratio of powers, times the groups in which the tags were
+    """Tags in packets; ``uncertain`` is the amplitude of U that is unknown, empty if none was
     found.
+
+    ``snr`` is that of a typical end, times the groups in which the tags were found.
     """
 
     parts: TagParts
@@ -69,12 +67,9 @@ def solve_tags(
 ) -> SolvedTags:
     """Solve for the tags' parts along the static paths.
 
-    Takes groups with ``ends`` and the packets that their tones are of, at times (n,) since the
-    start of the first group; a channel estimate averages ``window_s``, and tags are untouched in
-    the first ``reference_groups``. ``response`` gives what packets are divided by because of tags
-    (n, K) along the static paths, of which ``hidden`` is the expected power over that of the rest.
-    ``precision`` (C, C) is the inverse of the covariance of the combinations' noise; None for noise
-    of each combination alone, as ``groups`` state it.
+    ``response`` gives what packets are divided by because of tags (n, K), ``hidden`` the expected
+    power along the static paths over that of the rest, ``precision`` (C, C) the inverse covariance
+    of the noise, None for that of ``groups``. Tags are untouched in the first groups.
     """
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)
@@ -224,11 +219,7 @@ class _Solution:
         self._power = self._hidden * max(power, float(self._noise.max()))
 
     def _prior(self, value: Array) -> Array:
-        """Variance of U around 0 whose Gaussian touches the prior at a value.
-
-        All directions fade by themselves: with a mean power P of the n others, the density of U
-        falls as (1 + |U|^2 / (n P))^-(n + 1).
-        """
+        """Variance whose Gaussian touches the prior at a value, (1 + |U|^2 / (n P))^-(n + 1)."""
         return np.asarray((self._wide * self._power + np.abs(value) ** 2) / (self._wide + 1))
 
     def _go(self, step: Array) -> bool:
@@ -244,8 +235,8 @@ class _Solution:
         return False
 
     def _missing(self) -> tuple[Array, Array]:
-        """What U does not explain of the steady groups' magnitudes along the static paths: on each
-        subcarrier (G, 2, K), and in common (G, 2).
+        """Magnitudes of steady groups that U does not explain: by subcarrier (G, 2, K), common (G,
+        2).
         """
         missing = (self._rises - np.log(np.abs(1 + self._part())))[self._steady]
         precise = self._precise[self._steady]
@@ -260,11 +251,7 @@ class _Solution:
         return float(cost / 2 + (self._wide + 1) * fades)
 
     def _slopes(self) -> tuple[Array, Array, Array]:
-        """Derivatives of the magnitudes of the steady groups by U, by way of the reflections.
-
-        A change dU (K,) of U adds Re(own dU + by dR) to them, with dR = sum(turns dU); ``own`` and
-        ``by`` (G, 2, K), ``turns`` (G, 2, K).
-        """
+        """``own``, ``by``, ``turns`` (G, 2, K): magnitudes gain Re(own dU + by sum(turns dU))."""
         reflection, part = self.reflection[self._steady][:, :, None], self._part()[self._steady]
         share = self._share.reshape(-1, self._wide).sum(axis=1)
         # Of the ratio v = R b(1) / b(R) that is measured, with the response b(R) = 1 + R M U.

@@ -25,12 +25,9 @@ _LARGEST_STD = 0.03
 def corrected_phase_deg(
     ratios: Array, untouched_deg: ArrayLike, off_reflection: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Phases psi_i of the ends' reflections R (..., 2), corrected for the off state, in (-180,
-    180].
+    """Phases psi_i of R (..., 2), corrected for the off state G_off / rho, and |d psi / d arg R|.
 
-    Also |d psi / d arg R|, the factor from a phase error of R to one of psi. ``off_reflection`` is
-    G_off / rho at the reference plane of psi. G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 +
-    arg(G_i / G_i0); see docs/theory.md, section The off state.
+    G_i = G_off + R_i (G_i0 - G_off), psi_i = psi_i0 + arg(G_i / G_i0) (docs/theory.md).
     """
     off = np.asarray(off_reflection)
     switched = ratios * (np.exp(1j * np.radians(untouched_deg)) - off)
@@ -45,14 +42,10 @@ def corrected_phase_deg(
 def estimate_off_reflection(
     ratios: ArrayLike, untouched_deg: float, std_deg: ArrayLike = 1.0
 ) -> tuple[complex, float]:
-    """Estimate G_off / rho of one end, and the std of its real and imaginary parts, from several
-    presses.
+    """Estimate G_off / rho of one end, and the std of its parts, from R (n,) of several presses.
 
-    Takes R (n,) of the end while the tag stands still, touched groups among them, psi_i0 and the
-    standard deviations of arg R, in degrees. Raises InputError when the presses change the phase by
-    too little, or the estimate is uncertain. The forces need not be known: with the correct off
-    state |G| = |G_off + R (G_0 - G_off)| is the same in every press. The loss is robust (soft L1),
-    because R of a group in which the press changes is a mixture.
+    With the correct one |G_off + R (G_0 - G_off)| is the same in all presses, whatever their force;
+    a robust loss ignores groups in which a press changes. InputError where it is not determined.
     """
     from scipy.optimize import least_squares
 
@@ -83,12 +76,7 @@ class OffCircle(NamedTuple):
 
 
 def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
-    """Estimate G_off / rho of one end from R (n,) of touched groups alone.
-
-    None where the presses change the phase by less than 40 deg. The radius of the circle is free: a
-    contact that loses a part of the signal, equally in all presses, does not look like an off
-    state. Compared with :func:`estimate_off_reflection` this is less exact.
-    """
+    """G_off / rho from touched R (n,) alone, over 40 deg or more; a lossy contact may scale all."""
     middle = np.mean(ratios)
     arc = np.ptp(np.degrees(np.angle(ratios / middle))) if middle else 0.0
     if len(ratios) < 6 or arc < _SMALLEST_ARC_DEG:

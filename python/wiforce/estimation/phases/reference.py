@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Difference of an end's channel against its reference: the untouched sensor or the last group."""
+"""Changes of the ends' channels against their reference, and their average over subcarriers.
+
+The reference is the untouched sensor, or the group before. A press rotates and scales all
+subcarriers of an end alike; what else is in the channel has a profile of its own.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +13,67 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.waveform import Waveform
-from ...wiforce_kernels import conjugate_difference
+from ...wiforce_kernels import conjugate_difference, profile_check, subcarrier_average
 from ..groups import Array, Groups
-from .profile import ProfileCheck
+
+# Delays relative to the tag's own at which a room reflects: 45 m before, 75 m behind.
+_DELAYS_S = np.linspace(-0.15e-6, 0.25e-6, 81)
+# Delay profiles whose singular value is smaller than this share of the largest are left out.
+_LEAST_SINGULAR = 0.05
+
+
+def image_of(channel: Array, waveform: Waveform) -> Array:
+    """Mirror image (..., K) by an IQ imbalance: conj(H[-k]) conj(X[-k]) / X[k]; 0 without -k."""
+    reference, mirrored = waveform.reference, waveform.mirrored
+    factors = np.where(mirrored >= 0, reference[mirrored].conj() / reference, 0)
+    return np.asarray(channel[..., mirrored].conj() * factors)
+
+
+class ProfileCheck:
+    """Removes the image from the channels of 2S ends, and compares the rest with the reference."""
+
+    def __init__(self, waveform: Waveform, ends: int) -> None:
+        self._waveform = waveform
+        frequency_hz = waveform.subcarriers * waveform.spacing_hz
+        delays = np.exp(-2j * np.pi * np.outer(frequency_hz, _DELAYS_S))
+        profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
+        self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]
+        self._subcarriers = waveform.subcarriers
+        self._reference: Array | None = None
+        self._kernel = profile_check(ends, len(frequency_hz))
+
+    def reset(self) -> None:
+        """Forget the groups so far, for a new reference."""
+        self._kernel.reset()
+
+    def by(self, reference: Array) -> profile_check:
+        """What compares with the ``reference`` (2S, K), which is 0 for an end without one."""
+        known = self._reference
+        if known is None or not (known is reference or np.array_equal(known, reference)):
+            image, other = image_of(reference, self._waveform), self._other_profiles(reference)
+            self._kernel.set_reference(reference, image, other.swapaxes(1, 2).conj())
+            self._reference = reference
+        return self._kernel
+
+    def _other_profiles(self, reference: Array) -> Array:
+        """Orthonormal delay profiles around each end's delay, orthogonal to its channel."""
+        profiles = []
+        for channel in reference:
+            step = np.vdot(channel[:-1], channel[1:])
+            ramp = np.exp(1j * np.angle(step) * self._subcarriers) if step else 1.0
+            columns = self._delays * np.reshape(ramp, (-1, 1))
+            # A Householder reflection turns the channel's own profile into the first one. (Singular
+            # vectors would be arbitrary, since the profiles are orthonormal already.)
+            own = columns.conj().T @ channel
+            profiles.append(columns @ np.linalg.qr(own[:, None], mode="complete")[0][:, 1:])
+        return np.stack(profiles)
 
 
 class ReferenceSum:
     """Sum of the channels V of 2S ends over groups, each weighted by 1 over its variance.
 
-    ``sum`` (2S, K) is None before the first group; ``precision`` (2S,) is the sum of 1 over the
-    variance, 0 for an end that was not received, and ``precisions`` (2S, K) the same on each
-    subcarrier, less where a narrow-band transmitter interfered.
+    ``sum`` (2S, K) is None at first; ``precision`` (2S,) and ``precisions`` (2S, K), less where a
+    narrow-band transmitter interfered, are sums of 1 over the variance.
     """
 
     def __init__(self, ends: int) -> None:
@@ -69,10 +123,7 @@ class ReferenceSum:
 
     @cached_property
     def excess(self) -> Array | None:
-        """Share by which interference raised the variance of the mean; shape (2S, K).
-
-        0 where there is no mean, None where none was raised.
-        """
+        """Share by which interference raised the variance of the mean, (2S, K); None if nowhere."""
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = self.precision[:, None] / self.precisions - 1
         excess = np.where(self.precisions > 0, excess, 0)
@@ -115,14 +166,10 @@ class NewReference:
 class ConjugateDifference:
     """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
 
-    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas); V_ref is
-    ``against`` the ``untouched`` reference, or the ``previous`` group (paper, section 3.3).
-    ``ends`` are those of all tags, 2S. The untouched reference are groups 0 to
-    ``reference_groups``. Groups of it that are absent or discarded are not replaced by later ones,
-    in which the sensor may be touched. An end that was received in none of them takes the first
-    groups in which it is received. This reference is marked late, because a sensor that is pressed
-    steadily looks the same. With ``waveform``, mirror images are removed from the ends, and
-    deviations from the reference's profile raise their variance (``profile.ProfileCheck``).
+    V_ref is the ``untouched`` reference in groups 0 to ``reference_groups``, or the ``previous``
+    group (paper, section 3.3). Absent groups are not replaced by later ones, in which the sensor
+    may be touched; an end received in none takes its first ones, and is marked late. With
+    ``waveform``, mirror images are removed, and deviations from the profile raise the variance.
     """
 
     def __init__(
@@ -149,11 +196,10 @@ class ConjugateDifference:
         self._stop = np.full(ends, reference_groups)
 
     def tare(self) -> None:
-        """Measure a new untouched reference in the groups that follow.
+        """Measure a new untouched reference in the groups that follow, for the ends received in
+        them.
 
-        These groups are still compared with the former reference, which the new one replaces with
-        the first group behind them. Ends that are received in none of them keep the former one.
-        Without effect while the first reference is measured.
+        They are still compared with the former one. Without effect while the first is measured.
         """
         if self._against_previous:
             self._restart()
@@ -192,13 +238,7 @@ class ConjugateDifference:
             self._profile.reset()
 
     def process(self, groups: Groups) -> Groups:
-        """Take groups with ``ends``, ``gain`` and ``noise``; give those that are ready.
-
-        At the start groups are held back until the reference is complete, at most twice its
-        length, so that every group is compared with the complete reference.
-
-        Returns Groups: with ``changes`` and the arrays of the reference; without ``ends``.
-        """
+        """Replace ``ends`` by ``changes``; groups are held back until the reference is complete."""
         ready: list[Groups] = []
         for row in range(len(groups)):
             rest = groups[row:]
@@ -341,3 +381,25 @@ class ConjugateDifference:
             late_reference=self._late[None].repeat(count, axis=0),
             **arrays,
         )
+
+
+class SubcarrierAverage:
+    """R_i = sum_k w_k X_i,k with w_k = 1 / sigma_k^2, and std(arg R) = sqrt(var(R) / 2) / |R|.
+
+    The noise of the reference is an error of the untouched phases, which the press filter knows.
+    """
+
+    def process(self, groups: Groups) -> Groups:
+        """Replace ``changes`` by ``ratios`` and ``phase_std_deg``, infinite for ends without a
+        reference.
+        """
+        if not len(groups):
+            return groups
+        ratios, std = subcarrier_average(
+            groups.changes,
+            groups.noise,
+            groups.gain,
+            groups.reference_gain,
+            groups.reference_power,
+        )
+        return groups.having(changes=None, ratios=ratios, phase_std_deg=std)

@@ -57,11 +57,9 @@ def find_clocks(
 ) -> tuple[ClockLine, ...]:
     """Find the first line of every tag within the tolerance of its clock.
 
-    ``frequency_hz`` (F,) rises from 0 in equal steps; the spectrum is in units of the floor
-    (:func:`.survey.survey_channel`). A wide tolerance holds lines of lamps and of other tags. The
-    clock is then the frequency f at which most is received at f, 2 f, ..., 6 f together, sum_m log
-    P(m f), not counting what continues a comb of lamps or of a slower tag. Tags are taken in the
-    order of that sum, and the lines of each are masked for those that follow.
+    ``spectrum`` is in units of the floor, at frequencies (F,) from 0 in equal steps. In a wide
+    tolerance the clock is the f at which most is received at f, 2 f, ..., 6 f together, beside
+    combs of lamps and slower tags; the clearest tag comes first, and its lines are then masked.
     """
     found: dict[int, ClockLine] = {}
     rest = spectrum.copy()
@@ -95,9 +93,7 @@ def clock_beyond(
 
 
 def vertex(spectrum: Array, best: int) -> tuple[float, float]:
-    """Offset of a maximum from its bin, within half a bin, and its height: the main lobe is a
-    parabola in dB. ``best`` is neither the first nor the last bin.
-    """
+    """Offset of a maximum from its bin (neither first nor last), and height: a parabola in dB."""
     below, top, above = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
     curvature = below - 2 * top + above
     if curvature >= 0:
@@ -133,10 +129,7 @@ def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> ClockLi
 def _recognise(
     frequency_hz: Array, spectrum: Array, clock: TagClock, above: float = 0.0
 ) -> tuple[float, ClockLine]:
-    """The clock within a wide tolerance that explains most lines, and the evidence for it.
-
-    Where the lines of a tag with a line 1 of height ``above`` are masked, it is that of a rival.
-    """
+    """Evidence for the clock of most lines, and its line; a rival's beside line 1 ``above`` 0."""
     step_hz = float(frequency_hz[1])
     tolerance_hz = clock.clock_hz * clock.tolerance_ppm * 1e-6
     highest_hz = float(frequency_hz[-1]) - 4 * step_hz
@@ -207,10 +200,7 @@ def _mask(frequency_hz: Array, spectrum: Array, line: ClockLine) -> None:
 
 
 def measured(clock: TagClock, line: ClockLine) -> TagClock:
-    """The clock of a tag as a survey has measured it.
-
-    The same unless its tolerance is wide. Where no line stands out, it keeps its nominal frequency.
-    """
+    """The clock as a survey measured it where its tolerance is wide; nominal without a line."""
     if not clock.wide:
         return clock
     if not line.found:

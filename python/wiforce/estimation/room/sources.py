@@ -106,9 +106,8 @@ def identify(
 ) -> list[Source]:
     """Attribute lines to their sources, the strongest first.
 
-    ``step_hz`` is that of the survey's spectrum, ``least_power`` (F,) the power from which on a
-    line stands out, at frequencies from 0 in steps: that of noise or, where they are stronger, of
-    the lines of the scene's own tags. ``mains_hz`` is empty where there are no lamps.
+    ``least_power`` (F,) is that from which on a line stands out of noise and of the scene's own
+    tags, at frequencies from 0 in ``step_hz``; ``mains_hz`` is empty where there are no lamps.
     """
     spectrum = _Spectrum(step_hz, least_power, waveform)
     rest = sorted(lines, key=lambda line: -line.power)

@@ -40,10 +40,7 @@ def blackman_harris(count: int) -> Array:
 
 
 def take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
-    """Take narrow lines out of a spectrum of ``count`` samples, the strongest first.
-
-    What is broader than the window stays. ``excess`` (:class:`Survey`) becomes 0 at the lines.
-    """
+    """Take lines, not broader than the window, out of a spectrum's ``excess``, strongest first."""
     lines = []
     reach = int(LOBE_BINS)
     for best in np.argsort(excess)[::-1]:
@@ -86,10 +83,7 @@ _LINE_WIDTH_HZ = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Doppler spectrum of a room without its static part.
-
-    All powers are per subcarrier and snapshot, in units of the floor, which is the white noise.
-    """
+    """Doppler spectrum of a room without its static part: powers over the white noise."""
 
     frequency_hz: Array = field(repr=False)  # (F,), from 0 to half the snapshot rate
     spectrum: Array = field(repr=False)  # (F,), mean over the subcarriers and both signs
@@ -134,10 +128,8 @@ class Survey:
         without: Sequence[Source] = (),
         averaged: bool = True,
     ) -> RoomNoise:
-        """Noise of the room outside the clutter band, which the weights reject anyway.
-
-        Sources of ``without`` are solved for. ``averaged``: as it weighs in the average over the
-        subcarriers (:meth:`weight`) instead of in one.
+        """Noise of the room beyond the clutter, ``without`` some sources; ``averaged`` by their
+        weight.
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
@@ -165,12 +157,9 @@ class Survey:
     def weight(self, source: Source, group_length: int) -> int:
         """How often the power of a source counts, that of white noise counting once.
 
-        K for lamps beside the lines of the tags, 1 otherwise. The light of lamps is reflected on a
-        few paths, and thus nearly alike on all subcarriers. The average over K of them divides
-        white noise by K, but hardly that. Other lines, and what is broader, may be the noise of the
-        tag's own clock: to suppress it further would cost more of the tag's lines than it gains. So
-        would lamps on the lines of a tag: both fall alike, so that the weak lines, which the noise
-        hides, disturb as much as the others.
+        K for lamps beside the lines of the tags: their light is nearly alike on all subcarriers, so
+        that the average over K leaves it. 1 otherwise: other lines may be the noise of the tag's
+        own clock, and lamps on its lines fall with them.
         """
         if source.kind != "lamps":
             return 1
@@ -206,12 +195,8 @@ def survey_channel(
 ) -> Survey | None:
     """Survey the room from the channel (n, K) of consecutive snapshots in which nothing is touched.
 
-    None for fewer snapshots than 0.1 s, values that are not finite, or a channel without noise.
-    ``mains_hz`` is empty where there are no lamps.
-
-    Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
-    analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
-    the frequencies without lines.
+    Periodogram with a Blackman-Harris window (F. Harris, Proc. IEEE 66, 1978), each subcarrier over
+    its own floor. None below 0.1 s, for values that are not finite, and without noise.
     """
     period_s = waveform.snapshot_period_s
     count = len(channel)
@@ -263,9 +248,7 @@ def survey_channel(
 
 
 def _medians(rows: Array, of: Array | None = None) -> Array:
-    """Median of each row (n,), or of some of its columns (n,): in half the time of NumPy's, which
-    searches for NaN.
-    """
+    """Median of each row (n,), or of some columns, in half the time of NumPy's, which seeks NaN."""
     rows, count = rows.copy(), rows.shape[1]
     if of is not None:
         rows[:, ~of] = np.inf
@@ -306,11 +289,8 @@ def survey_folded(
 
 
 def _significant(spectrum: Array, subcarriers: int) -> float:
-    """Power over the floor that noise does not reach.
-
-    Phase noise within a frame, which remains in the ratio of two antennas, is the same on all
-    subcarriers, so their mean varies more. The lower half of the spectrum shows by how much, since
-    lines do not reach it.
+    """Power over the floor that noise does not reach, by the lower half of the spectrum: phase
+    noise within a frame is alike on all subcarriers.
     """
     low, middle = np.quantile(spectrum, (0.159, 0.5))
     looks = (middle / max(middle - low, 1e-9)) ** 2
