@@ -8,7 +8,7 @@ from statistics import NormalDist
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.frame import measure_levels
+from gnuradio.wiforce.estimation.capture.frame import measure_levels, whole_frames
 from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
@@ -112,8 +112,13 @@ def check_capture(path, scene_path, datatype=None):
     waveform = scene.waveform()
     place = require_frames(capture, waveform)
     first = first_frame(capture, waveform, place)
-    samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
-    levels = asdict(measure_levels(samples, waveform))
+    length = waveform.frame_length
+    samples = capture.read_span(first + place - place % length, LEVEL_FRAMES * length)
+    frames = whole_frames(samples, length)
+    finite = frames[np.isfinite(frames).all(axis=1)]
+    if not len(finite):
+        raise InputError(capture.path, "holds no whole frame of finite samples")
+    levels = asdict(measure_levels(finite.ravel(), waveform))
     tags, clocks, reason = _tags(capture, scene)
     return {
         "files": files,

@@ -226,6 +226,30 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     assert "no checksum is known" in done.stdout
 
 
+def test_check_capture_states_levels_of_extreme_and_damaged_floats(capture):
+    """It printed inf for squares beyond single precision, and nan for one frame without numbers."""
+    usual = json.loads(check(capture, "--json").stdout)["levels"]
+    samples = np.fromfile(capture.with_suffix(".sigmf-data"), np.int16).astype(np.float32)
+    samples, data = samples.view(np.complex64) / 32768, capture.with_name("raw.cf32")
+    options = ("--scene", capture.with_name("scene.yaml"), "--datatype", "cf32_le", "--json")
+    options[1].write_text(yaml.safe_dump(SCENE))
+    for scale, at, count in ((1.0, 500, 1), (1e25, 0, 0), (1.0, 0, 150_000)):
+        damaged = samples * np.float32(scale)
+        damaged[at : at + count] = np.nan
+        damaged.tofile(data)
+        found = check(data, *options)
+        assert found.returncode == 0, found.stderr
+        levels = json.loads(found.stdout)["levels"]
+        more_db = 20 * np.log10(scale)
+        assert levels["preamble_dbfs"] == pytest.approx(usual["preamble_dbfs"] + more_db, abs=0.1)
+        assert levels["noise_dbfs"] == pytest.approx(usual["noise_dbfs"] + more_db, abs=0.5)
+    samples[::100] = np.nan
+    samples.tofile(data)
+    done = check(data, *options)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "raw.cf32: holds no whole frame of finite samples" in done.stderr
+
+
 def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
     scene = {**SCENE, "reference_s": 0.2}
     wiforce.simulate(wiforce.load_scene(scene), tmp_path / "press")

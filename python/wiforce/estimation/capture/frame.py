@@ -529,8 +529,9 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
     """Measure the levels of samples that begin with a frame; full scale is 1 per component."""
     length, preamble = waveform.frame_length, waveform.preamble_length
     end, averaged = MARGIN + preamble, waveform.repetitions * waveform.symbol_length
-    frames = whole_frames(samples, length)
-    parts = np.abs(samples.real), np.abs(samples.imag)
+    # In double precision, in which the squares of the largest floats are finite.
+    frames = whole_frames(samples, length).astype(np.complex128)
+    parts = np.abs(frames.real), np.abs(frames.imag)
     limit = CLIPPED * _limit(frames[:, end - averaged : end])
     clipped = np.mean((parts[0] >= limit) | (parts[1] >= limit))
     guard = frames[:, preamble + MARGIN + _LATE_ECHOES : length - MARGIN]
