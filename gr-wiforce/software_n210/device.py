@@ -153,6 +153,10 @@ class Device:
         if not 0 < speed < math.inf:
             raise InputError("speed", "must be positive and finite", speed)
         self.air = air
+        self._faults = FaultQueue()
+        self._faults_applied = 0
+        for fault in faults:
+            self.add_fault(fault)
         self._sockets = Sockets(address)
         self._hardware = Hardware(
             air, address, board, self._sockets.receive_buffer(TX_PORT), self._end_session
@@ -162,13 +166,9 @@ class Device:
         self._throttle = Throttle(self._backlog) if lossless else None
         self._link = HostLink(self._sockets, self._hardware, self._throttle)
         self._sent = deque(maxlen=_KEPT_STEPS)
-        self._faults = FaultQueue()
-        self._faults_applied = 0
         self._stop = False
         self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
         self._callbacks, self._unfinished = {}, set()
-        for fault in faults:
-            self.add_fault(fault)
 
     def watch(self, descriptor: int, callback: Callable[[], bool | None]) -> None:
         """Call ``callback()`` from the loop whenever a file descriptor is readable.

@@ -15,8 +15,12 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio import blocks, gr, uhd
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import request
 from machine import free_port, wait_until
+from software_n210.air.cable import Cable
+from software_n210.device import Device
+from software_n210.faults import parse_fault
 
 CONTROL, TX = 49152, 49157
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
@@ -92,6 +96,14 @@ def test_device_address_in_use_refused(software_usrp):
 def test_emulate_bad_usage_refused_in_one_line(arguments, words):
     status, said = emulate(*arguments)
     assert status == 2 and said.count("\n") == 1 and words in said, said
+
+
+def test_device_with_a_refused_fault_binds_no_port():
+    """Its ports stayed in use while the process that had asked for it held the error."""
+    with pytest.raises(InputError, match="sensor: requires --air scene, got 'arm'"):
+        Device(Cable(0), "127.9.8.9", faults=[parse_fault("1 off arm")])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.9.8.9", CONTROL))
 
 
 def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp):
