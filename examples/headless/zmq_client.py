@@ -6,6 +6,7 @@ With `--zmq-keys`, the client needs keys: NAME.key_secret, with server.key besid
 """
 
 import json
+import signal
 import sys
 from pathlib import Path
 
@@ -25,6 +26,9 @@ if len(sys.argv) == 3:
     subscriber.curve_serverkey, _ = load_certificate(secret.with_name("server.key"))
 subscriber.connect(endpoint)
 subscriber.subscribe('{"message": "reading"')
+# Ends without a traceback at Ctrl-C, and when `| head` closes the pipe.
+for number in (signal.SIGINT, signal.SIGPIPE):
+    signal.signal(number, signal.SIG_DFL)
 while True:
     reading = json.loads(subscriber.recv_string())
     if reading["touch"] and not reading["flags"]:

@@ -5,9 +5,11 @@ import contextlib
 import csv
 import importlib.util
 import io
+import json
 import os
 import re
 import runpy
+import signal
 import subprocess
 import sys
 import threading
@@ -18,6 +20,7 @@ import chain_simulated
 import numpy as np
 import pmt
 import pytest
+import zmq
 from chain_runs import assert_equal_readings
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.io.readings import as_reading
@@ -370,3 +373,26 @@ def test_chain_simulated_reads_as_the_reader_and_the_paper_does_not(capsys):
     # 40 ppm of 400 Hz and 1600 Hz, for 3 s.
     assert paper == pytest.approx([17.3, 69.1], abs=2.0)
     assert ours == pytest.approx([0.0, 0.0], abs=0.3)
+
+
+def test_zmq_client_ends_quietly_when_its_output_is_closed():
+    """Behind `| head` it ended with a traceback."""
+    publisher = zmq.Context.instance().socket(zmq.PUB)
+    port = publisher.bind_to_random_port("tcp://127.0.0.1")
+    reading = {"touch": 1, "flags": "", "sensor": "arm", "force_n": 4.0, "location_mm": 45.0}
+    text = json.dumps({"message": "reading", **reading})
+    command = [sys.executable, HEADLESS / "zmq_client.py", f"tcp://127.0.0.1:{port}"]
+    with subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as client:
+        lines = []
+        reader = threading.Thread(target=lambda: lines.append(client.stdout.readline()))
+        reader.start()
+        while reader.is_alive():
+            publisher.send_string(text)
+            reader.join(0.05)
+        client.stdout.close()
+        while client.poll() is None:
+            publisher.send_string(text)
+            time.sleep(0.05)
+        assert client.stderr.read() == "" and client.returncode == -signal.SIGPIPE
+    publisher.close(linger=0)
+    assert lines == ["arm 4.0 N at 45.0 mm\n"]
