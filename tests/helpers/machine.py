@@ -4,8 +4,9 @@
 import os
 import resource
 import socket
+import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 
 def free_ports(count):
@@ -37,6 +38,19 @@ def wait_until(condition, limit=300, pause_s=0.02, process=None, meanwhile=None)
 def rows_in(path):
     """Rows of a file of readings so far, with the header of CSV."""
     return path.read_text().count("\n") if path.exists() else 0
+
+
+@contextmanager
+def full_disk(size):
+    """Within the block, no file of this process may become larger, nor is bytecode written."""
+    former, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (former, most))
+        sys.dont_write_bytecode = kept
 
 
 def room_for(size):

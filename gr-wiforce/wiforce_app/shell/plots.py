@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of readings."""
 
+import io
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, unwritable
@@ -47,8 +48,9 @@ def save_picture(canvas, path, dpi=110):
     path = Path(path)
     try:
         with replacing(path) as part:
-            # A pipe or a device has any name.
-            canvas.savefig(part, dpi=dpi, format=path.suffix[1:].lower())
+            content = io.BytesIO()  # the writer of PDF hides the errors of a file
+            canvas.savefig(content, dpi=dpi, format=path.suffix[1:].lower())
+            part.write_bytes(content.getbuffer())
     except OSError as error:
         raise unwritable(path, error) from error
 

@@ -6,6 +6,7 @@ all antennas alike, and the receiver chain of each antenna has phases and gains 
 here is shared with the estimator.
 """
 
+import io
 import json
 import os
 from collections.abc import Callable
@@ -74,15 +75,16 @@ def simulate_packets(
     try:
         with all_or_nothing(paths) as (data, truth):
             write_truth(scene, packets, truth)
-            with open(data, "wb") as stream:
-                np.savez(
-                    stream,
-                    time_s=packets.time_s,
-                    channel=packets.channel,
-                    subcarrier_hz=packets.subcarrier_hz,
-                    center_frequency_hz=scene.radio.center_frequency_hz,
-                    scene=json.dumps(scene.as_dict(paths[0])),
-                )
+            content = io.BytesIO()  # after an error of a file, its archive prints another
+            np.savez(
+                content,
+                time_s=packets.time_s,
+                channel=packets.channel,
+                subcarrier_hz=packets.subcarrier_hz,
+                center_frequency_hz=scene.radio.center_frequency_hz,
+                scene=json.dumps(scene.as_dict(paths[0])),
+            )
+            data.write_bytes(content.getbuffer())
     except OSError as error:
         raise unwritable(stem, error) from error
     return paths

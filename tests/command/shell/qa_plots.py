@@ -15,12 +15,13 @@ from wiforce_app.shell.plots import plot_readings
 
 
 @pytest.fixture
-def figures(monkeypatch):
-    """The figures that are saved, instead of their files."""
+def figures(monkeypatch, tmp_path):
+    """The figures that are saved, instead of what they hold."""
     from matplotlib.figure import Figure
 
     saved = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: saved.append(figure))
+    monkeypatch.chdir(tmp_path)
     return saved
 
 

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Damaged files of readings and odd files of gauges are refused, and never give other readings."""
 
-import errno
+import gc
 import json
 import os
 
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio import wiforce
 from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
@@ -15,6 +16,8 @@ from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.text.textfile import write_whole
+from machine import full_disk
+from matplotlib.figure import Figure
 from wiforce_app.shell.plots import save_picture
 
 
@@ -169,14 +172,24 @@ def test_replacing_keeps_pipes_and_the_target_of_a_link(tmp_path):
     os.close(reader)
 
 
-def test_picture_on_a_full_disk_is_named_and_not_left_in_part(tmp_path):
-    class Canvas:
-        def savefig(self, path, **_):
-            path.write_bytes(b"half")
-            raise OSError(errno.ENOSPC, "No space left on device")
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_picture_on_a_full_disk_is_named_and_not_left_in_part(tmp_path, suffix):
+    """That of a PDF was called an inconsistent stream."""
+    canvas = Figure()
+    canvas.subplots().plot(np.random.default_rng(1).random(1000))
+    with full_disk(1000), pytest.raises(OutputError, match=f"a.{suffix}: cannot be written"):
+        save_picture(canvas, tmp_path / f"a.{suffix}")
+    assert not list(tmp_path.iterdir())
+    save_picture(canvas, tmp_path / f"a.{suffix}")
+    assert (tmp_path / f"a.{suffix}").stat().st_size > 1000
 
-    with pytest.raises(OutputError, match="a.png: cannot be written .No space left"):
-        save_picture(Canvas(), tmp_path / "a.png")
+
+@pytest.mark.filterwarnings("error")
+def test_simulated_packets_on_a_full_disk_are_named_without_a_traceback(tmp_path):
+    """The archive, which nobody had closed, printed one."""
+    with full_disk(10_000), pytest.raises(OutputError, match="a: cannot be written"):
+        wiforce.simulate("wifi_packets", tmp_path / "a")
+    gc.collect()
     assert not list(tmp_path.iterdir())
 
 
