@@ -6,9 +6,9 @@ from functools import lru_cache
 import numpy as np
 import pmt
 import pytest
-from gnuradio import gr, wiforce
+from device_times import rx_time
+from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.snapshots import free_fold
-from gnuradio.wiforce.blocks.stream_watch import time_value
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import (
     MARGIN,
@@ -22,6 +22,7 @@ from gnuradio.wiforce.estimation.capture.frame import (
     symbols_in,
 )
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from press_capture import array_source
 
 
 def stream(waveform, offset, frames=200, snr_db=-10.0, seed=1):
@@ -285,54 +286,24 @@ def test_follower_finds_frames_after_an_unknown_loss():
     assert np.abs(late[-64:] - late[0]).max() < 1.5
 
 
-class _Source(gr.sync_block):
-    def __init__(self, items, tags=()):
-        gr.sync_block.__init__(self, "source", None, [(np.int16, 2)])
-        self._items, self._at, self._tags = items, 0, list(tags)
-
-    def work(self, _, outputs):
-        count = min(len(outputs[0]), len(self._items) - self._at)
-        if count == 0:
-            return -1
-        outputs[0][:count] = self._items[self._at : self._at + count]
-        for item, value in self._tags:
-            if self._at <= item < self._at + count:
-                self.add_item_tag(0, item, pmt.intern("rx_time"), value)
-        self._at += count
-        return count
-
-
-class _Sink(gr.sync_block):
-    def __init__(self):
-        gr.sync_block.__init__(self, "sink", [(np.complex64, 64)], None)
-        self.vectors, self.tags = [], []
-
-    def work(self, inputs, _):
-        self.vectors.append(inputs[0].copy())
-        self.tags += [
-            (tag.offset, pmt.symbol_to_string(tag.key), tag.value)
-            for tag in self.get_tags_in_window(0, 0, len(inputs[0]))
-        ]
-        return len(inputs[0])
-
-
 def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps():
     items, start, lost = received_by_antennas(8), 700 * LENGTH + 50, 3 * LENGTH
     items = np.concatenate([items[:start], items[start + lost :]])
-    times = [(0, time_value(3, 0.0)), (start, time_value(3, (start + lost) / 2.5e6))]
-    fold, sinks = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6)), [_Sink(), _Sink()]
-    sources = [_Source(items[:, :2].copy(), times), _Source(items[:, 2:].copy())]
+    times = [rx_time(0, 3.0), rx_time(start, 3.0 + (start + lost) / 2.5e6)]
+    fold = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6))
+    sinks = [blocks.vector_sink_c(64), blocks.vector_sink_c(64)]
+    sources = [array_source(items[:, :2].copy(), times), array_source(items[:, 2:].copy())]
     flowgraph = gr.top_block()
     for port in range(2):
         flowgraph.connect(sources[port], (fold, port))
         flowgraph.connect((fold, port), sinks[port])
     flowgraph.run()
-    first, second = (np.fft.fft(np.concatenate(sink.vectors))[:, 1:32] for sink in sinks)
+    first, second = (np.fft.fft(np.reshape(sink.data(), (-1, 64)))[:, 1:32] for sink in sinks)
     assert len(first) > FRAMES - 80
     ratio = second / first
     assert np.abs(ratio - 0.5j).max() < 0.02
-    found = {at: pmt.to_uint64(value) for at, key, value in sinks[0].tags if key == "snapshot"}
+    found = {t.offset: pmt.to_uint64(t.value) for t in sinks[0].tags() if str(t.key) == "snapshot"}
     assert found == {0: 0, 700: 704}
     assert (fold.gaps(), fold.samples_lost(), fold.frames_moved()) == (1, lost, 0)
-    noise = [value for _, key, value in sinks[1].tags if key == "noise"]
-    assert sum(pmt.length(value) for value in noise) == 2 * len(second)
+    noise = [t.value for t in sinks[1].tags() if str(t.key) == "noise"]
+    assert sum(map(pmt.length, noise)) == 2 * len(second)

@@ -94,17 +94,6 @@ def test_reference_after_a_tare_is_not_late():
     assert late == [[False, True]] * 8 + [[False, False]] * 2
 
 
-def test_reference_after_a_tare_is_taken_from_the_groups_that_follow():
-    rng = np.random.default_rng(3)
-    channel = normal(rng, 2, K)
-    turned = channel * np.exp(1j * np.radians(30.0))
-    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
-    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
-    assert angles_of(results) == pytest.approx([0, 0, 0, 0, 30, 30, 30, 30, 0, 0], abs=1e-6)
-    assert np.flatnonzero(results.new_reference).tolist() == [0, 8]
-    assert np.flatnonzero(results.in_tare).tolist() == [6, 7]
-
-
 def test_reference_that_is_discarded_leaves_the_former_one():
     channel = normal(np.random.default_rng(3), 2, K)
     turned = channel * np.exp(1j * np.radians(30.0))

@@ -19,7 +19,6 @@ from plain import (
     random_tag,
     run_chain,
     stated_deg,
-    turned_deg,
 )
 from wiforce_app.bench.air import TagOnAir
 
@@ -199,14 +198,6 @@ def test_separation_tag_switched_on_again_is_acquired_and_keeps_its_reference():
     assert np.max(np.abs(errors[back - 12 :])) < 1.0
 
 
-def test_separation_tag_switched_on_late_is_acquired():
-    tags = [TagOnAir(untouched_deg=(35.0, -80.0)), TagOnAir(1400.0, untouched_deg=(5.0, 80.0))]
-    air = make_air(625, tags, 19, 10.0)
-    separation = Separation((1000.0, 1400.0))
-    locked = separation.run(air.group(g, on=(True, g >= 25)) for g in range(60)).locked
-    assert locked[:, 0].all() and not locked[:25, 1].any() and locked[40:, 1].all()
-
-
 def test_separation_loud_group_does_not_hide_the_tag_in_others():
     tag = TagOnAir(offset_ppm=30.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 9, 5.0)
@@ -231,31 +222,6 @@ def test_phases_with_interference_on_12_subcarriers_stay_near_the_bound():
         plain_errors.append(errors)
     assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.7
     assert np.sqrt(np.mean(np.concatenate(plain_errors) ** 2)) < 0.9
-
-
-def test_phases_with_delayed_clock_2_are_unbiased():
-    """31 us left out would turn it by a degree when the touch changes the shared lines."""
-    tags = [
-        TagOnAir(
-            untouched_deg=(0.0, 0.0),
-            touched_deg=(90.0, -60.0),
-            clock2_delay_cycles=0.031,
-            start_cycles=0.3,
-            offset_ppm=30.0,
-        )
-    ]
-    results = run_chain(make_plan(), make_air(625, tags, 22, 30.0), 60)
-    assert np.max(np.abs(np.mean(errors_deg(results, tags), axis=0))) < 0.02
-    assert results.clock2_delay[-1, 0] == pytest.approx(2 * np.pi * 0.031, abs=0.01)
-
-
-def test_separation_overlapping_pulses_are_reported():
-    tags = [random_tag(np.random.default_rng(23), clock2_delay_cycles=0.25)]
-    results = run_chain(make_plan(), make_air(625, tags, 24, 0.0), 20)
-    assert results.overlapping.all()
-    tags = [random_tag(np.random.default_rng(23))]
-    results = run_chain(make_plan(), make_air(625, tags, 24, 0.0), 20)
-    assert not results.overlapping.any()
 
 
 def test_separation_press_inside_a_group_raises_its_gain():
@@ -299,12 +265,3 @@ def test_separation_press_on_a_leaky_tag_keeps_the_lock():
     air = make_air(625, [tag], 22, 20.0)
     results = Separation().run(air.group(g, touched=g >= 30) for g in range(60))
     assert results.locked[:, 0].tolist() == [True] * 60
-
-
-def test_ratios_of_touched_groups_keep_their_magnitude():
-    """|R| tells a free sensor from one whose press changed inside the group."""
-    tags = [TagOnAir(untouched_deg=(10.0, 20.0), touched_deg=(100.0, -70.0))]
-    results = run_chain(make_plan(), make_air(625, tags, 27, 0.0), 100)
-    magnitudes = np.abs(results.ratios[results.index >= 12])
-    assert magnitudes.mean(axis=0) == pytest.approx([1.0, 1.0], abs=0.01)
-    assert turned_deg(tags) == pytest.approx([90.0, -90.0])

@@ -13,13 +13,6 @@ def batch(first, count, **arrays):
     return Groups(index, tones, **arrays)
 
 
-def test_groups_without_more_arrays_are_complete_and_undisturbed():
-    groups = batch(5, 3)
-    assert groups.missing.tolist() == [0] * 3
-    assert not groups.saturated.any() and not groups.retuned.any()
-    assert groups.snapshot_weights is None and groups.ends is None
-
-
 @pytest.mark.parametrize(
     "rows, expected",
     [
@@ -48,10 +41,6 @@ def test_groups_concatenated_are_the_groups_that_were_cut():
     for name in ("index", "tones", "missing", "saturated", "retuned", "snapshot_weights"):
         assert np.array_equal(getattr(joined, name), getattr(whole, name))
     assert joined.ends is None
-
-
-def test_groups_concatenated_without_snapshot_weights_have_none():
-    assert Groups.concatenate([batch(0, 2), batch(2, 3)]).snapshot_weights is None
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])

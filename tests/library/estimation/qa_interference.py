@@ -124,24 +124,6 @@ def test_screen_quiet_capture_rejects_no_snapshot(settings, tmp_path):
     assert not groups.interference.any() and groups.snapshot_weights is None
 
 
-EIGHT = (1000, 1400, 1790, 820, 1180, 1610, 1930, 1100)
-SIXTEEN = (435, 765, 1660, 585, 645, 705, 1595, 495, 930, 1800, 1230, 1470, 1050, 1920, 1350, 1110)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("clocks", [EIGHT, SIXTEEN], ids=len)
-def test_screen_takes_edges_of_many_tags_for_bursts_only_among_bursts(clocks, tmp_path):
-    """Eight tags raise all differences in 3 % of the snapshots, sixteen in 12 %."""
-    scene = scene_of(clocks, snr_db=15, duration_s=0.54)
-    codes = captured(scene, tmp_path / "quiet")
-    assert groups_of(scene, tmp_path / "quiet").interference.mean() < 0.002
-    bursts = with_bursts(codes, 0.2, 25, seed=2)
-    copy_with(bursts, tmp_path / "quiet", tmp_path / "bursts")
-    frames = (bursts != codes)[: len(codes) // FRAME * FRAME].reshape(-1, FRAME * 2)
-    hit = np.mean(frames[:, : 2 * 450].mean(axis=1) > 0.9)
-    assert groups_of(scene, tmp_path / "bursts").interference.mean() >= hit > 0.1
-
-
 @pytest.fixture(scope="module")
 def press(tmp_path_factory):
     """Name, scene and codes of a capture of a press."""
@@ -174,21 +156,6 @@ def test_screen_bursts_10_db_above_noise_are_rejected_where_they_are(press, tmp_
     shares = np.mean(~kept.reshape(-1, 125), axis=1)
     np.testing.assert_allclose(groups.interference, shares)
     assert not groups.missing.any()
-
-
-def test_screen_burst_in_one_repetition_is_rejected_beside_a_hit_snapshot(press, tmp_path):
-    name, scene, codes = press
-    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
-    amplitude = np.sqrt(noise_power(codes) * 100 / 2)
-    rng = np.random.default_rng(8)
-    starts = np.arange(20, len(frames) - 20, 20)
-    starts = starts[starts % 125 > 2]  # both in one group
-    frames[starts] += rng.normal(0, amplitude, (len(starts), FRAME, 2))
-    frames[starts - 1, 256:] += rng.normal(0, amplitude, (len(starts), FRAME - 256, 2))
-    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
-    kept = groups_of(scene, tmp_path / "hit").snapshot_weights.ravel() > 0
-    starts = starts[starts < len(kept)]
-    assert np.mean(kept[starts]) < 0.01 and np.mean(kept[starts - 1]) < 0.01
 
 
 def test_screen_short_bursts_beyond_the_tag_are_rejected_alone(press, tmp_path):

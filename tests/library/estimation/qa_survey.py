@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
 from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
@@ -120,13 +119,6 @@ def test_static_and_own_line_have_true_power(own_plan):
     assert np.median(survey.spectrum) == pytest.approx(1, abs=0.03)
 
 
-def test_floor_is_that_of_noise_among_many_lines(own_plan):
-    """A floor raised by lamps would understate everything that is found beside it."""
-    survey = surveyed(room(lamps(50, 8.0)), own_plan)
-    between = np.abs(survey.frequency_hz % 100 - 50) < 10
-    assert np.median(survey.spectrum[between]) == pytest.approx(1, abs=0.05)
-
-
 @pytest.mark.parametrize("mains_hz", [50.0, 60.0])
 def test_lamps_are_recognised_by_their_mains(own_plan, mains_hz):
     survey = surveyed(room(lamps(mains_hz, 2.0)), own_plan)
@@ -191,12 +183,6 @@ def test_fan_is_no_tag(own_plan):
     (finding,) = findings(survey, own_plan, own_plan)
     assert finding.kind == "clutter" and not finding.matters
     assert finding.frequency_hz == pytest.approx(148, abs=10)
-
-
-@pytest.mark.parametrize("fastest_hz", [60.0, 140.0])
-def test_moving_hz_is_that_of_fastest_path(own_plan, fastest_hz):
-    survey = surveyed(room(walker(fastest_hz, 40.0)), own_plan)
-    assert survey.moving_hz() == pytest.approx(fastest_hz, abs=2 * survey.resolution_hz)
 
 
 def test_lamps_and_tags_are_no_motion(own_plan):
@@ -317,13 +303,6 @@ def disturbed():
     return noise, design_weights([1040.0], 400, T, 100.0, room=noise)
 
 
-def test_covariance_equals_definition(disturbed):
-    noise, _ = disturbed
-    np.testing.assert_allclose(noise.covariance(), covariance(400), atol=1e-9)
-    mask = np.arange(400) % 7 != 0
-    np.testing.assert_allclose(noise.covariance(mask), covariance(400, mask), atol=1e-9)
-
-
 def test_weights_equal_generalised_least_squares(disturbed):
     """Other weights would let more of the room through than necessary."""
     _, table = disturbed
@@ -361,19 +340,6 @@ def test_added_noise_equals_that_of_covariance():
     assert whole == pytest.approx(expected, rel=1e-6)
 
 
-def test_disturbed_room_has_less_noise_with_its_weights(own_plan):
-    """The adapted plan must be better in its room than the plain one."""
-    tone = 4 * np.cos(2 * np.pi * 1075 * TIME_S)
-    survey = surveyed(room(tone[:, None]), own_plan)
-    better = adapted(own_plan, survey)
-    assert better.room is not None
-    outputs = []
-    for table in (own_plan.table, better.table):
-        group = np.array(tone[: table.group_length])
-        outputs.append(np.abs(table.weights @ group).max())
-    assert outputs[1] < outputs[0] / 5
-
-
 def test_power_of_lamps_counts_once_per_subcarrier(own_plan):
     """A reading averages white noise over the subcarriers, but not what arrives by one path."""
     line = 4 * np.cos(2 * np.pi * 1300 * TIME_S)[:, None]
@@ -386,25 +352,6 @@ def test_power_of_lamps_counts_once_per_subcarrier(own_plan):
         assert noise.autocovariance[0] - 1 == pytest.approx(weight * power, rel=0.1)
 
 
-def test_readings_among_lamps_err_less_with_the_power_that_averaging_leaves():
-    """The mean over subcarriers leaves the lamps: weights for a single one let too much through."""
-    own = settings(clock_hz=1040)
-    survey = surveyed(room(lamps(50.0, 1.0)), own)
-    chosen = adapted(own, survey).table
-    single = survey.noise(own.group_length, own.clutter_hz, averaged=False)
-    others = replace(own, room=single).table
-
-    def variance(table):
-        """Of each tone, averaged over the subcarriers: in a room where nothing wanders."""
-        lines = single.covariance() - np.eye(own.group_length)
-        white = np.sum(np.abs(table.weights) ** 2, axis=1) / CARRIERS
-        through = np.einsum("mn,nk,mk->m", table.weights, lines, table.weights.conj()).real
-        return white + through
-
-    assert np.all(variance(chosen) <= 1.001 * variance(others))
-    assert np.min(variance(chosen) / variance(others)) < 0.7
-
-
 def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
     """Nothing would be suppressed otherwise, although every reading is flagged."""
     survey = surveyed(room(lamps(50.0, 4.0)), own_plan)
@@ -414,11 +361,6 @@ def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
     single = survey.noise(own_plan.group_length, own_plan.clutter_hz, averaged=False)
     assert single.autocovariance[0] < noise[0] / 2
     assert np.array_equal(adapted(own_plan, survey).room.autocovariance, single.autocovariance)
-
-
-def test_mains_of_a_scene_must_be_known():
-    with pytest.raises(InputError, match="mains_hz"):
-        settings(mains_hz=55)
 
 
 def test_adapted_settings_whose_lines_do_not_separate_are_not_used(own_plan, monkeypatch):
