@@ -368,14 +368,6 @@ def test_taps_bring_a_bench_model_to_what_the_air_shows(tmp_path, own_table):
     assert "refined by taps" in refined.provenance["source"]
 
 
-def test_taps_alone_make_a_model(tmp_path):
-    rng = np.random.default_rng(7)
-    path = written(tmp_path / "taps.csv", tap_rows(LAWS[0], 0.0, 0.3, rng))
-    model = calibrate(read_tap_csv(path, 900e6), "taps")
-    truth = LAWS[0].phases_deg(5.0, 25.0, 900e6)
-    assert np.abs(wrap(model.phases_deg(5.0, 25.0) - truth)).max() < 1.0
-
-
 def test_taps_outside_the_model_are_refused(tmp_path, own_table):
     bench = calibrate(own_table(), "own")
     rows = ["phase1_deg,phase2_deg,force_n,location_mm", "1,2,3,70"]

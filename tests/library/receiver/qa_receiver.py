@@ -297,12 +297,6 @@ def test_receiver_on_groups_sees_every_group_that_is_read():
     assert groups.phases_deg[:, 0, 0] == pytest.approx([r.phase1_deg for r in readings])
 
 
-@pytest.mark.parametrize("tones", [None, np.zeros((2, 5, 62)), np.zeros((2, 16, 52))])
-def test_receiver_tones_of_another_plan_are_refused(tones):
-    with pytest.raises(InputError, match="^groups.tones: must have shape"):
-        Receiver(make_plan()).process(Groups(np.arange(2), tones))
-
-
 def test_receiver_press_of_one_sensor_is_no_force_of_another(tmp_path):
     """In the group in which a tag changes, part of it lies on the lines of the others."""
     scene = wiforce.load_scene("tabletop_two").as_dict()

@@ -227,19 +227,6 @@ def test_stream_touched_tare_is_no_survey(groups, force, ends):
     assert reader.plan is settings
 
 
-def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
-    """Whoever asks for the state in that moment, from another thread, sees no acquisition."""
-    use, states = StreamReader._use, []
-
-    def ask(reader, *arguments):
-        use(reader, *arguments)
-        states.append(reader.state)
-
-    monkeypatch.setattr(StreamReader, "_use", ask)
-    reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
-    assert states == ["acquiring", "reading"] and reader.state == "reading"
-
-
 def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
     """A tare may be shorter than what the clocks are acquired in."""
     tare = 8
@@ -402,13 +389,6 @@ def test_stream_room_is_not_surveyed_across_lost_groups(groups):
     assert not any("reference" in r.flags for r in readings[20:])
     pressed = [r for r in readings if r.group in (55, 56, 57)]
     assert [r.touch for r in pressed] == [1, 1, 1]
-
-
-def test_stream_quiet_room_is_surveyed_again_without_any_change(groups):
-    settings = wiforce.plan(SCENE)
-    reader, readings, _ = stream(settings, groups["quiet"], again_s=0.1)
-    assert reader.plan is settings
-    assert as_rows(readings) == as_rows(stream(settings, groups["quiet"])[1])
 
 
 def test_stream_that_ends_during_the_survey_is_read(groups):

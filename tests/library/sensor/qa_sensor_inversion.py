@@ -101,20 +101,6 @@ def test_invert_phases_count_modulo_360(model):
     assert single.location_mm[0] == pytest.approx(plain.location_mm[0], abs=1e-9)
 
 
-def test_invert_covariance_is_that_of_repeated_noise(model):
-    rng = np.random.default_rng(5)
-    std = np.array([0.2, 0.4])
-    phases = model.phases_deg(4.0, 33.0) + std * rng.standard_normal((4000, 2))
-    found = model.invert(phases, std)
-    spread = np.cov(found.force_n, found.location_mm)
-    own = model.model_std_deg(4.0, 33.0)
-    stated = found.covariance.mean(axis=0)
-    # the model's own error is stated as well: it is there even without noise
-    back = np.linalg.inv(slopes(model, 4.0, 33.0))
-    expected = spread + back @ np.diag(own**2) @ back.T
-    assert stated == pytest.approx(expected, rel=0.1, abs=5e-4)
-
-
 def test_invert_outside_the_calibration_is_extrapolated(model):
     phases = model.phases_deg([4.0, 9.3, 4.0, 4.0], [40.0, 40.0, 63.0, 17.0])
     flags = model.invert(phases, 0.1).flags
@@ -131,35 +117,6 @@ def test_invert_phases_of_no_press_are_inconsistent(model):
     assert "inconsistent" in single.flags[0]
 
 
-def test_invert_noise_at_the_rim_is_not_inconsistent(model):
-    rng = np.random.default_rng(3)
-    phases = model.phases_deg(np.full(50, 1.0), np.linspace(20, 60, 50))
-    found = model.invert(phases + rng.normal(0, 0.5, phases.shape), 0.5)
-    assert sum("inconsistent" in flags for flags in found.flags) <= 2
-
-
-def test_invert_aliases_are_ambiguous_unless_one_is_calibrated():
-    # at 2.4 GHz locations 62.46 mm apart look alike
-    narrow = load_sensor("line-2400mhz-calibrated")
-    phases = narrow.phases_deg(4.0, 22.0)
-    assert narrow.invert(phases[None], 0.1).location_mm[0] == pytest.approx(22.0, abs=0.2)
-    assert "ambiguous" not in narrow.invert(phases[None], 0.1).flags[0]
-    line = load_sensor("line-2400mhz")
-    wide = calibrate(
-        measure_vna(line, (6, 20, 30, 40, 50, 60, 74), np.arange(1, 5.1, 0.25), 0.05), "wide"
-    )
-    for place in (9.0, 9.0 + 62.457):
-        phases = wide.phases_deg(2.0, place)
-        forces, others = np.arange(0.95, 5, 0.01), 80 - place + np.arange(-8, 8, 0.02)
-        grid = wide.phases_deg(forces[:, None], others)
-        alike = brute_force_inversion(phases, grid, forces, others)
-        assert np.abs(wrap(wide.phases_deg(*alike) - phases)).max() < 3 * 0.3
-        reading = wide.invert(phases[None], 0.3)
-        assert "ambiguous" in reading.flags[0]
-        # whichever is given, the standard deviation reaches the other
-        assert abs(reading.location_mm[0] - place) <= 2 * reading.location_std_mm[0]
-
-
 @pytest.mark.parametrize("name", ["paper-900mhz", "paper-2400mhz"])
 @pytest.mark.parametrize("noise_deg", [0.2, 1.0, 3.0])
 def test_invert_unobservable_force_is_never_confident(name, noise_deg):
@@ -173,45 +130,6 @@ def test_invert_unobservable_force_is_never_confident(name, noise_deg):
     assert np.mean(unobservable) >= 0.999
     assert np.mean(error <= 2 * found.force_std_n) >= 0.99
     assert not np.any(error[~unobservable] > 3 * found.force_std_n[~unobservable])
-
-
-@pytest.mark.parametrize("name, noise_deg", [("wiforce-900mhz", 0.5), ("paper-2400mhz", 1.0)])
-def test_invert_wide_posterior_gives_its_mean(name, noise_deg):
-    model, rng = load_sensor(name), np.random.default_rng(8)
-    force, place = rng.uniform(2, 7.5, 200), rng.uniform(*model.location_span_mm, 200)
-    phases = model.phases_deg(force, place) + rng.normal(0, noise_deg, (200, 2))
-    found = model.invert(phases, noise_deg)
-    wide = (found.force_std_n > 0.6) & ["ambiguous" not in flags for flags in found.flags]
-    forward = model.inverter().forward
-    forces = np.linspace(*forward.force_n[[0, -1]], 300)
-    places = np.linspace(*forward.location_mm[[0, -1]], 800)
-    expected = model.phases_deg(forces[:, None], places)
-    variance = model.model_std_deg(forces[:, None], places) ** 2 + noise_deg**2
-    for i in np.flatnonzero(wide)[:12]:
-        chi_squared = np.sum(wrap(phases[i] - expected) ** 2 / variance + np.log(variance), axis=-1)
-        weight = np.exp(0.5 * (chi_squared.min() - chi_squared)).sum(axis=1)
-        weight /= weight.sum()
-        mean = weight @ forces
-        std = np.sqrt(weight @ (forces - mean) ** 2)
-        assert found.force_n[i] == pytest.approx(mean, abs=0.1 * std)
-        assert found.force_std_n[i] == pytest.approx(std, rel=0.1)
-
-
-def test_invert_where_force_is_unobservable_is_flagged():
-    for name in ("paper-900mhz", "paper-2400mhz"):
-        model = load_sensor(name)
-        forces = np.linspace(2, 7.5, 12)
-        rng = np.random.default_rng(4)
-        phases = model.phases_deg(np.repeat(forces, 10), 40.0)
-        found = model.invert(phases + rng.normal(0, 2.0, phases.shape), 2.0)
-        flagged = ["force-unobservable" in flags for flags in found.flags]
-        assert np.mean(flagged) >= 0.9
-        error = np.abs(found.force_n - np.repeat(forces, 10))
-        assert np.mean(error <= 2 * found.force_std_n) >= 0.9
-        assert np.median(found.force_std_n) > 1.0
-    line = load_sensor("line-900mhz-calibrated")
-    clear = line.invert(line.phases_deg(np.linspace(2, 7.5, 12), 40.0), 0.2)
-    assert not any("force-unobservable" in flags for flags in clear.flags)
 
 
 def test_invert_known_location_is_kept(model):
@@ -255,18 +173,6 @@ def test_invert_two_carriers_beat_either(both):
     assert "inconsistent" in both.invert(mixed, 0.3).flags[0]
 
 
-def test_invert_phases_not_finite_give_no_force(model):
-    found = model.invert([[np.nan, 10.0], [10.0, np.inf], *model.phases_deg([4.0], [40.0])], 0.1)
-    assert np.all(np.isnan(found.force_n[:2])) and np.isfinite(found.force_n[2])
-    assert found.flags[:2] == [("inconsistent",)] * 2
-    assert np.isnan(model.invert([[np.nan, 1.0]], 0.1).force_n[0])
-
-
-def test_invert_without_std_assumes_one_degree(model):
-    phases = model.phases_deg([3.0, 5.0], [30.0, 50.0])
-    assert model.invert(phases).force_std_n == pytest.approx(model.invert(phases, 1.0).force_std_n)
-
-
 def test_invert_bad_arguments_are_refused(model):
     with pytest.raises(InputError, match="phases_deg: must have 2 columns"):
         model.invert([[1.0, 2.0, 3.0]])
@@ -275,10 +181,6 @@ def test_invert_bad_arguments_are_refused(model):
             model.invert([[1.0, 2.0]], std)
         with pytest.raises(InputError, match="std_deg: must be finite"):
             model.invert([[1.0, 2.0], [3.0, 4.0]], std)
-
-
-def test_invert_empty_batch_gives_empty_result(model):
-    assert model.invert(np.zeros((0, 2)), 0.1).force_n.shape == (0,)
 
 
 def test_invert_line_model_recovers_its_presses():
