@@ -143,14 +143,6 @@ def test_effect_whose_keys_contradict_each_other_is_refused():
         channel_of(bursts={"shortest_s": 3e-3})
 
 
-def test_effects_are_none_where_a_scene_states_none():
-    """What a scene does not use costs nothing, and its samples stay what they were."""
-    channel = channel_of(static_clutter_db=50, snr_db=10)
-    assert len(channel._paths) == 1  # the tag
-    assert not (channel._others or channel._front_end or channel._ripple)
-    assert channel.sensors["arm"].clock.regular and not channel.sensors["arm"]._drifts
-
-
 @pytest.mark.parametrize("share, level_db", cases((0.2, 25), long=((0.45, 35),)))
 def test_bursts_have_stated_share_level_and_durations(share, level_db):
     channel = channel_of(bursts={"share": share, "level_db": level_db}, snr_db=10)

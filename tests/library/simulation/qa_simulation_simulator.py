@@ -176,13 +176,6 @@ def test_simulate_bad_folder_or_datatype_raises(tmp_path):
         simulator.simulate(short(), tmp_path / "x", datatype="ci8")
 
 
-def test_load_scene_carrier_not_in_model_raises():
-    with pytest.raises(
-        InputError, match=r"radio.center_frequency_hz: model wiforce-900mhz: carrier"
-    ):
-        load_scene(SHORT | {"radio": {"center_frequency_hz": 2.4e9}})
-
-
 def test_command_simulate_writes_capture_and_truth(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
     done = run_command("simulate", "scene.yaml", "x", "--seed", 5, cwd=tmp_path)
