@@ -177,13 +177,6 @@ def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
     assert sentence.startswith("reader: ") and cause in sentence
 
 
-def test_reader_names_a_wrong_frame_offset(tmp_path):
-    """Readings were empty, and nobody knew where frames begin."""
-    scene = SCENE | {"sounding": {"frame_length": 720}, "phase_group": {"snapshots": 312}}
-    (sentence,) = said_of(press_codes_of(scene, tmp_path), scene, frame_offset=300)
-    assert "not at sample 300" in sentence
-
-
 def test_reader_refuses_a_scene_of_packets_for_what_it_is():
     """The message blamed the number of antennas, which follows from the packets."""
     with pytest.raises(InputError, match="packets: says that another device measures the channel"):
@@ -193,17 +186,6 @@ def test_reader_refuses_a_scene_of_packets_for_what_it_is():
 def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):
     (sentence,) = said_of(press_codes_of(MORE_TAGS, tmp_path))
     assert "such as another tag with the same clock" in sentence
-
-
-def test_reader_names_a_press_in_the_whole_reference_and_a_wrong_rate_of_a_file(slow_codes):
-    """Hundreds of readings were ambiguous, or moved, and the log was empty."""
-    (sentence,) = said_of(slow_codes[3125 * 360 :], SLOW)
-    assert "arm: it may have been touched while its reference was measured" in sentence
-    (sentence,) = said_of(slow_codes, SLOW | {"radio": {"sample_rate_hz": 5e6}})
-    assert (
-        "a tag is found at 1340 Hz, 2 times the clock_hz of arm; check clock_hz, and " in sentence
-    )
-    assert said_of(slow_codes, SLOW) == []
 
 
 def test_reader_names_a_press_in_the_reference_that_later_groups_solve(tmp_path):
@@ -235,15 +217,6 @@ def test_chain_names_a_press_in_the_whole_reference(slow_codes, monkeypatch):
     assert any(reading.flags == () for reading in readings)  # before the release
     (sentence,) = logged
     assert sentence.startswith("force_inversion: arm: it may have been touched while its reference")
-
-
-def test_chain_names_a_saturated_receiver(codes, monkeypatch):
-    """It blamed a touch in the reference."""
-    logged, readings = chain_says(clipped(codes), SCENE, monkeypatch)
-    assert all("saturated" in reading.flags for reading in readings)
-    assert logged == [
-        "force_inversion: arm: the receiver is saturated; lower its gain until nothing is clipped"
-    ]
 
 
 def test_short_guards_are_told_from_noise_and_from_another_frame_offset(slow_codes):

@@ -107,36 +107,11 @@ def test_quiet_captures_of_two_antennas_lose_no_snapshot(captures):
     assert all(r.interference == 0 for r in readings(*captures))
 
 
-@pytest.fixture(scope="module")
-def interfered(captures, tmp_path_factory):
-    """The captures with bursts at the second antenna, 6 dB below the static path."""
-    name, _ = captures
-    copied = tmp_path_factory.mktemp("bursts") / "press"
-    for path in name.parent.glob("press*"):
-        shutil.copy(path, copied.parent)
-    path = second_antenna(copied) + ".sigmf-data"
-    codes, rng = np.fromfile(path, "<i2").reshape(-1, 2).astype(float), np.random.default_rng(4)
-    rms = np.sqrt(np.mean(codes[64:320] ** 2))
-    for start in range(0, len(codes), 30_000):
-        codes[start : start + 6000] += rng.normal(0, 0.5 * rms, (6000, 2))
-    np.clip(np.rint(codes), -32768, 32767).astype("<i2").tofile(path)
-    return copied
-
-
 def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
     done = run_command("survey", captures[0])
     assert "the ratio of two antennas is not linear (tag against static path: -50 dB)" in (
         done.stdout
     )
-
-
-@pytest.mark.long
-def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
-    clean, found = readings(*captures), readings(interfered, captures[1])
-    assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []
-    for name in ("phase1_deg", "phase2_deg"):
-        got, want = ([getattr(r, name) for r in each] for each in (found, clean))
-        assert np.abs(wrap_deg(np.subtract(got, want))).max() < 0.5
 
 
 def test_reader_samples_of_one_antenna_are_refused_for_two():

@@ -5,7 +5,6 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 
 def snapshot_tag(offset, index):
@@ -197,25 +196,6 @@ def test_an_index_that_goes_back_starts_a_group_anew():
     run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), indices=indices)
     assert list(run.groups.values()) == [0, 0]
     assert run.missing == {0: 20, 1: 20}
-
-
-def test_channel_estimation_before_or_after_the_tones_is_the_same():
-    waveform = sounding_waveform()
-    snapshots = random_complex(4 * 125, 64)
-    weights = tone_weights(125, [1, -1, 2, -2, 4, -4])
-
-    def run(*chain):
-        source = blocks.vector_source_c(snapshots.ravel().tolist(), False, 64)
-        sink = blocks.vector_sink_c(64 * len(weights))
-        flowgraph = gr.top_block()
-        flowgraph.connect(source, *chain, sink)
-        flowgraph.run()
-        return np.array(sink.data())
-
-    doppler = [wiforce.phase_group_doppler(weights, 125) for _ in range(2)]
-    before = run(wiforce.ofdm_channel_estimator(waveform.equalizer()), doppler[0])
-    after = run(doppler[1], wiforce.ofdm_channel_estimator(waveform.equalizer(), len(weights)))
-    np.testing.assert_allclose(before, after, atol=1e-6 * np.abs(after).max())
 
 
 @pytest.mark.parametrize(

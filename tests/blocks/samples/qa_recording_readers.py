@@ -131,17 +131,6 @@ def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size)
     assert set(np.flatnonzero(saturated)) == full_scale
 
 
-def test_readers_of_frames_that_slip_count_it(tmp_path):
-    rng = np.random.default_rng(5)
-    frame = np.where(np.arange(96) < 70, rng.normal(size=96) + 1j * rng.normal(size=96), 0)
-    sent = np.delete(np.tile(frame, 3000), slice(70_000, 70_030)).astype("<c8")
-    (tmp_path / "x").write_bytes(sent.tobytes())
-    reader = folded_reader(str(tmp_path / "x"), "cf32_le", [(0, 0, len(sent))], 96, 0, 1)
-    found = reader.read(10_000)
-    assert reader.frames_moved() == 1
-    np.testing.assert_allclose(found["folded"][[0, -1]], np.array([frame[:64]] * 2), atol=1e-6)
-
-
 def test_tone_reader_releases_the_interpreter_while_it_reads(tmp_path, settings):
     count = 60_000 * FRAME
     with open(tmp_path / "x", "wb") as file:

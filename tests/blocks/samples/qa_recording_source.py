@@ -113,13 +113,6 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path):
     assert source.samples_missing() == 3 * FRAME - 100
 
 
-def test_the_guard_of_the_last_frame_is_not_needed(tmp_path):
-    path = tmp_path / "x.bin"
-    path.write_bytes(random_samples(3 * FRAME + 320, "ci16_le").tobytes())
-    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, 3 * FRAME + 320)], FRAME)
-    assert len(run(source)[0]) == 4
-
-
 def test_a_recording_without_a_whole_frame_gives_nothing_and_ends(tmp_path):
     path = tmp_path / "x.bin"
     path.write_bytes(random_samples(319, "ci16_le").tobytes())

@@ -148,16 +148,6 @@ def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
         scene_of(broken)
 
 
-@pytest.mark.parametrize("given", cases(400, long=(640, 720)))
-def test_read_wrong_frame_length_names_the_true_one(press, tmp_path, given):
-    """Frames cut at the wrong places gave confident wrong readings."""
-    output = tmp_path / "out.csv"
-    scene = changed("sounding", frame_length=given)
-    scene["sensors"] = [{**SCENE["sensors"][0], "clock_hz": 200}]
-    line = refusal(run(press, "--scene", written(tmp_path, scene), "-o", output), output)
-    assert f"frames repeat every 320 samples, but sounding.frame_length is {given}" in line
-
-
 def test_read_wrong_frame_offset_warns_where_frames_begin(tmp_path):
     """Frames cut at the wrong places gave wrong readings, or none, without a word."""
     scene = changed("sounding", frame_length=400)
