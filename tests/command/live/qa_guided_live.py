@@ -8,7 +8,6 @@ import signal
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.guided.session import (
     DEFAULT_FORCES_N,
@@ -129,19 +128,6 @@ def test_guided_sensor_reads_as_one_calibrated_with_a_vna(calibrated):
             f"95 % within {most[0]:.3f} N, {most[1]:.3f} mm"
         )
     print(f"guided: within two std {force_within:.1%} of forces, {place_within:.1%} of locations")
-
-
-@pytest.mark.timeout(1000)
-def test_table_of_a_guided_calibration_gives_the_same_sensor(calibrated, tmp_path):
-    """The measurements would serve only once."""
-    words = ["--frequency-hz", "900e6", "--ruler-std-mm", "0.3", "-o", tmp_path / "arm.yaml"]
-    done = run_command("calibrate", calibrated.table, *words)
-    assert done.returncode == 0, done.stderr
-    paths = tmp_path / "arm.yaml", calibrated.sensor
-    again, first = (yaml.safe_load(path.read_text()) for path in paths)
-    for content in (again, first):
-        del content["provenance"]["date"]
-    assert again == first
 
 
 @pytest.mark.parametrize(

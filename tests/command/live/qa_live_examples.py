@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The examples with a USRP, run as shipped against the software one."""
 
-import os
 import re
 import shlex
 import signal
@@ -154,78 +153,3 @@ def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
     assert any(row["touch"] == "1" for row in rows)
-
-
-@pytest.mark.long
-def test_example_transmit_uhd_sends_and_receives_nothing(device, scene):
-    with example("transmit_uhd.py", args_of(device), scene):
-        wait_until(lambda: device.command("status")["tx_streaming"])
-        status = device.command("status")
-    assert not status["rx_streaming"] and status["tx_underflows"] == 0
-
-
-@pytest.mark.long
-def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, software_usrp, tmp_path):
-    untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
-    other = software_usrp(untouched, speed=2)
-    with example(
-        "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
-    ) as process:
-        read(process, 1.2 / SLOW_GROUP_S, of=device.args)
-        read(process, 1.2 / SLOW_GROUP_S, of=other.args)
-    first, second = (
-        [line for line in process.lines if line.startswith(which.args)] for which in (device, other)
-    )
-    assert_pressed(first)
-    assert not any("touch=1" in line for line in second)
-
-
-def of_companion(name, scene, folder):
-    """Program of a flowgraph as shipped but for its scene, which takes a fifth of the time."""
-    shipped = (EXAMPLES / f"{name}.grc").read_text()
-    assert shipped.count("    file: demo\n") == 1
-    flowgraph = folder / f"{name}.grc"
-    flowgraph.write_text(shipped.replace("    file: demo\n", f"    file: {scene}\n"))
-    subprocess.run(
-        ["grcc", "-o", str(folder), str(flowgraph)],
-        check=True,
-        capture_output=True,
-        timeout=300,
-    )
-    return folder / f"{name}.py"
-
-
-SCREENLESS = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-
-
-@pytest.mark.long
-@pytest.mark.timeout(300)
-def test_example_live_uhd_flowgraph_reads_the_press(device, scene, tmp_path):
-    words = (of_companion("live_uhd", scene, tmp_path), "--device", args_of(device))
-    process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=SCREENLESS)
-    readings = tmp_path / "readings.csv"
-
-    def pressed():
-        rows = rows_of(readings) if readings.exists() else []
-        return any(row["touch"] == "1" and row["flags"] == "" for row in rows)
-
-    try:
-        wait_until(pressed, limit=200)
-        process.terminate()
-        assert process.wait(timeout=300) == 0
-    finally:
-        process.kill()
-
-
-@pytest.mark.long
-@pytest.mark.timeout(300)
-def test_example_chain_from_usrp_flowgraph_gives_the_readings_of_the_reader(
-    device, scene, tmp_path
-):
-    script = Path(__file__).with_name("chain_beside_reader.py")
-    program = of_companion("chain_from_usrp", scene, tmp_path)
-    words = (script, args_of(device), scene, program)
-    with running(*words, cwd=tmp_path, env=SCREENLESS) as process:
-        read(process, 1.2 / SLOW_GROUP_S)
-    assert_pressed(process.lines)
-    assert any(row["touch"] == "1" for row in rows_of(tmp_path / "readings.csv"))

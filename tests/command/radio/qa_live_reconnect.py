@@ -153,22 +153,6 @@ def test_live_device_started_again_is_found_and_its_clock_does_not_matter(
     assert begun_s < firsts_s[0] < lost_s < firsts_s[1] < ended_s
 
 
-@pytest.mark.long
-def test_live_driver_killed_is_started_again(slow_scene, slow_device, tmp_path):
-    """A driver may crash or be killed for its memory, with a packet half sent."""
-    output = tmp_path / "out.csv"
-    with live(slow_device.args, slow_scene, *GAINS, "--reconnect", "-o", output) as process:
-        wait_until(lambda: streaming_s(slow_device) > 0.8)
-        (driver,) = children(process)
-        os.kill(driver, signal.SIGKILL)
-        wait_until(lambda: streaming_s(slow_device) < 0.8)
-        wait_until(lambda: streaming_s(slow_device) > 0.8)
-        process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=300)
-    assert process.returncode == 0 and said.count("SIGKILL") == 1
-    check_times(rows_of(output), 1)
-
-
 def test_live_waits_for_an_absent_device_and_keeps_the_file_until_then(
     software_usrp, slow_scene, tmp_path
 ):
@@ -233,16 +217,6 @@ def test_live_restart_appends_to_the_readings_and_reports_to_systemd(
     times = [float(row["time_s"]) for row in rows_of(output)]
     starts = [n for n, time_s in enumerate(times) if time_s == SLOW_GROUP_S / 2]
     assert len(starts) == 2 and starts[1] > 15
-
-
-@pytest.mark.long
-def test_live_killed_reader_leaves_a_stopped_device_behind(slow_scene, slow_device):
-    """An N210 would send samples to nobody, and a transmitter stay on the air."""
-    with live(slow_device.args, slow_scene, *GAINS) as process:
-        wait_until(lambda: streaming_s(slow_device) > 0.3)
-        process.kill()
-        process.communicate(timeout=300)
-    wait_until(lambda: streaming_s(slow_device) == 0.0, limit=30)  # the host has closed it
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
-from live_runs import SLOW, command, run_session, scene_file
+from live_runs import SLOW, run_session, scene_file
 from wiforce_app.live import live
 from wiforce_app.main import main
 from wiforce_app.radio.request import DeviceLost
@@ -121,13 +121,6 @@ def test_live_refused_setting_is_final_with_reconnect(scene):
     (status,), said = run_session("refused", json.dumps(options))
     assert status == 2 and said.count("\n") == 1
     assert "(frequency failed), got 900000000" in said and "kept" not in said
-
-
-@pytest.mark.long
-def test_check_driver_that_does_not_start_to_stream_is_refused(scene):
-    status, out, said = command("check", *start(scene, "throws=activate"))
-    assert (status, out) == (2, "") and said.count("\n") == 1
-    assert "(activate failed)" in said
 
 
 @pytest.mark.parametrize("readings", [0, 3])
