@@ -266,6 +266,7 @@ def test_receiver_batches_without_groups_change_nothing():
         ({"tones": None}, r"groups.tones: must have shape .*, got \(\)"),
         ({"tones": np.zeros((3, 5, 62))}, "groups.tones: must have shape"),
         ({"tones": np.zeros((2, 24, 62))}, "groups.tones: must have shape"),
+        ({"tones": np.zeros((3, 24, 52))}, "groups.tones: must have shape"),
         ({"snapshot_weights": np.ones((3, 7))}, "groups.snapshot_weights: must have shape"),
         ({"index": np.array([2, 1, 0])}, "groups.index: must rise"),
     ],

@@ -91,16 +91,6 @@ def test_invert_batch_equals_single_readings(model):
         assert one.flags[0] == batch.flags[i]
 
 
-def test_invert_phases_count_modulo_360(model):
-    force, place, rng = presses(40)
-    phases = model.phases_deg(force, place)
-    turned = phases + 360 * rng.integers(-3, 4, phases.shape)
-    plain, other = model.invert(phases, 0.1), model.invert(turned, 0.1)
-    assert other.force_n == pytest.approx(plain.force_n, abs=1e-9)
-    single = model.invert(turned[:1], 0.1)
-    assert single.location_mm[0] == pytest.approx(plain.location_mm[0], abs=1e-9)
-
-
 def test_invert_outside_the_calibration_is_extrapolated(model):
     phases = model.phases_deg([4.0, 9.3, 4.0, 4.0], [40.0, 40.0, 63.0, 17.0])
     flags = model.invert(phases, 0.1).flags
@@ -171,6 +161,15 @@ def test_invert_two_carriers_beat_either(both):
     # phases of different presses at the two carriers fit none
     mixed = np.hstack([low[:1], both.phases_deg(force[:1], place[:1] + 8.0, 2400e6)])
     assert "inconsistent" in both.invert(mixed, 0.3).flags[0]
+
+
+def test_invert_without_std_assumes_one_degree(model):
+    phases = model.phases_deg([3.0, 5.0], [30.0, 50.0])
+    assert model.invert(phases).force_std_n == pytest.approx(model.invert(phases, 1.0).force_std_n)
+
+
+def test_invert_empty_batch_gives_empty_result(model):
+    assert model.invert(np.zeros((0, 2)), 0.1).force_n.shape == (0,)
 
 
 def test_invert_bad_arguments_are_refused(model):

@@ -106,11 +106,3 @@ def test_bound_gaps_and_clutter_raise_it():
     moving = phase_bound_deg(*arguments, clutter_hz=250.0)
     assert halved == pytest.approx(whole * np.sqrt(2), rel=0.05)
     assert np.all(moving > whole) and np.all(moving < 1.05 * whole)
-
-
-def test_bound_second_tag_raises_it_by_little():
-    rng = np.random.default_rng(6)
-    ends, noise, times = channels(rng, 4), np.full(SUBCARRIERS, 0.01), np.arange(625) * T
-    alone = phase_bound_deg(ends[:2], noise, [(1000.0, 0.3)], times, TA)
-    joint = phase_bound_deg(ends, noise, [(1000.0, 0.3), (1400.0, 1.3)], times, TA)
-    assert np.all(joint[:2] >= alone) and np.all(joint[:2] < alone * 10 ** (0.1 / 20))

@@ -94,13 +94,6 @@ def test_switch_averages_equal_counted_instants(width, delay, duty):
     assert np.max(np.abs(averages - counted)) < COUNTING
 
 
-def test_switch_averages_never_overlap():
-    cycles = np.linspace(0, 1, 2001)
-    averages = switch_averages(2 * np.pi * cycles, 1e-9)
-    assert np.max(averages.prod(axis=1)) == 0
-    assert averages.mean(axis=0) == pytest.approx([0.25, 0.25], abs=1e-3)
-
-
 @pytest.mark.parametrize("duty", [(0.25, 0.25), (0.242, 0.259)])
 @pytest.mark.parametrize("width", [1e-6, 0.02048, 0.1])
 def test_harmonics_equal_fourier_coefficients_of_averages(width, duty):
@@ -111,12 +104,6 @@ def test_harmonics_equal_fourier_coefficients_of_averages(width, duty):
     rotation = np.exp(-2j * np.pi * np.outer(lines, cycles))
     expected = rotation @ waves / len(cycles)
     assert np.max(np.abs(harmonics(lines, width, duty) - expected)) < 2e-5
-
-
-def test_harmonics_end_1_is_alone_on_line_1_and_end_2_on_line_4():
-    lines = harmonics([1, 4])
-    assert lines[0] == pytest.approx([0.2250791, 0], abs=1e-7)
-    assert lines[1] == pytest.approx([0, 0.1591549], abs=1e-7)
 
 
 def test_bench_switches_equal_counted_instants():
