@@ -35,13 +35,6 @@ def _solve():
 _Y, _LOADS = _solve()
 
 
-def other_loads(force_n, y_mm):
-    """The same of another skin, whose shares fall as a power of the distance."""
-    distance = np.abs(np.asarray(y_mm)[..., None] - STRIPS_MM) / 9.5
-    share = np.array([0.58, 0.5, 0.52, 0.6]) / (1 + distance**2.4)
-    return np.asarray(force_n)[..., None] * share
-
-
 def strip_loads(force_n, y_mm):
     """Force on each strip, shape (n, 4), of presses at y."""
     share = np.stack([np.interp(y_mm, _Y, load) for load in _LOADS], axis=-1)

@@ -144,14 +144,6 @@ def test_plan_short_groups_do_not_ask_for_clock_that_does_not_help():
     assert not any(text.startswith("lamps") for text in warnings(short))
 
 
-def test_improve_proposes_clock_away_from_lamps():
-    """`plan --improve` is what users run to choose clocks."""
-    change = next(p for p in improve(plan(scene_of())) if "clock_hz" in p.change)
-    assert change.change == "sensors[0].clock_hz: 1035" and "multiples of 100" in change.reason
-    assert change.phase_std_deg[1] < 1.03 * change.phase_std_deg[0]
-    assert not any("clock_hz" in p.change for p in improve(plan(scene_of(1035))))
-
-
 @pytest.mark.parametrize(
     "key, value, rule",
     [

@@ -230,12 +230,6 @@ def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, anot
     ] * another
 
 
-def test_warnings_sound_scene_is_empty():
-    """Users stop to read warnings that sound scenes have too."""
-    sensor = {"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}
-    assert warnings(plan(scene_of([sensor], simulation={"presses": [PRESS]}))) == []
-
-
 @pytest.mark.parametrize("more, stated", [(0, False), (1, True)])
 def test_frames_longer_than_the_kernel_monitors_are_stated(more, stated):
     header = (ROOT / "lib/kernel/timing/frame_watch.h").read_text(encoding="utf-8")
@@ -331,12 +325,6 @@ def test_command_json_holds_results_of_functions():
     assert report["expected"][0]["force_error_n"] == expect(plan(scene))[0].force_error_n
     assert report["settings"]["harmonics"] == plan(scene).harmonics
     assert report["proposals"] and report["warnings"] == warnings(plan(scene))
-
-
-def test_command_bad_scene_fails_with_one_line(tmp_path):
-    (tmp_path / "bad.yaml").write_text("sensors: []\n")
-    done = command(tmp_path / "bad.yaml")
-    assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
