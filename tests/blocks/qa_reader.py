@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The reader block: one chain whatever comes in, gaps that cost only what they hit."""
 
-import dataclasses
 import threading
 
 import numpy as np
@@ -10,22 +9,16 @@ import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
-from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.signal.carrier import wrap_deg
 from machine import wait_until
 from press_capture import (
     FRAME,
     GROUP,
     RATE_HZ,
     SCENE,
-    SNAPSHOTS,
     array_source,
     as_floats,
     press_codes,
 )
-from wiforce_app.bench.cases import SnapshotChain
 
 
 @pytest.fixture(scope="module")
@@ -121,16 +114,6 @@ def test_reader_lost_samples_affect_only_their_groups(codes, start, lost):
             assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=0.05)
 
 
-def test_reader_group_with_a_gap_is_read_from_its_other_snapshots(codes):
-    start, lost = 18 * GROUP + 25_000, 9_000
-    kept = np.concatenate([codes[:start], codes[start + lost :]])
-    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / RATE_HZ)]
-    reading = read(kept, tags=tags)[18]
-    assert reading.flags == ("gap",) and reading.touch == 1
-    assert reading.force_n == pytest.approx(4, abs=0.3)
-    assert reading.location_mm == pytest.approx(37, abs=0.3)
-
-
 def test_reader_exception_ends_the_flowgraph():
     def fail(reading):
         raise RuntimeError("no space left")
@@ -212,43 +195,3 @@ def test_reader_invalid_parameter_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message) as refusal:
         wiforce.reader(**arguments)
     assert isinstance(refusal.value, InputError)
-
-
-def snapshots(codes):
-    """H of every snapshot, the channel estimated before anything else; (groups, N, K)."""
-    waveform = plan(load_scene(SCENE)).waveform
-    frames = as_floats(codes)[: 25 * GROUP].reshape(25, SNAPSHOTS, FRAME)
-    folded = frames[:, :, 64:320].reshape(25, SNAPSHOTS, 4, 64).mean(axis=2)
-    return (np.fft.fft(folded) * waveform.equalizer())[..., waveform.bins]
-
-
-def phases_of(settings, codes):
-    """arg R in degrees and its standard deviation by the chain that estimates channels first."""
-    chain = SnapshotChain(settings)
-    ready = [chain.process(group, channels) for group, channels in enumerate(snapshots(codes))]
-    groups = Groups.concatenate([*ready, chain.flush()])
-    return np.degrees(np.angle(groups.ratios)), groups.phase_std_deg
-
-
-def test_skip_of_more_lines_costs_what_the_plan_says(codes):
-    settings = plan(load_scene(SCENE))
-    assert settings.harmonics < HARMONICS[-1]
-    few, std = phases_of(settings, codes)
-    many, _ = phases_of(dataclasses.replace(settings, harmonics=HARMONICS[-1]), codes)
-    # 0.1 dB less noise: what the lines left out know differs by 15 % of the noise; 50 values
-    spread = np.sqrt(10 ** (ACCEPTED_LOSS_DB / 10) - 1)
-    assert np.std(wrap_deg(few - many)[8:] / std[8:]) < 2 * spread
-
-
-def test_skip_of_inverting_untouched_groups_changes_no_touched_one(codes):
-    readings = read(codes)
-    model = load_scene(SCENE).load_model("line-900mhz")
-    phases = np.array([[r.phase1_deg, r.phase2_deg] for r in readings])
-    forced = model.invert(phases, std_deg=0.05, frequency_hz=900e6)
-    touched = np.array([r.touch == 1 for r in readings])
-    force = np.array([np.nan if r.force_n is None else r.force_n for r in readings])
-    # A release that may have begun, or a turning tag, is in the mean and in the deviation.
-    apart = np.abs(forced.force_n - force)[touched]
-    std = np.array([r.force_std_n for r in readings if r.touch == 1])
-    assert np.all(apart < 0.5 * std) and np.median(apart) < 1e-3
-    assert np.all(np.isnan(force[~touched])) and touched.sum() >= 8
