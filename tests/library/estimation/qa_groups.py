@@ -43,6 +43,10 @@ def test_groups_concatenated_are_the_groups_that_were_cut():
     assert joined.ends is None
 
 
+def test_groups_concatenated_without_snapshot_weights_have_none():
+    assert Groups.concatenate([batch(0, 2), batch(2, 3)]).snapshot_weights is None
+
+
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_groups_concatenated_complete_groups_weigh_every_snapshot(order):
     """An incomplete group in one batch must not make those of another incomplete."""

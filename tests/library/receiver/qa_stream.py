@@ -227,6 +227,19 @@ def test_stream_touched_tare_is_no_survey(groups, force, ends):
     assert reader.plan is settings
 
 
+def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
+    """Whoever asks for the state in that moment, from another thread, sees no acquisition."""
+    use, states = StreamReader._use, []
+
+    def ask(reader, *arguments):
+        use(reader, *arguments)
+        states.append(reader.state)
+
+    monkeypatch.setattr(StreamReader, "_use", ask)
+    reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
+    assert states == ["acquiring", "reading"] and reader.state == "reading"
+
+
 def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
     """A tare may be shorter than what the clocks are acquired in."""
     tare = 8
