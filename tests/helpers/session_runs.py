@@ -3,14 +3,11 @@
 
 session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
 session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
-session_runs.py repeated SCENE ARGS TIMES       starts and stops, prints what is held open
 session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 session_runs.py opened SCENE SETTINGS ...       opens the device alone; what is refused of each
 """
 
-import gc
 import json
-import os
 import sys
 import time
 
@@ -65,17 +62,6 @@ def on_request(scene, args, name):
     print(json.dumps({"time_s": times, "gaps": run.session.gaps}))
 
 
-def repeated(scene, args, times):
-    held = []
-    for _ in range(int(times)):
-        run = Run(scene, args, lambda reading: None)
-        run.until(lambda session: session.samples > 0)
-        del run
-        gc.collect()
-        held.append(_held())
-    print(json.dumps(held))
-
-
 def refused(*cases):
     print(json.dumps([main(["live", *map(str, json.loads(case))]) for case in cases]))
 
@@ -92,19 +78,7 @@ def opened(scene, *cases):
     print(json.dumps(refusals))
 
 
-def _held():
-    """Sockets, threads and processes of this process."""
-    sockets = 0
-    for descriptor in os.listdir("/proc/self/fd"):
-        try:
-            sockets += os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket")
-        except FileNotFoundError:
-            pass
-    with open(f"/proc/self/task/{os.getpid()}/children") as children:
-        return sockets, len(os.listdir("/proc/self/task")), len(children.read().split())
-
-
 if __name__ == "__main__":
-    runs = (timed, on_request, repeated, refused, opened)
+    runs = (timed, on_request, refused, opened)
     run = {each.__name__: each for each in runs}[sys.argv[1]]
     run(*sys.argv[2:])

@@ -18,9 +18,19 @@ MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
 FORCE_N, LOCATION_MM = 4.0, 45.0
 PRESS_S = 0.6, 1.6  # with the rise and the fall
 DURATION_S = 2.1
-
+LOSS = round(0.85 * RATE)  # in the press
 
 # What is lost, and what the run says of it.
+LOSSES = {
+    "nothing": ("time=0", 0, ""),
+    "odd": (f"time=0,drops={LOSS}:1234", 1234, "frame timing shifted once"),
+    "whole frames": (f"time=0,drops={LOSS}:{7 * FRAME}", 7 * FRAME, ""),
+    "reported": (f"time=0,overflow={LOSS}:1234", 1234, "frame timing shifted once"),
+    "stale": (f"stale=1,overflow={LOSS}:1234", 1234, "frame timing shifted once"),
+    "timed": (f"overflow={LOSS}:1234", 1234, "1 gap, 1234 samples lost"),
+}
+
+
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     """Scene and samples of a press at 2.5 Msps, which begin in the middle of a frame."""
@@ -65,6 +75,32 @@ def wrong(row, lost_s):
         if abs(found - true) > max(least, 5 * std) and not rises:
             return f"{name} {found} +- {std}"
     return None
+
+
+@pytest.mark.long
+def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_path):
+    """Without times, frames and the tag's clock show what was lost."""
+    cases = {
+        name: start(*played, arguments, "-o", tmp_path / f"{name}.csv", "--duration", 2)
+        for name, (arguments, *_) in LOSSES.items()
+    }
+    statuses, said = run_session("refused", *map(json.dumps, cases.values()))
+    assert statuses == [0] * len(cases), said
+    reports = [line for line in said.splitlines() if line.startswith("gr-wiforce: read ")]
+    for name, report in zip(cases, reports, strict=True):
+        _, lost, words = LOSSES[name]
+        assert words in report, (name, report)
+        rows = rows_of(tmp_path / f"{name}.csv")
+        found = [(row["time_s"], wrong(row, lost / RATE)) for row in rows]
+        assert not [each for each in found if each[1]], name
+        assert all(row["time_utc"] for row in rows)
+        clear = [row for row in rows if not row["flags"]]
+        touched = [float(row["time_s"]) for row in clear if row["touch"] == "1"]
+        loss_s = LOSS / RATE
+        assert min(touched) < loss_s - 0.1 and max(touched) > PRESS_S[1] - 0.15, name
+        assert clear[-1]["touch"] == "0"
+        near = [row for row in rows if abs(float(row["time_s"]) - loss_s) < SLOW_GROUP_S]
+        assert lost == 0 or any(row["flags"] for row in near), name
 
 
 @pytest.mark.timeout(1200)
