@@ -68,7 +68,8 @@ def option_lines(parameter):
 
 
 def command_lines(name, each):
-    context = click.Context(each, info_name=name)
+    # Click keeps the first names of the option for help.
+    context = click.Context(each, info_name=name, **command.context_settings)
     if isinstance(each, click.Group):
         for sub in each.list_commands(context):
             yield from command_lines(f"{name} {sub}", each.get_command(context, sub))

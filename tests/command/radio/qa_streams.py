@@ -54,15 +54,13 @@ def record(args, count, path):
 
 
 @pytest.mark.parametrize(
-    ("fault", "lost", "mark", "counted"),
+    ("fault", "lost", "counted"),
     [
-        ("overflow 3630", 3630, "O", {"rx_dropped_samples": 3630}),
-        ("lose 3", 3 * 1995, "D", {"rx_dropped_packets": 3}),  # samples in a frame of 8000 bytes
+        ("overflow 3630", 3630, {"rx_dropped_samples": 3630}),
+        ("lose 3", 3 * 1995, {"rx_dropped_packets": 3}),  # samples in a frame of 8000 bytes
     ],
 )
-def test_stream_new_time_states_the_loss(
-    software_usrp, tmp_path, capfd, fault, lost, mark, counted
-):
+def test_stream_new_time_states_the_loss(software_usrp, tmp_path, fault, lost, counted):
     device = software_usrp("--air", "counter", faults=[f"+0.1 {fault}"])
     values, times = record(device.args, 2_000_000, tmp_path / "ramp")
     (start, first), (offset, resumed) = times.items()
@@ -72,7 +70,6 @@ def test_stream_new_time_states_the_loss(
     assert np.array_equal(values[:offset], first + np.arange(offset))
     assert np.array_equal(values[offset:], resumed + np.arange(2_000_000 - offset))
     assert fault != "overflow 3630" or offset == 0.1 * RATE
-    assert mark in capfd.readouterr().err.replace("UHD", "").replace("[INFO]", "")
     assert device.command("status").items() >= counted.items()
 
 
