@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..io.text.schema import declared, key, plain, read
+from ..io.text.schema import ListOf, declared, key, plain, read
 from ..io.text.textfile import read_yaml, write_yaml
-from ..io.text.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
+from ..io.text.values import Choice, KeyPath, Number, Scope, Text
 from .skin import Skin, Spreading, StripSpreading, gaussian_spreading
 
 if TYPE_CHECKING:
@@ -31,68 +31,13 @@ _MOST_RISE = 0.05
 _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
 
 
-@dataclass(kw_only=True, eq=False, repr=False)
-class Numbers(ValueType):
-    """A list of finite numbers between limits, read as a tuple."""
-
-    low: float
-    high: float
-
-    @property
-    def allowed(self) -> str:
-        return f"a list of 2 to {_MOST_POINTS} numbers from {self.low:g} to {self.high:g}"
-
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[float, ...]:
-        if isinstance(value, list | tuple) and 2 <= len(value) <= _MOST_POINTS:
-            numbers = tuple(as_number(each) for each in value)
-            if all(n is not None and self.low <= n <= self.high for n in numbers):
-                return tuple(float(n) for n in numbers if n is not None)
-        raise where.error(self.rule, value)
-
-    def plain(self, value: tuple[float, ...] | None) -> list[float] | None:
-        return None if value is None else list(value)
-
-    def _json_schema(self) -> dict[str, Any]:
-        items = Number(low=self.low, high=self.high).json_schema()
-        return {"type": "array", "minItems": 2, "maxItems": _MOST_POINTS, "items": items}
+def _numbers(low: float, high: float, optional: bool = True) -> ListOf:
+    limits = f"numbers from {low:g} to {high:g}"
+    of = Number(low=low, high=high)
+    return ListOf(of=of, least=2, most=_MOST_POINTS, items=limits, optional=optional)
 
 
-class _PerStrip(ValueType):
-    """A list with an item per strip, read as a tuple."""
-
-    _item: ClassVar[ValueType]
-
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
-            raise where.error(self.rule, value)
-        return tuple(self._item.read(each, where.item(i), scope) for i, each in enumerate(value))
-
-    def plain(self, value: tuple[Any, ...] | None) -> list[Any] | None:
-        return None if value is None else [self._item.plain(each) for each in value]
-
-    def _json_schema(self) -> dict[str, Any]:
-        items = self._item.json_schema()
-        return {"type": "array", "minItems": 2, "maxItems": _MOST_STRIPS, "items": items}
-
-
-class Curves(_PerStrip):
-    """A list of lists of shares, one per strip, read as a tuple of tuples."""
-
-    _item = Numbers(low=0, high=1)
-
-    @property
-    def allowed(self) -> str:
-        return f"a list of 2 to {_MOST_STRIPS} lists, each {self._item.allowed}"
-
-
-class Names(_PerStrip):
-    """A list of names, one per strip, read as a tuple."""
-
-    _item = Text(limit=64)
-
-    @property
-    def allowed(self) -> str:
-        return f"a list of 2 to {_MOST_STRIPS} names"
+_SHARES = _numbers(0, 1, optional=False)
 
 
 def _unused(law: str) -> str:
@@ -166,18 +111,24 @@ class SpreadingKeys:
         doc="Gaussian: distance at which the share has fallen to 61 %.",
     )
     distance_mm: tuple[float, ...] | None = key(
-        Numbers(low=-1000, high=1000, optional=True),
+        _numbers(-1000, 1000),
         check=_check_distances,
         doc="Table: distances across from the press, rising from 0; behind the last one a strip "
         "bears nothing. Strips: y of a press less that of the strip, rising.",
     )
     shares: tuple[float, ...] | None = key(
-        Numbers(low=0, high=1, optional=True),
+        _numbers(0, 1),
         check=_check_shares,
         doc="Table: share of the press at each distance.",
     )
     strip_shares: tuple[tuple[float, ...], ...] | None = key(
-        Curves(optional=True),
+        ListOf(
+            of=_SHARES,
+            least=2,
+            most=_MOST_STRIPS,
+            items=f"lists, each {_SHARES.allowed}",
+            optional=True,
+        ),
         check=_check_curves,
         doc="Strips: for each, in the order of y, its share at each distance.",
     )
@@ -193,17 +144,17 @@ class SpreadingKeys:
         doc="Standard deviation of the location that a strip shows, against that of the press.",
     )
     location_offsets_mm: tuple[float, ...] | None = key(
-        Numbers(low=-100, high=100, optional=True),
+        _numbers(-100, 100),
         doc="For each strip, in the order of y, by how much farther from its port 1 it shows a "
         "press than this is: the error of where port 1 is.",
     )
     strip_y_mm: tuple[float, ...] | None = key(
-        Numbers(low=-_POSITION_MM, high=_POSITION_MM, optional=True),
+        _numbers(-_POSITION_MM, _POSITION_MM),
         doc="Positions across of the strips that the law was calibrated with, rising. A scene with "
         "other distances of its strips is refused. Without it, nothing is compared.",
     )
     strip_sensors: tuple[str, ...] | None = key(
-        Names(optional=True),
+        ListOf(of=Text(limit=64), least=2, most=_MOST_STRIPS, items="names", optional=True),
         doc="Their sensors, in the order of y. Where the scene has them in another order, it is "
         "refused.",
     )

@@ -238,39 +238,42 @@ class Mapping(ValueType):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ListOf(ValueType):
-    """A list of ``least`` to ``most`` mappings that a class declares, read as a tuple.
+    """A list of ``least`` to ``most`` items, read as a tuple; absent where ``least`` is 0.
 
-    It may be absent where ``least`` is 0.
+    Items are ``of`` a type of value, which ``items`` names, or mappings that a class declares.
     """
 
-    of: type
+    of: type | ValueType
     least: int = 0
     most: int
+    items: str = "mappings"
+
+    def __post_init__(self) -> None:
+        self._item = self.of if isinstance(self.of, ValueType) else Mapping(of=self.of)
 
     @property
     def allowed(self) -> str:
-        return f"a list of {self.least} to {self.most} mappings"
+        return f"a list of {self.least} to {self.most} {self.items}"
 
     @property
     def may_be_absent(self) -> bool:
-        return self.least == 0
+        return self.optional or self.least == 0
 
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
-        return super().read([] if value is None and self.may_be_absent else value, where, scope)
+        return super().read([] if value is None and self.least == 0 else value, where, scope)
 
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
             raise where.error(self.rule, value)
-        items = enumerate(value)
-        return tuple(read(self.of, item, where.item(index), scope) for index, item in items)
+        return tuple(self._item.read(item, where.item(i), scope) for i, item in enumerate(value))
 
-    def plain(self, value: Any) -> list[dict[str, Any]]:
-        return [plain(self.of, item) for item in value]
+    def plain(self, value: Any) -> list[Any] | None:
+        return None if value is None else [self._item.plain(item) for item in value]
 
     def _json_schema(self) -> dict[str, Any]:
         return {
-            "type": ["array", "null"] if self.may_be_absent else "array",
-            "items": json_schema(self.of),
+            "type": ["array", "null"] if self.least == 0 else "array",
+            "items": self._item.json_schema(),
             "minItems": self.least,
             "maxItems": self.most,
         }
