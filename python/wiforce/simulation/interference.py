@@ -2,6 +2,7 @@
 """Other transmitters: when they are on the air, and what the receiver gets of them."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,8 +52,9 @@ class Transmitter:
         self._mean_pause = sum(self._durations) / 2 * (1 - share) / share
         cell_s = max(_SHORTEST_CELL_S, _LONGEST_PER_CELL * longest_s)
         self._cell = round(cell_s * sample_rate_hz)
-        self._cells: dict[int, np.ndarray] = {}
-        self._blocks: dict[tuple[int, int], np.ndarray] = {}
+        self._transmissions = lru_cache(_KEPT_CELLS)(self._drawn_transmissions)
+        self._noise = lru_cache(_KEPT_BLOCKS)(self._drawn_noise)
+        self._band = lru_cache(_KEPT_BLOCKS)(self._drawn_band)
 
     def add(self, first_sample: int, received: np.ndarray) -> None:
         """Add what is received to samples."""
@@ -72,27 +74,22 @@ class Transmitter:
             for start, stop, centre in cell[(cell[:, 0] < end) & (cell[:, 1] > first)]:
                 yield max(int(start), first), min(int(stop), end), int(centre)
 
-    def _transmissions(self, index: int) -> np.ndarray:
+    def _drawn_transmissions(self, index: int) -> np.ndarray:
         """Transmissions of a cell; shape (n, 3)."""
-        if index not in self._cells:
-            rng = self._seeds.generator(_TIMES, index)
-            low, high = self._durations
-            most = int(2 * self._cell / (self._mean_pause + low)) + 64
-            durations = rng.uniform(low, high, most)
-            pauses = rng.exponential(self._mean_pause, most)
-            if rng.random() < self._share:  # it is on the air when the cell begins
-                pauses[0] = 0
-                durations[0] *= rng.random()
-            starts = np.cumsum(pauses + np.r_[0, durations[:-1]])
-            reach = (1 - self._bandwidth) / 2
-            centres = np.rint(rng.uniform(-reach, reach, most) * 2 * _BLOCK)
-            times = index * self._cell + np.minimum(
-                np.rint([starts, starts + durations]), self._cell
-            )
-            cell = np.column_stack([*times, centres]).astype(np.int64)
-            self._cells = _latest(self._cells, _KEPT_CELLS)
-            self._cells[index] = cell[cell[:, 0] < cell[:, 1]]
-        return self._cells[index]
+        rng = self._seeds.generator(_TIMES, index)
+        low, high = self._durations
+        most = int(2 * self._cell / (self._mean_pause + low)) + 64
+        durations = rng.uniform(low, high, most)
+        pauses = rng.exponential(self._mean_pause, most)
+        if rng.random() < self._share:  # it is on the air when the cell begins
+            pauses[0] = 0
+            durations[0] *= rng.random()
+        starts = np.cumsum(pauses + np.r_[0, durations[:-1]])
+        reach = (1 - self._bandwidth) / 2
+        centres = np.rint(rng.uniform(-reach, reach, most) * 2 * _BLOCK)
+        times = np.minimum(np.rint([starts, starts + durations]), self._cell)
+        cell = np.column_stack([*(index * self._cell + times), centres]).astype(np.int64)
+        return cell[cell[:, 0] < cell[:, 1]]
 
     def _signal(self, block: int, centre: int) -> np.ndarray:
         """The samples of a block, for a transmission about a centre frequency."""
@@ -100,31 +97,22 @@ class Transmitter:
             return self._noise(block)
         return self._band(block, centre)[_BLOCK:] + self._band(block + 1, centre)[:_BLOCK]
 
-    def _noise(self, block: int) -> np.ndarray:
-        key = block, 0
-        if key not in self._blocks:
-            normal = self._seeds.generator(_SIGNAL, block).standard_normal(
-                2 * _BLOCK, dtype=np.float32
-            )
-            self._blocks = _latest(self._blocks, _KEPT_BLOCKS)
-            self._blocks[key] = normal.view(np.complex64) * self._gain
-        return self._blocks[key]
+    def _drawn_noise(self, block: int) -> np.ndarray:
+        rng = self._seeds.generator(_SIGNAL, block)
+        normal = rng.standard_normal(2 * _BLOCK, dtype=np.float32)
+        return normal.view(np.complex64) * self._gain
 
-    def _band(self, block: int, centre: int) -> np.ndarray:
+    def _drawn_band(self, block: int, centre: int) -> np.ndarray:
         """Windowed narrow-band noise over a block and the one before; shape (2 blocks,)."""
-        key = block, centre
-        if key not in self._blocks:
-            size = 2 * _BLOCK
-            bins = max(1, round(self._bandwidth * size))
-            rng = self._seeds.generator(_SIGNAL, block, centre % size)
-            spectrum = np.zeros(size, complex)
-            normal = rng.standard_normal((bins, 2)) @ [1, 1j]
-            spectrum[(centre - bins // 2 + np.arange(bins)) % size] = normal
-            window = np.sin(np.pi * (np.arange(size) + 0.5) / size)
-            signal = np.fft.ifft(spectrum) * np.sqrt(size) * window
-            self._blocks = _latest(self._blocks, _KEPT_BLOCKS)
-            self._blocks[key] = signal.astype(np.complex64) * self._gain
-        return self._blocks[key]
+        size = 2 * _BLOCK
+        bins = max(1, round(self._bandwidth * size))
+        rng = self._seeds.generator(_SIGNAL, block, centre % size)
+        spectrum = np.zeros(size, complex)
+        normal = rng.standard_normal((bins, 2)) @ [1, 1j]
+        spectrum[(centre - bins // 2 + np.arange(bins)) % size] = normal
+        window = np.sin(np.pi * (np.arange(size) + 0.5) / size)
+        signal = np.fft.ifft(spectrum) * np.sqrt(size) * window
+        return signal.astype(np.complex64) * self._gain
 
 
 def transmitters(
@@ -158,8 +146,3 @@ def _others(simulation: "Simulation") -> Iterator[tuple[str, float]]:
         yield "bursts", 1.0
     if simulation.hopper:
         yield "hopper", simulation.hopper.subcarriers / _HOPPER_CHANNELS
-
-
-def _latest(kept: dict, count: int) -> dict:
-    """The entries that were added last, one fewer than ``count``."""
-    return dict(list(kept.items())[-(count - 1) :])

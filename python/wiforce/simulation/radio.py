@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Transmitter and receiver of a simulated scene: analogue parts, oscillators, noise, converter."""
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -180,7 +181,7 @@ class RadioNoiseSource:
         frequencies = np.fft.rfftfreq(_BLOCK, self._spacing_s)
         self._shape = np.sqrt(phase_noise_density(stated, frequencies) / self._spacing_s)
         self._window = np.sin(np.pi * (np.arange(_BLOCK) + 0.5) / _BLOCK)
-        self._blocks: dict[int, np.ndarray] = {}
+        self._block = lru_cache(5)(self._drawn_block)
 
     def transmit(self, first_sample: int, samples: np.ndarray) -> np.ndarray:
         """Samples with the noise of the transmitter; ndarray of complex64, shape (n,)."""
@@ -206,10 +207,6 @@ class RadioNoiseSource:
             phase[here] += self._block(block)[inside[here]]
         return phase
 
-    def _block(self, block: int) -> np.ndarray:
-        if block not in self._blocks:
-            white = self._seeds.generator(_PHASE, block).standard_normal(_BLOCK)
-            shaped = np.fft.irfft(np.fft.rfft(white) * self._shape, _BLOCK)
-            self._blocks = {b: v for b, v in self._blocks.items() if abs(b - block) <= 2}
-            self._blocks[block] = self._window * shaped
-        return self._blocks[block]
+    def _drawn_block(self, block: int) -> np.ndarray:
+        white = self._seeds.generator(_PHASE, block).standard_normal(_BLOCK)
+        return self._window * np.fft.irfft(np.fft.rfft(white) * self._shape, _BLOCK)

@@ -7,6 +7,7 @@ deliberately shares no code with this one, so that a mistake in either shows in 
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -244,7 +245,7 @@ class IrregularClock(SwitchingClock):
             rng = seeds.generator(index, 0, 0)
             self._late = RandomWalk(std, rng, spacing_s=1 / clock_hz)
         self._jitter_s, self._seeds, self._index = tag.clock_jitter_s, seeds, index
-        self._lots: dict[int, np.ndarray] = {}
+        self._lot = lru_cache(2)(self._drawn_lot)
 
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
         time_s = np.asarray(time_s, float)
@@ -263,14 +264,9 @@ class IrregularClock(SwitchingClock):
         normal = [self._lot(int(lot))[i] for lot, i in zip(lots, inside, strict=True)]
         return self._jitter_s * np.array(normal)
 
-    def _lot(self, lot: int) -> np.ndarray:
+    def _drawn_lot(self, lot: int) -> np.ndarray:
         """Standard normal numbers of a lot of periods; the first lot is number -1."""
-        if lot not in self._lots:
-            rng = self._seeds.generator(self._index, lot + 1)
-            self._lots = {lot: rng.standard_normal(_PERIODS_AT_ONCE)} | dict(
-                list(self._lots.items())[:1]
-            )
-        return self._lots[lot]
+        return self._seeds.generator(self._index, lot + 1).standard_normal(_PERIODS_AT_ONCE)
 
 
 class SwitchedTag:
