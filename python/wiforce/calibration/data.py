@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..sensor import curves, line
 from ..sensor.model import LEAST
-from ..signal.carrier import CARRIERS_HZ, same_carrier, wrap_deg
+from ..signal.carrier import CARRIER_TOLERANCE, CARRIERS_HZ, same_carrier, wrap_deg
 from .tables import CalibrationTable
 
 # Forces per location and port from which a curve with four coefficients has a residual.
@@ -126,8 +126,6 @@ def _before_contact(table: CalibrationTable, untouched_deg: float) -> np.ndarray
 
 # Forces at which curves of different locations are compared.
 _FORCES_COMPARED = 9
-# Relative difference below which two frequencies of a table are the same carrier.
-_CARRIER_TOLERANCE = 1e-3
 # A branch ends where the force turns by more than this part of its span, which a load cell's noise
 # does not reach. Shorter branches are no sweeps, and data with more of them are in no order.
 _TURN, _LEAST_BRANCH, _ORDERED_SHARE = 0.2, 4, 0.8
@@ -199,7 +197,7 @@ def carriers_of(table: CalibrationTable) -> list[float]:
             least, most = (limit / 1e6 for limit in CARRIERS_HZ)
             rule = f"must be {least:g} to {most:g} MHz (not in Hz or GHz)"
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
-        if not carriers or frequency > carriers[-1] * (1 + _CARRIER_TOLERANCE):
+        if not carriers or frequency > carriers[-1] * (1 + CARRIER_TOLERANCE):
             carriers.append(float(frequency))
     return carriers
 

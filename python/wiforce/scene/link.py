@@ -13,11 +13,10 @@ import numpy as np
 
 from ..io.text.schema import Derived, ListOf, declared, key
 from ..io.text.values import Choice, Number, Scope
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from ..signal.carrier import SPEED_OF_LIGHT_M_S, VACUUM_PERMITTIVITY_F_M
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 
-VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
 # Thermal noise at 290 K, in dBm per Hz: 10 log10(k T / 1 mW).
 THERMAL_DBM_HZ = -173.975
 

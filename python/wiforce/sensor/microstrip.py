@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from ..signal.carrier import SPEED_OF_LIGHT_M_S, VACUUM_PERMITTIVITY_F_M
 from .line import round_trip_deg_per_mm
 
-_VACUUM_PERMITTIVITY = 8.8541878128e-12  # F/m (CODATA 2018)
 # Terms of the charge on each strip: this many, and as many again for each height that it is wide,
 # leave 1e-6 of the impedance. A ground that is wider than this many heights acts as an infinite one
 # within 0.1 %.
@@ -59,7 +58,7 @@ def strips_impedance_ohm(width_mm: float, ground_mm: float, height_mm: float) ->
     potential = np.repeat(np.eye(2), count, axis=0)
     charge = np.linalg.solve(np.vstack(blocks), potential)[::count]
     # Of the matrix of capacitances, what remains when both strips have opposite charges.
-    capacitance = np.linalg.det(charge) / charge.sum() * 2 * np.pi**2 * _VACUUM_PERMITTIVITY
+    capacitance = np.linalg.det(charge) / charge.sum() * 2 * np.pi**2 * VACUUM_PERMITTIVITY_F_M
     return float(1 / (SPEED_OF_LIGHT_M_S * capacitance))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..signal.carrier import wrap_deg
+from ..signal.carrier import CARRIER_TOLERANCE, same_carrier, wrap_deg
 from . import line
 from .line import transfer_assumption
 from .splines import Array
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 # Standard deviations within which phases may be those of another state.
 _SIGMAS = 3.0
 _LEAST_CARRIER_HZ = 1e6  # anything lower was meant in another unit
-# A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
-# of an 80 mm line by 0.2 deg at 900 MHz.
-CARRIER_TOLERANCE = 1e-3
 # A model is not transferred further than this fraction of its carrier: the phase of a cable or
 # connector is known modulo 360 deg only, so further away nothing about it is known.
 MAX_TRANSFER = 0.1
@@ -98,7 +95,7 @@ class SensorModel:
             return 0
         held = np.asarray(self.frequencies_hz)
         near = int(np.argmin(np.abs(held - frequency_hz)))
-        if not abs(held[near] - frequency_hz) <= CARRIER_TOLERANCE * held[near]:
+        if not same_carrier(frequency_hz, held[near]):
             raise self.carrier_error(frequency_hz, CARRIER_TOLERANCE)
         return near
 
@@ -110,8 +107,7 @@ class SensorModel:
 
     def at_carrier(self, frequency_hz: float) -> SensorModel:
         """The model at a carrier at most 10 % from its own: itself, or transferred and kept."""
-        held = np.asarray(self.frequencies_hz)
-        if np.any(np.abs(held - frequency_hz) <= CARRIER_TOLERANCE * held):
+        if any(same_carrier(frequency_hz, held_hz) for held_hz in self.frequencies_hz):
             return self
         if frequency_hz not in self._transferred:
             self._transferred[frequency_hz] = self.transferred(frequency_hz)
