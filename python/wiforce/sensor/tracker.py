@@ -208,7 +208,7 @@ class PressTracker:
             return np.nan, np.nan, np.nan, np.nan, ()
         phases, std = self._checked(phases_deg, std_deg)
         if self._bank is None:
-            bank = FilterBank(self._forward, self._coarse, self._start_n, START_ABOVE_ONSET_N)
+            bank = self._new_bank(self._coarse)
         else:
             bank = self._bank
             bank.walk(self._walk)
@@ -218,14 +218,14 @@ class PressTracker:
             self._lost = self._lost + 1 if lost else 0
             if self._lost >= _LOST_AFTER:
                 # another press has begun, or this one slides
-                bank, self._lost = (
-                    FilterBank(self._forward, self._coarse, self._start_n, START_ABOVE_ONSET_N),
-                    0,
-                )
+                bank, self._lost = self._new_bank(self._coarse), 0
                 bank.update(phases, std)
             bank = bank.close_in()
         self._bank = bank
         return self._report(bank, std, lost)
+
+    def _new_bank(self, location_mm: Array) -> FilterBank:
+        return FilterBank(self._forward, location_mm, self._start_n, START_ABOVE_ONSET_N)
 
     def _checked(self, phases_deg: ArrayLike, std_deg: ArrayLike) -> tuple[Array, Array]:
         phases = np.asarray(phases_deg, float)
@@ -252,27 +252,45 @@ class PressTracker:
             code |= INVERSION_FLAGS["ambiguous"]
         return (*values, words_of(code))
 
-    def systematic(self, force_n: float, location_mm: float) -> Array:
-        """See :meth:`~.inversion.Inverter.systematic`."""
-        return self._inverter.systematic(force_n, location_mm)
+    def smooth(self, phases: Array, std: Array) -> tuple[Array, Array]:
+        """Values (n, 6) and codes (n,) of a press, followed to its end and once more from there.
 
-    @property
-    def walk_variance(self) -> float:
-        """Variance that the force gains from one reading to the next."""
-        return self._walk
-
-    def bank_about_result(self) -> FilterBank:
-        """Fresh filters on a grid about the location that was found; for a press only."""
+        Rauch-Tung-Striebel per location, then the mixture of all.
+        """
+        for reading, noise in zip(phases, std, strict=True):
+            self.update(reading, noise)
         assert self._bank is not None
         ends = self._forward.location_mm[[0, -1]]
-        return FilterBank(
-            self._forward, self._bank.about_place(*ends), self._start_n, START_ABOVE_ONSET_N
-        )
-
-    def code_of(self, values: Array, std: Array) -> int:
-        """Sum of the flags of force, location and their covariance, ``values`` (6,)."""
-        force, place, variance, _, _, spread = values.tolist()
-        return self._inverter.code_of(force, np.sqrt(variance), place, np.sqrt(spread), std)
+        bank = self._new_bank(self._bank.about_place(*ends))
+        history = []
+        for i, (reading, noise) in enumerate(zip(phases, std, strict=True)):
+            if i:
+                bank.walk(self._walk)
+            before = bank.variance
+            if np.all(np.isfinite(reading)):
+                bank.update(reading, noise)
+            history.append((before, bank.mean, bank.variance))
+        weight, location = bank.weights(), bank.curves.location_mm
+        place, spread = bank.place()
+        _, mean, variance = history[-1]
+        rows, codes = [], []
+        for i in range(len(history) - 1, -1, -1):
+            if i < len(history) - 1:
+                before, (_, own_mean, own_variance) = history[i + 1][0], history[i]
+                gain = own_variance / before
+                mean = own_mean + gain * (mean - own_mean)
+                variance = own_variance + gain**2 * (variance - before)
+            force = float(weight @ mean)
+            away = mean - force
+            covariance = self._inverter.systematic(force, place)
+            covariance[0, 0] += weight @ (variance + away**2)
+            covariance[1, 1] += spread
+            shared = weight @ (away * (location - place))
+            covariance += [[0.0, shared], [shared, 0.0]]
+            rows.append([force, place, *covariance.ravel()])
+            stds = np.sqrt(covariance.diagonal()).tolist()
+            codes.append(self._inverter.code_of(force, stds[0], place, stds[1], std[i]))
+        return np.array(rows[::-1]), np.array(codes[::-1], np.uint8)
 
 
 def _coarse_grid(forward: ForwardMap) -> Array:
@@ -300,43 +318,4 @@ def smooth_press(
         raise InputError("phases_deg", "must hold a reading or more", phases.shape)
     std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
     tracker = PressTracker(model, group_period_s, frequency_hz, force_walk_n)
-    for reading, noise in zip(phases, std, strict=True):
-        tracker.update(reading, noise)
-    # once more, from the start, about where the press turned out to be
-    bank = tracker.bank_about_result()
-    history = []
-    for i, (reading, noise) in enumerate(zip(phases, std, strict=True)):
-        if i:
-            bank.walk(tracker.walk_variance)
-        before = bank.variance
-        if np.all(np.isfinite(reading)):
-            bank.update(reading, noise)
-        history.append((before, bank.mean, bank.variance))
-    return inversion_of(*_smoothed(history, bank, tracker, std))
-
-
-def _smoothed(
-    history: list[tuple[Array, Array, Array]], bank: FilterBank, tracker: PressTracker, std: Array
-) -> tuple[Array, Array]:
-    """Rauch-Tung-Striebel per location, then the mixture of all: values (n, 6) and codes (n,)."""
-    weight, location = bank.weights(), bank.curves.location_mm
-    place, spread = bank.place()
-    _, mean, variance = history[-1]
-    rows = []
-    for i in range(len(history) - 1, -1, -1):
-        if i < len(history) - 1:
-            before, (_, own_mean, own_variance) = history[i + 1][0], history[i]
-            gain = own_variance / before
-            mean = own_mean + gain * (mean - own_mean)
-            variance = own_variance + gain**2 * (variance - before)
-        force = float(weight @ mean)
-        away = mean - force
-        covariance = tracker.systematic(force, place)
-        covariance[0, 0] += weight @ (variance + away**2)
-        covariance[1, 1] += spread
-        shared = weight @ (away * (location - place))
-        covariance += [[0.0, shared], [shared, 0.0]]
-        rows.append([force, place, *covariance.ravel()])
-    values = np.array(rows[::-1])
-    codes = [tracker.code_of(row, noise) for row, noise in zip(values, std, strict=True)]
-    return values, np.array(codes, np.uint8)
+    return inversion_of(*tracker.smooth(phases, std))
