@@ -143,9 +143,11 @@ def _duration(scene: Scene) -> Iterator[Violation]:
 
 
 def _press_times(scene: Scene) -> Iterator[Violation]:
-    duration_s, presses = scene.simulation.duration_s, scene.simulation.presses
-    for i, press in enumerate(presses):
-        start = f"simulation.presses[{i}].start_s"
+    simulation, duration_s = scene.simulation, scene.simulation.duration_s
+    timed = [(f"presses[{i}]", press) for i, press in enumerate(simulation.presses)]
+    timed += [(f"surface_presses[{i}]", p) for i, p in enumerate(simulation.surface_presses)]
+    for name, press in timed:
+        start = f"simulation.{name}.start_s"
         if press.start_s < scene.reference_s:
             rule = (
                 f"must not begin before reference_s ({scene.reference_s:g} s), in which no sensor "
@@ -154,14 +156,15 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
             yield start, rule, press.start_s
         if press.start_s >= duration_s:
             yield start, f"must begin before simulation.duration_s ({duration_s:g})", press.start_s
-        for other in presses[:i]:
+    for i, press in enumerate(simulation.presses):
+        for other in simulation.presses[:i]:
             together = press.start_s < other.end_s and other.start_s < press.end_s
             if other.sensor == press.sensor and together:
                 rule = (
                     f"must not overlap another press of sensor '{press.sensor}' "
                     f"({other.start_s:g} to {other.end_s:g} s)"
                 )
-                yield start, rule, press.start_s
+                yield f"simulation.presses[{i}].start_s", rule, press.start_s
 
 
 def simulation_warnings(scene: Scene) -> list[str]:

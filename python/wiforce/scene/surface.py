@@ -165,12 +165,6 @@ def _press_violations(scene: "Scene", skin: Skin) -> Iterator[tuple[str, str, An
     lengths = [scene.load_model(truths[strip.sensor]).length_mm for strip in skin.strips]
     for i, press in enumerate(scene.simulation.surface_presses):
         where = f"simulation.surface_presses[{i}]"
-        if press.start_s < scene.reference_s:
-            rule = f"must not begin before reference_s ({scene.reference_s:g} s)"
-            yield f"{where}.start_s", rule, press.start_s
-        if press.start_s >= scene.simulation.duration_s:
-            rule = f"must begin before simulation.duration_s ({scene.simulation.duration_s:g})"
-            yield f"{where}.start_s", rule, press.start_s
         for strip, length_mm in zip(skin.strips, lengths, strict=True):
             if not 0 <= strip.location_of(press.x_mm) <= length_mm:
                 rule = f"must lie on the line of strip '{strip.sensor}'"

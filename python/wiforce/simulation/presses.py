@@ -313,6 +313,11 @@ class PressedTwice(PressedSensor):
         super().__init__(first._model, [], first._moves, first._carrier_hz, first._beam)
         self._layers = layers
 
+    def hold(self, force_n: float | None, location_mm: float | None) -> None:
+        for layer in self._layers:
+            layer.hold(force_n, location_mm)
+            force_n = force_n and 0.0  # of one layer, while the others are not pressed
+
     @property
     def presses(self) -> list[Press]:
         """The presses of all layers, in the order of their starts."""
@@ -321,14 +326,10 @@ class PressedTwice(PressedSensor):
 
     def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Sum of the forces, and the location weighted by them."""
-        if self._held is not None:
-            return super().force(time_s)
         return _joined([layer.force(time_s) for layer in self._layers])
 
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time."""
-        if self._held is not None:
-            return super().state(time_s)
         force, location = self.force(time_s)
         touch = np.any([layer.state(time_s).touch for layer in self._layers], axis=0)
         reflections = np.broadcast_to(self.reflections(np.asarray(time_s, float)), (len(force), 2))
@@ -336,8 +337,6 @@ class PressedTwice(PressedSensor):
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time."""
-        if self._held is not None:
-            return super().reflections(time_s)
         parts = [layer.reflections(time_s) for layer in self._layers]
         shown = [layer._shown(time_s) for layer in self._layers]
         touching = [force >= self._model.onset_force_n for force, _ in shown]
@@ -354,20 +353,14 @@ class PressedTwice(PressedSensor):
 
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
         """How near a hand is."""
-        if self._held is not None:
-            return super().near(time_s, reach_s)
         return np.max([layer.near(time_s, reach_s) for layer in self._layers], axis=0)
 
     def through(self, time_s: ArrayLike) -> np.ndarray:
         """Reflection with both switches on, minus the sum of the two ends alone."""
-        if self._held is not None:
-            return super().through(time_s)
         found = np.stack([layer.through(time_s) for layer in self._layers])
         return np.where((found == 0).any(axis=0), 0.0, found[0])
 
     def _shown(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        if self._held is not None:
-            return super()._shown(time_s)
         return _joined([layer._shown(time_s) for layer in self._layers])
 
 
