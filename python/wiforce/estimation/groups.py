@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,10 @@ _ZEROS: dict[str, type] = {
 }
 
 
-def _set_by_stage() -> Any:
-    """A field that holds None until a stage sets it."""
-    return field(default=None, repr=False)
+_SET_BY_STAGE: Any = None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Groups:
     """Arrays over the groups of a batch, in order of time; each stage adds its own.
 
@@ -142,46 +140,46 @@ class Groups:
     """
 
     index: Array
-    tones: Array = _set_by_stage()
-    missing: Array = _set_by_stage()
-    saturated: Array = _set_by_stage()
-    retuned: Array = _set_by_stage()
-    snapshot_weights: Array | None = _set_by_stage()
-    interference: Array = _set_by_stage()
-    static: Array | None = _set_by_stage()
-    common_std_deg: Array = _set_by_stage()
-    slipped: Array = _set_by_stage()
-    timed: Array | None = _set_by_stage()
-    ends: Array = _set_by_stage()
-    gain: Array = _set_by_stage()
-    noise: Array = _set_by_stage()
-    noise_rise: Array = _set_by_stage()
-    snr_db: Array = _set_by_stage()
-    locked: Array = _set_by_stage()
-    clock_phase: Array = _set_by_stage()
-    clock_offset_ppm: Array = _set_by_stage()
-    clock2_delay: Array = _set_by_stage()
-    overlapping: Array = _set_by_stage()
-    disturbed: Array = _set_by_stage()
-    changes: Array = _set_by_stage()
-    new_reference: Array = _set_by_stage()
-    reference_step: Array = _set_by_stage()
-    in_tare: Array = _set_by_stage()
-    in_reference: Array = _set_by_stage()
-    late_reference: Array = _set_by_stage()
-    reshaped: Array = _set_by_stage()
-    reference_power: Array = _set_by_stage()
-    reference_gain: Array = _set_by_stage()
-    ratios: Array = _set_by_stage()
-    phase_std_deg: Array = _set_by_stage()
-    touch: Array = _set_by_stage()
-    phases_deg: Array = _set_by_stage()
-    psi_std_deg: Array = _set_by_stage()
-    force_n: Array = _set_by_stage()
-    force_std_n: Array = _set_by_stage()
-    location_mm: Array = _set_by_stage()
-    location_std_mm: Array = _set_by_stage()
-    flags: Array = _set_by_stage()
+    tones: Array = _SET_BY_STAGE
+    missing: Array = _SET_BY_STAGE
+    saturated: Array = _SET_BY_STAGE
+    retuned: Array = _SET_BY_STAGE
+    snapshot_weights: Array | None = _SET_BY_STAGE
+    interference: Array = _SET_BY_STAGE
+    static: Array | None = _SET_BY_STAGE
+    common_std_deg: Array = _SET_BY_STAGE
+    slipped: Array = _SET_BY_STAGE
+    timed: Array | None = _SET_BY_STAGE
+    ends: Array = _SET_BY_STAGE
+    gain: Array = _SET_BY_STAGE
+    noise: Array = _SET_BY_STAGE
+    noise_rise: Array = _SET_BY_STAGE
+    snr_db: Array = _SET_BY_STAGE
+    locked: Array = _SET_BY_STAGE
+    clock_phase: Array = _SET_BY_STAGE
+    clock_offset_ppm: Array = _SET_BY_STAGE
+    clock2_delay: Array = _SET_BY_STAGE
+    overlapping: Array = _SET_BY_STAGE
+    disturbed: Array = _SET_BY_STAGE
+    changes: Array = _SET_BY_STAGE
+    new_reference: Array = _SET_BY_STAGE
+    reference_step: Array = _SET_BY_STAGE
+    in_tare: Array = _SET_BY_STAGE
+    in_reference: Array = _SET_BY_STAGE
+    late_reference: Array = _SET_BY_STAGE
+    reshaped: Array = _SET_BY_STAGE
+    reference_power: Array = _SET_BY_STAGE
+    reference_gain: Array = _SET_BY_STAGE
+    ratios: Array = _SET_BY_STAGE
+    phase_std_deg: Array = _SET_BY_STAGE
+    touch: Array = _SET_BY_STAGE
+    phases_deg: Array = _SET_BY_STAGE
+    psi_std_deg: Array = _SET_BY_STAGE
+    force_n: Array = _SET_BY_STAGE
+    force_std_n: Array = _SET_BY_STAGE
+    location_mm: Array = _SET_BY_STAGE
+    location_std_mm: Array = _SET_BY_STAGE
+    flags: Array = _SET_BY_STAGE
 
     def __post_init__(self) -> None:
         self.index = np.asarray(self.index, np.int64)

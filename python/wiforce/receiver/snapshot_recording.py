@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
 from ..estimation.packets.packet_channels import (
+    AntennaCombination,
     DividedPackets,
     PacketChannels,
     shared_noise,
@@ -96,18 +97,16 @@ class SnapshotReader:
             if weighted:
                 known = parts.known if parts else np.zeros(len(time_s), bool)
                 table = _table_of(fitted)
-                noise = shared_noise(packets, channels.shared, known, time_s, table)
+                noise = shared_noise(packets, channels.combination.shared, known, time_s, table)
                 precision = noise.precision
-            source = fitted, distorted, packets, time_s, self.groups, channels.response
-            solved = solved_tags(*source, precision, channels.hidden)
+            source = fitted, distorted, packets, time_s, self.groups, channels.combination.response
+            solved = solved_tags(*source, precision, channels.combination.hidden)
             change = solved.change_since(parts)
-            states, hidden = channels.states, channels.hidden
-            kept_db, shared = channels.kept_db, channels.shared
             least = solved.uncertain
             if former and len(former.least) == len(least):
                 least = tuple(map(min, least, former.least))
             found = fitted, packets, mean, solved, change, least
-            return _Round(*found, states, hidden, kept_db, shared)
+            return _Round(*found, channels.states, channels.combination)
 
         def settle(weighted: bool) -> _Round:
             channels, finer = copy(coarse), copy(fine)
@@ -132,15 +131,16 @@ class SnapshotReader:
         # Noise that subcarriers share is measured well only where tags are known. A wrong weight
         # leads to another solution, which knows less of the tags, or to none.
         found = [settle(False)]
-        if found[0].solved.snr and found[0].shared.shape[1]:
+        if found[0].solved.snr and found[0].combination.shared.shape[1]:
             found.append(settle(True))
         now = max(found, key=lambda each: (bool(each.solved.snr), each.settled, -each.uncertain))
-        self._states, self._kept_db = now.states, now.kept_db
+        self._states, self._kept_db = now.states, now.combination.kept_db
         table = _table_of(now.plan)
         known = now.solved.parts.known
-        noise = shared_noise(now.packets, now.shared, known, time_s, table)
+        noise = shared_noise(now.packets, now.combination.shared, known, time_s, table)
         packets = noise.removed(now.packets)
-        self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=now.hidden)
+        hidden = now.combination.hidden
+        self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=hidden)
         self.plan = now.plan.stating(tag_ratios=now.ratios)
 
     @property
@@ -229,9 +229,7 @@ class _Round:
     change: tuple[float, ...]  # of the tags' part since the round before
     least: tuple[float, ...]  # uncertainty of any round so far: one that knows less is not settled
     states: AntennaStates
-    hidden: float
-    kept_db: float
-    shared: Array
+    combination: AntennaCombination
 
     @property
     def ratios(self) -> tuple[float, ...]:

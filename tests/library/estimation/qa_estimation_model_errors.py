@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.capture.compression import image_operator, measure_compression
+from gnuradio.wiforce.estimation.capture.compression import Compression, measure_compression
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.reference import ProfileCheck, image_of
@@ -102,10 +102,10 @@ def test_compression_is_distinguished_from_the_ringing_of_filters(share, delay):
     """Ringing that passes for 0.5 % of compression would turn the readings of a linear receiver."""
     samples, _, largest = compressed_frames(share, delay=delay)
     found = measure_compression(samples, WAVEFORM)
-    expected = image_operator(samples[64:128], -share / largest**2, WAVEFORM)
+    expected = Compression(samples[64:128], -share / largest**2, WAVEFORM, 0.0)
     # What was compressed is 3 share larger than what is measured; ringing adds 0.1 %.
     channels = np.eye(62)
-    images = [image.of(channels) for image in (found.image, expected)]
+    images = [each.image(channels) for each in (found, expected)]
     apart = np.linalg.norm(images[0] - images[1]) / np.linalg.norm(images[1])
     assert apart < 0.05 + 3 * share + 0.001 / share
     assert measure_compression(compressed_frames(0.0, delay=delay)[0], WAVEFORM) is None
@@ -145,7 +145,7 @@ def test_compressed_tag_is_read_with_its_phase(share, offset, before):
     )
 
 
-def test_image_operator_equals_third_order_product():
+def test_compression_image_equals_third_order_product():
     """Held to the product of time samples, sample by sample."""
     rng = np.random.default_rng(11)
     symbol, channel = normal(rng, 64), normal(rng, 62)
@@ -154,7 +154,7 @@ def test_image_operator_equals_third_order_product():
     spectrum[bins] = channel / factors
     product = -0.02 * symbol**2 * np.fft.ifft(spectrum).conj()
     expected = np.fft.fft(product)[bins] * factors
-    found = image_operator(symbol, -0.02, WAVEFORM).of(channel)
+    found = Compression(symbol, -0.02, WAVEFORM, 0.0).image(channel)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 

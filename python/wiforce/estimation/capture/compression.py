@@ -9,8 +9,6 @@ subcarriers: it cannot be distinguished from the tag in a group, but it can be c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from ...signal.waveform import Waveform
@@ -34,29 +32,23 @@ _LEAST_SHARE = 1e-3
 _SIGNIFICANT = 2.5
 
 
-@dataclass(frozen=True, eq=False)
-class Image:
-    """What c s^2 conj(v) adds to the channel, v being the samples of a tag's channel."""
-
-    product: Array = field(repr=False)  # c s^2 at each sample of the symbol
-    factors: Array = field(repr=False)  # equalizer of the K occupied subcarriers
-    bins: Array = field(repr=False)  # their FFT bins
-
-    def of(self, channel: Array) -> Array:
-        """The image of channels, shape (..., K)."""
-        spectrum = np.zeros((*channel.shape[:-1], len(self.product)), complex)
-        spectrum[..., self.bins] = channel / self.factors
-        samples = self.product * np.fft.ifft(spectrum).conj()
-        image: Array = np.fft.fft(samples)[..., self.bins] * self.factors
-        return image
-
-
-@dataclass(frozen=True, eq=False)
 class Compression:
-    """What compression by the static path adds to the channels of the tags' ends."""
+    """What compression c by a mean folded symbol s adds to the channels of the tags' ends.
 
-    image: Image = field(repr=False)  # of the tags' channels
-    std: float  # of what remains of the image, relative to the channel
+    ``std`` is that of what remains of the image, relative to the channel.
+    """
+
+    def __init__(self, symbol: Array, coefficient: float, waveform: Waveform, std: float) -> None:
+        self._product, self._bins, self.std = coefficient * symbol**2, waveform.bins, std
+        self._factors = waveform.equalizer()[waveform.bins]
+
+    def image(self, channel: Array) -> Array:
+        """c s^2 conj(v), for the samples v of channels, shape (..., K)."""
+        spectrum = np.zeros((*channel.shape[:-1], len(self._product)), complex)
+        spectrum[..., self._bins] = channel / self._factors
+        samples = self._product * np.fft.ifft(spectrum).conj()
+        image: Array = np.fft.fft(samples)[..., self._bins] * self._factors
+        return image
 
     def correct(self, groups: Groups) -> Groups:
         """Remove the image from ``ends``; what may remain raises ``gain``."""
@@ -65,7 +57,7 @@ class Compression:
         power = groups.ends.real**2 + groups.ends.imag**2
         energy = np.einsum("gek,gk->ge", power, 1 / groups.noise)
         return groups.having(
-            ends=groups.ends - self.image.of(groups.ends),
+            ends=groups.ends - self.image(groups.ends),
             gain=groups.gain + 2 * self.std**2 * energy,
         )
 
@@ -97,7 +89,7 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     if found * abs(_cubed(symbol, offset)) < _SIGNIFICANT * uncertain:
         return None
     std = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
-    return Compression(image_operator(symbol, (before + behind) / 2, waveform), std)
+    return Compression(symbol, (before + behind) / 2, waveform, std)
 
 
 def _compression(symbol: Array, offset: complex) -> float:
@@ -131,9 +123,3 @@ def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
     """Samples of the guard behind the echoes; None where it is too short."""
     quiet = slice(waveform.preamble_length + _ECHOES, waveform.frame_length - _RINGING)
     return None if quiet.stop - quiet.start < _QUIET else frame[quiet]
-
-
-def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Image:
-    """The image that compression c by a mean folded symbol adds to the channel of a tag's end."""
-    bins = waveform.bins
-    return Image(coefficient * symbol**2, waveform.equalizer()[bins], bins)

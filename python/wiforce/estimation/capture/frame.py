@@ -242,7 +242,7 @@ def find_frame_period(
     do not matter; samples lost in a gap are zeros.
     """
     if symbol is None:
-        symbol = symbol_of(waveform)
+        symbol = waveform.symbol
     if len(samples) < waveform.preamble_length + 2 * waveform.symbol_length:
         return FramePeriod(None, False)
     likeness = _likeness(samples, symbol)
@@ -257,11 +257,6 @@ def find_frame_period(
         return FramePeriod(None, False)
     found = round(float(_mean_frame(likeness, period).max()), 6)
     return FramePeriod(period, agrees, found) if found >= least else FramePeriod(None, False)
-
-
-def symbol_of(waveform: Waveform) -> Array:
-    """Samples of the symbol whose repetitions are averaged, (symbol_length,)."""
-    return waveform.symbol
 
 
 def _period_in(
@@ -370,7 +365,7 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     """
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
-    match = _correlation(finite, symbol_of(waveform))
+    match = _correlation(finite, waveform.symbol)
     match = whole_frames(match, length)
     if len(match) < _LEAST_FRAMES:
         return False

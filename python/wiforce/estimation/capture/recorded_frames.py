@@ -24,7 +24,6 @@ from .frame import (
     repeats_every_frame,
     samples_needed,
     searched_samples,
-    symbol_of,
     symbols_in,
 )
 
@@ -153,7 +152,7 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
         if find_frame_period(samples, other).likeness > clear:
             rule = f"the preambles are those of {other.name!r}, but sounding.waveform is"
             return f"{rule} {waveform.name!r}"
-    symbol = symbol_of(waveform)
+    symbol = waveform.symbol
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
         return _SWAPPED
     own = "ci16_le" if _are_codes(samples) else "cf32_le"

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from ...signal.switching import switch_averages, switch_averages_and_slopes
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import clock_tracker, locked_tag, predict_clocks
+from ...wiforce_kernels import clock_tracker, locked_tag
 from ..group_tones import GroupTones
 from ..groups import Array
 from .acquisition import ClockFit, most_likely
@@ -27,11 +26,6 @@ class ClockPath(NamedTuple):
     def of(self, tag: int, rows: slice = slice(None)) -> ClockPath:
         """The path of one of the tags, in some of the groups."""
         return ClockPath(self.phase[rows, tag], self.rate[rows, tag])
-
-
-def expected_clocks(trackers: Sequence[clock_tracker], center_s: Array) -> ClockPath:
-    """Clocks, (G, S), expected at the centres of groups."""
-    return ClockPath(*predict_clocks(trackers, center_s))
 
 
 class ClockTracker(clock_tracker):

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ...signal.weights import ToneTable
-from ...wiforce_kernels import end_fit, end_separation, noise_estimate, tone_peaks
-from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag, expected_clocks
+from ...wiforce_kernels import end_fit, end_separation, noise_estimate, predict_clocks, tone_peaks
+from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag
 from ..group_tones import GroupFit, GroupTones, GroupWeights
 from ..groups import Array, Groups
 from .spread_lines import SpreadLines
@@ -97,7 +97,7 @@ class ToneModel:
 
     def predict(self, groups: GroupTones) -> ClockPath:
         """Clocks of the locked tags expected in some groups."""
-        return expected_clocks(self.trackers, groups.center_s)
+        return ClockPath(*predict_clocks(self.trackers, groups.center_s))
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, list[bool]]:
         """The tones of a batch; also which groups have tones, all of them finite."""

@@ -368,7 +368,7 @@ class PacketChannels:
         self._subcarrier_hz, self._period_s = subcarrier_hz, period_s
         states = find_states(channel, subcarrier_hz, step)
         known = np.ones(len(channel), bool)
-        self._combination = self._calibrated(channel, states, known, None)
+        self.combination = self._calibrated(channel, states, known, None)
 
     def divide(self, tags: TagParts | None = None) -> DividedPackets:
         """Packets without oscillator and receiver chains, with tags as known before."""
@@ -380,7 +380,7 @@ class PacketChannels:
             parts[0][:] *= np.minimum(1, LARGEST / np.maximum(size, 1e-30))
             channel = self._received * self._gain
             every = [
-                self._combination.without(channel, *each) / self._gain
+                self.combination.without(channel, *each) / self._gain
                 for each in zip(*parts, strict=True)
             ]
             period = (self._time_s / self._period_s).astype(int)
@@ -392,33 +392,14 @@ class PacketChannels:
             free, along, across = np.array(every)[taken], parts[0][taken], parts[1][taken]
             if not (self._untouched & (states.label >= 0)).any():
                 states = self.states  # without a packet of the reference, states are none
-            former = self._combination
-            self._combination = self._calibrated(free, states, tags.known, former)
+            former = self.combination
+            self.combination = self._calibrated(free, states, tags.known, former)
         channel = self._received * self._gain
-        combined = distorted = self._combination.process(channel)
+        combined = distorted = self.combination.process(channel)
         if along is not None:
-            combined = self._combination.process(channel, along)
-        level = np.log(np.maximum(np.abs(self._combination.direct(channel)), 1e-30))
+            combined = self.combination.process(channel, along)
+        level = np.log(np.maximum(np.abs(self.combination.direct(channel)), 1e-30))
         return DividedPackets(combined, distorted, combined - across, level, self.states.label)
-
-    @property
-    def hidden(self) -> float:
-        """See :class:`AntennaCombination`."""
-        return self._combination.hidden
-
-    @property
-    def kept_db(self) -> float:
-        """See :class:`AntennaCombination`."""
-        return self._combination.kept_db
-
-    @property
-    def shared(self) -> Array:
-        """See :class:`AntennaCombination`."""
-        return self._combination.shared
-
-    def response(self, tag: Array) -> Array:
-        """What packets are divided by because of tags that are not known (n, K) along them."""
-        return self._combination.response(tag)
 
     def _calibrated(
         self,
