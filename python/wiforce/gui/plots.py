@@ -72,10 +72,7 @@ class Spectrum(_OnePlot):
         self._curve = self._plot.plot(pen=pg.mkPen(SERIES[0]))
 
     def show_power(self, power: np.ndarray) -> None:
-        """Show the power in each bin of a discrete Fourier transform, in natural order.
-
-        May be called from any thread.
-        """
+        """Show the power in each bin of a Fourier transform, in natural order; from any thread."""
         self._power = np.asarray(power, float)
 
     def series(self) -> tuple[np.ndarray, np.ndarray]:
@@ -90,10 +87,7 @@ class Spectrum(_OnePlot):
 
 
 class Trend(_OnePlot):
-    """Rolling plot of values that arrive at a steady rate, up to some hundreds per second and line.
-
-    The vertical axis is that of the values unless ``y_range`` is given.
-    """
+    """Rolling plot of values at a steady rate; its vertical axis is theirs without ``y_range``."""
 
     def __init__(
         self,

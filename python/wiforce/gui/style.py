@@ -35,11 +35,7 @@ def time_plot(label: str) -> pg.PlotWidget:
 
 
 class Display(QWidget):
-    """A widget that is seen whole when its window opens.
-
-    Flowgraphs of Companion put all widgets into a scroll area, whose size does not follow from
-    what is in it.
-    """
+    """A widget that is seen whole when its window opens, also in the scroll areas of Companion."""
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -20,10 +20,7 @@ _LABELLED_LINES = 6
 
 
 class SurfaceView(SensorView):
-    """Draws one press on a surface, from 0 to ``length_mm`` along x.
-
-    ``force_span_n`` is the force of the largest dot, ``strips_y_mm`` are empty where not known.
-    """
+    """Draws one press on a surface, x from 0 to ``length_mm``; strips where their y is known."""
 
     def __init__(
         self,

@@ -51,12 +51,7 @@ class Track:
             self._past.popleft()
 
     def series(self, name: str, flagged: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values (n,) of a column, of readings that are reliable or of those that are
-        flagged.
-
-        Times are those of all readings; values are NaN for the other readings and where they are
-        unknown. The force of an untouched sensor is 0 N. A flag is one other than ``reference``.
-        """
+        """Times and values (n,) of a column, of readings that are reliable or flagged, NaN else."""
         times = [reading.time_s for reading in self._past]
         values = [
             _shown(reading, name) if bool(warning_flags(reading)) == flagged else None
@@ -80,11 +75,9 @@ _LOCATION_STEPS = (1, 2, 4)
 
 
 class History(QWidget):
-    """Force and location of all sensors in two plots over the same ``history_s``.
+    """Force and location of all sensors over ``history_s``; flagged readings are crosses.
 
-    Readings with a flag other than ``reference`` are crosses in the colour of the line. They do not
-    stretch the force axis, whose limit is ``force_span_n`` without any other: a value beyond it is
-    marked at its edge.
+    They do not stretch the force axis: a value beyond it is marked at its edge.
     """
 
     def __init__(self, history_s: float, length_mm: float, force_span_n: float) -> None:

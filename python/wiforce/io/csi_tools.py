@@ -37,10 +37,7 @@ _INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
 
 
 def tool_of(path: str | Path) -> str | None:
-    """The CSI tool that has written a file (:func:`open_csi`); None for other kinds.
-
-    Refuses files of tools that are not read, and those whose first bytes are missing.
-    """
+    """The CSI tool that has written a file, None for others; refuses those that are not read."""
     if not Path(path).is_file():
         return None
     with Path(path).open("rb") as file:
@@ -119,11 +116,7 @@ _RECORDS = {
 
 
 def sent_subcarriers(size: int) -> np.ndarray:
-    """Subcarriers that packets are sent on, for an FFT of 64, 128 or 256, in multiples of 312.5
-    kHz.
-
-    An array in the order of an FFT is indexed by them.
-    """
+    """Subcarriers that packets are sent on, for an FFT of 64, 128 or 256, by its order."""
     lowest, highest = _SENT[size]
     return np.r_[-highest : 1 - lowest, lowest : highest + 1]
 
@@ -173,11 +166,7 @@ class Packets:
 
 
 def read_esp32(path: str | Path, mac: str | None = None) -> Packets:
-    """Read the lines of an ESP32, of the sender ``mac`` or of the most frequent one.
-
-    Packets have the number of subcarriers that most have. Refuses a file without such lines, or
-    without packets of the sender.
-    """
+    """Read an ESP32's packets of the most frequent length, of ``mac`` or the most frequent one."""
     path = Path(path)
     rows, odd = _rows(path)
     if not rows:
@@ -272,10 +261,9 @@ def _row(fields: list[str], columns: list[str]) -> dict[str, Any] | None:
 def _layout(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Which values are read, and their subcarriers; both of shape (K,).
 
-    The training fields follow each other: 64 subcarriers of the legacy one, then 64 or 128 of the
-    HT one (ESP-IDF programming guide, Wi-Fi channel state information), each in the order of an
-    FFT. Only the last field is read. Odd numbers are assumed to be in ascending order, as printed
-    by an ESP32-C5.
+    The last of the fields that follow each other, 64 subcarriers of the legacy one, 64 or 128 of
+    the HT one (ESP-IDF programming guide), each in the order of an FFT; odd numbers rise, as from
+    an ESP32-C5.
     """
     if count % 2:
         return np.arange(count), np.arange(count) - count // 2
@@ -311,11 +299,10 @@ def open_csi(
     mac: str | None = None,
     second: str | Path | None = None,
 ) -> ChannelSnapshots:
-    """Read a file of a CSI tool: the first spatial stream, without antennas that it does not use.
+    """Read a CSI tool's file: the first spatial stream, of the antennas that are used.
 
-    ``tool`` is one of :data:`TOOLS`, by default found by the first bytes of the file; ``mac`` the
-    sender, by default the most frequent one; ``second`` the file of a second ESP32 on the same
-    crystal, as on an esp-crab: the second antenna.
+    ``tool`` of :data:`TOOLS` and sender ``mac`` are found by default; ``second`` is the file of a
+    second ESP32 on the same crystal, the second antenna.
     """
     path = Path(path)
     if tool is not None:
@@ -377,10 +364,7 @@ def check_tool(tool: str, mac: str | None = None, second: str | Path | None = No
 
 
 def convert(path: str, tool: str, output: str, mac: str = "") -> None:
-    """Convert a file to the arrays of an .npz file ``output``, in a process of its own.
-
-    Raises whatever csiread raises; ``mac`` is empty for the most frequent sender.
-    """
+    """Convert a file to the arrays of an .npz file ``output``, in a process of its own."""
     name, *settings = tool.split("/")
     readers: dict[str, Callable[..., Packets]] = {
         "intel": _intel,
@@ -464,11 +448,7 @@ def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> Packets:
 
 
 def _grouped(core: np.ndarray, sequence: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Number of the packet of each core's frame, shape (n,).
-
-    Some versions of the firmware report the sequence number 0 throughout. A packet is therefore new
-    as well where a core reports again, or after half of the median time between two of its reports.
-    """
+    """Number of the packet of each core's frame, (n,), also where sequence numbers stay 0."""
     latest = np.diff(time_s[core == core[0]]) if len(core) else np.zeros(0)
     apart_s = 0.5 * float(np.median(latest)) if latest.size else np.inf
     rows, row, start_s = np.zeros(len(core), int), -1, -np.inf

@@ -16,10 +16,8 @@ Self = TypeVar("Self", bound="Output")
 class Output:
     """One output of readings; what a derived class does not override does nothing.
 
-    Rows come from the thread of the reader, which must never wait for a peer: an output to the
-    network drops those for slow peers, a file writes at once. ``send`` is called by the threads of
-    heartbeat and run, so it may coincide with ``write_rows``. As a context manager an output is
-    closed after success; after an error it keeps what it can.
+    Rows come from the reader's thread, which must not wait for a peer; ``send`` from those of
+    heartbeat and run, perhaps at once. As a context manager it is closed, and kept on errors.
     """
 
     def __enter__(self: Self) -> Self:
@@ -36,10 +34,7 @@ class Output:
         return self
 
     def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading and ``more`` plain values of the columns that follow.
-
-        OutputError when it, or a reading before it, cannot be written.
-        """
+        """Write one reading and values of further columns; OutputError for it or one before it."""
         self.write_rows([{**reading.row(), **(more or {})}])
 
     def write_all(self, readings: Iterable[Reading]) -> None:

@@ -123,10 +123,7 @@ class Reading:
         return _with_std(self.location_mm, self.location_std_mm, "mm", bounds)
 
     def row(self) -> dict[str, Any]:
-        """The reading as a row of a file, by column.
-
-        Numbers are rounded for print, unknown ones None, flags one text.
-        """
+        """The reading as a row of a file, by column: rounded numbers, None, flags as one text."""
         row = {**vars(self), "flags": " ".join(self.flags)}
         for key in _DECIMALS:
             if (value := row.get(key)) is not None:
@@ -143,10 +140,7 @@ def _with_std(value: float | None, std: float | None, unit: str, bounds: bool) -
 
 @dataclass(frozen=True)
 class SurfaceReading(Reading):
-    """One press on a surface, ``sensor``, in one phase group; phases are those of its strips.
-
-    ``location_mm`` is the x of the press, along the strips.
-    """
+    """One press on a surface in one phase group; ``location_mm`` is x, along the strips."""
 
     y_mm: float | None = None  # across the strips
     y_std_mm: float | None = None
@@ -163,9 +157,7 @@ COLUMNS = tuple(Reading.__dataclass_fields__)
 
 
 def reading_of(fields: Iterable[Any]) -> Reading:
-    """A reading of all its fields in order: a frozen class would set them one by one, in a call
-    each.
-    """
+    """A reading of all its fields in order, which a frozen class would set one by one."""
     reading = object.__new__(Reading)
     reading.__dict__.update(zip(COLUMNS, fields, strict=True))
     return reading
@@ -182,10 +174,7 @@ _DECIMALS = dict.fromkeys((*NUMBERS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_
 
 
 def rounded(key: str, value: float) -> float | None:
-    """A number as files of readings and files of truth hold it, so that both can be joined.
-
-    None when it is not finite; ``key`` is the column.
-    """
+    """A number of a column ``key`` as files hold it, None when it is not finite."""
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
 
@@ -287,11 +276,7 @@ _FLAGS = frozenset(flag.word for flag in Flag)
 
 
 def as_reading(reading: Any) -> Reading | None:
-    """A Reading from a message of the port ``readings``, or from part of one.
-
-    Keys are as the columns of a readings file; flags one text or a sequence. A value that is
-    absent, not finite, or not a number is unknown; None when sensor or time are not given.
-    """
+    """A Reading from a message of the port ``readings``, or a part; None without sensor or time."""
     if isinstance(reading, Reading):
         reading = dataclasses.asdict(reading)
     if not isinstance(reading, dict):

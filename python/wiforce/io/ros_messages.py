@@ -123,10 +123,7 @@ _CLEAR, _FLAGGED = "wrench", "wrench_doubtful"
 
 @dataclass(frozen=True)
 class RosMessage:
-    """One message: ``PACKAGE/msg/NAME`` with fields by name, nested ones as dicts.
-
-    ``stamp_ns`` is UTC of the header in ns since 1970, None when it is not known.
-    """
+    """One message ``PACKAGE/msg/NAME``, fields by name; ``stamp_ns`` is UTC since 1970 or None."""
 
     topic: str
     type: str
@@ -167,11 +164,8 @@ def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
 def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     """One reading, a row of a file, and its wrench about the origin of the sensor's frame.
 
-    The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
-    pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0). A
-    press at (x, y) on a surface has the torque (-F y/1000, F x/1000, 0). A wrench cannot state that
-    it is doubtful or unknown: those of readings with flags, or without force or location, have a
-    topic of their own.
+    At port 1, x along the line, z out of the surface: (0, 0, -F) with torque (0, F l/1000, 0), on
+    surfaces (-F y/1000, F x/1000, 0). Readings that are doubtful have a topic of their own.
     """
     sensor, words = str(row["sensor"]), tuple((row.get("flags") or "").split())
     stamp_ns = _nanoseconds(row.get("time_utc"))
@@ -226,11 +220,7 @@ def built(
     class_of: Callable[[str], type],
     byte: Callable[[int], Any] = int,
 ) -> Any:
-    """A message as an object of the classes that ROS, or another library, has for it.
-
-    ``class_of`` gives the class of ``PACKAGE/NAME``, which takes the fields as keywords, ``byte`` a
-    ``byte`` of that library.
-    """
+    """A message of a library's classes, by ``class_of`` ``PACKAGE/NAME`` and its ``byte``."""
     values = {}
     for name, (kind, array) in fields_of(type_name).items():
         value = fields[name]

@@ -133,10 +133,8 @@ _WORTHWHILE_NOISE, _WORTHWHILE_TIME = 0.97, 0.9
 
 @dataclass(frozen=True)
 class Proposal:
-    """A change to a scene and its effect.
-
-    ``change`` is the key of the scene file and its new value; ``phase_std_deg`` (noise of the worst
-    end) and ``time_resolution_s`` are now and after the change.
+    """A change to a scene, key and value, and the worst end's noise and resolution before and
+    after.
     """
 
     change: str

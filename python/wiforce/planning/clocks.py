@@ -49,10 +49,7 @@ _HARMONICS = 16
 def line_distances_hz(
     one_hz: np.ndarray, other_hz: np.ndarray, tolerance_ppm: float = 0.0
 ) -> np.ndarray:
-    """Least distance of strong lines of two tags, at the worst errors of both clocks, in Hz.
-
-    0 where the lines may coincide; the clocks are broadcast against each other.
-    """
+    """Least distance of strong lines of two tags at the worst errors of both clocks, in Hz."""
     a, b = _PAIRS.T
     ours = np.multiply.outer(one_hz, a)
     others = np.multiply.outer(other_hz, b)
@@ -78,10 +75,7 @@ class LineTable:
         return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
 
     def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Share (C', 2, 2) of the power of ``chosen`` tags' ends that ends of another may explain.
-
-        At the worst clock phases; with itself, that of its lines of other numbers, by aliases.
-        """
+        """Share (C', 2, 2) of ``chosen`` tags' power that ends of another may explain, at worst."""
         rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
         m = np.arange(1, _HARMONICS + 1)
         ours = self.clocks_hz[rows, None, None] * m[:, None]
@@ -115,12 +109,7 @@ class LineTable:
 
 
 def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
-    """How many clocks of one octave without ``conflicts`` (C, C) fit, from a free one on.
-
-    They ascend and conflict with their neighbours only, so that the nearest one which is possible
-    is never a wrong choice. The octave is a circle, since the lines of its lowest clock lie beside
-    those of its highest.
-    """
+    """Clocks of one octave, a circle, without ``conflicts`` (C, C) that fit from a free one on."""
     open_ = np.roll(free, -start)
     turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
     count = 0
@@ -312,10 +301,7 @@ _APART_BINS = 4
 
 
 def packet_clocks(scene: Scene, count: int) -> tuple[list[float], float] | None:
-    """Clocks in Hz for a number of tags, as :func:`_ranked`, and what the weakest end loses, in dB.
-
-    None where tags cannot be distinguished from each other, from clutter and from themselves.
-    """
+    """Clocks in Hz as :func:`_ranked`, and what the weakest end loses in dB; None if none."""
     tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
     chosen: list[TagClock] = []
     for tag in (tags + count * tags[:1])[:count]:
@@ -353,10 +339,9 @@ def _lamp_distances_hz(
 def _ranked(
     cost: np.ndarray, lamps_hz: np.ndarray, moved_hz: np.ndarray | None = None
 ) -> Iterator[int]:
-    """Candidates, the best one first: of those that cost about the least, by lamps and the cost.
+    """Candidates of about the least cost, by lamps and cost, the best one first.
 
-    ``moved_hz`` from a clock that a tag has now: such a clock stays unless another one lies half as
-    far again from lamps, and candidates near to it go first among equals.
+    A clock that a tag has now stays unless another lies half as far again from lamps.
     """
     if not cost.size:
         return
@@ -424,18 +409,11 @@ def propose_clocks(
 ) -> list[float]:
     """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
 
-    Each costs the weakest end of all tags hardly more than the best candidate would. Among such
-    candidates, it is the one whose strong lines lie farthest from the lines of lamps (``mains_hz``
-    is empty without any); among equals of these, the one nearest to the clock that the tag has now
-    (``near_hz``, in whose order clocks are returned), which stays unless another one lies half as
-    far again from lamps. Strong lines keep a bin from ``avoid_hz``.
-
-    Every end is readable. At the worst errors of the clocks, lines 1, 2 and 4 of different tags are
-    at least two bins apart, a bin being the inverse of the length of a phase group; 1.5 bins or one
-    where nothing else fits. When so many do not fit, an InputError states how many do.
-
-    Candidates are ``near_hz`` and multiples of 5 Hz, or of half a bin where that is less. As far as
-    the distances of lines decide, as many tags as can be found among them are found.
+    Each costs the weakest end hardly more than the best candidate; among such, its strong lines lie
+    farthest from lamps (``mains_hz``), then nearest to its present clock (``near_hz``, which orders
+    the result). At the worst errors lines 1, 2 and 4 of tags are two bins apart, 1.5 or one where
+    nothing else fits; an InputError says how many do. Candidates are ``near_hz`` and multiples of 5
+    Hz or half a bin.
     """
     settings = waveform, group_length, tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)
@@ -479,11 +457,7 @@ class SceneClocks:
 
 
 def clocks_for(scene: Any, count: int) -> SceneClocks:
-    """Clocks for a number of tags in the frame, the groups and the room of a scene
-    (:func:`propose_clocks`).
-
-    The scene's own clocks are kept where they are as good as any other.
-    """
+    """Clocks for tags in a scene's frames and room; its own are kept where as good."""
     scene = load_scene(scene)
     mains_hz = scene.environment.possible_mains_hz
     tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
@@ -674,10 +648,7 @@ def _candidates(
     tolerance_ppm: float,
     near_hz: Sequence[float] = (),
 ) -> np.ndarray:
-    """Frequencies within three octaves, in Hz, ascending; at most _CANDIDATES beside ``near_hz``.
-
-    Strong lines of clocks further apart than three octaves cannot coincide.
-    """
+    """Frequencies in Hz, ascending, within three octaves, beyond which lines cannot coincide."""
     nyquist_hz = 0.5 / waveform.snapshot_period_s
     highest_hz = NYQUIST_MARGIN * nyquist_hz / HIGHEST_LINE
     highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / HIGHEST_LINE)

@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 def turn_std_deg(
     sensor: PlannedSensor, carrier_hz: float, presses: Array, phase_std_deg: Array
 ) -> Array:
-    """To what the amplitudes of both ends show how far the tag has turned, by its off states.
-
-    Of presses (n, 2) in N and mm; infinite where they do not show it. The bound of an estimate
-    beside force, location and gain, with what is unknown of the off states.
-    """
+    """To what amplitudes show, by off states, how far the tag has turned under presses (n, 2)."""
     off = np.asarray(sensor.off_reflection, complex)
     if not off.any():
         return np.full(len(presses), np.inf)
@@ -65,19 +61,12 @@ class PressedLine:
         self._slopes = np.radians(forward.slopes(*forward.clip(*presses.T)))
 
     def error(self, off: Array) -> Array:
-        """By how much D is wrong for unit errors of off states (..., 2); (..., n, 2).
-
-        R is D over that of the untouched sensor, which the reader takes from its off state as well.
-        """
+        """By how much D is wrong for unit errors of off states (..., 2); (..., n, 2)."""
         off = off[..., None, :]
         return np.abs(1 - (self._reflection - off) / (self._untouched - off))
 
     def stds(self, off: Array, noise: Array, off_std: float) -> Array:
-        """Standard deviations of force, location, the tag's rotation and gain.
-
-        For off states (..., 2) and noise of the phases (..., 2) in rad; shape (..., n, 4), infinite
-        where they are not determined.
-        """
+        """Deviations (..., n, 4) of force, location, rotation, gain by noise (..., 2) in rad."""
         switched = self._reflection - off[..., None, :]
         noise = np.hypot(noise, off_std * self.error(off))
         press = np.broadcast_to(
@@ -104,11 +93,8 @@ _LOWEST_SNR_DB = -33.0
 class ReceivedLevels:
     """What reaches the receiver.
 
-    ``noise``, ``quantisation`` and ``radio`` are variances in H, in units of a tag's rho^2, of the
-    noise that the scene's ``snr_db`` states, of the ADC's rounding, and of the radio around the
-    first tag's line 1; per subcarrier and snapshot. That of synthesizers is alike on all K
-    subcarriers and counts K times. In ADC steps, ``tag_steps`` is the amplitude of the first tag's
-    line +1 and ``noise_steps`` the standard deviation of a component of a sample's noise.
+    ``noise``, ``quantisation`` and ``radio`` (around the first tag's line 1, that of synthesizers
+    times K) are variances in H over rho^2; ``tag_steps`` and ``noise_steps`` are in ADC steps.
     """
 
     noise: float
@@ -134,10 +120,7 @@ def line_amplitude(scene: Scene) -> float:
 
 
 def receive_levels(scene: Scene, carrier_hz: float | None = None) -> ReceivedLevels:
-    """Levels at the receiver when the signal's peak is as far below full scale as simulated.
-
-    ``carrier_hz`` is another one than the scene's, for which its levels are stated.
-    """
+    """Levels at the receiver with the simulated peak, perhaps at another carrier."""
     simulation, waveform = scene.simulation, scene.waveform()
     line = line_amplitude(scene)
     noise = line**2 / 10 ** (simulation.snr_db / 10)
@@ -163,11 +146,7 @@ def receive_levels(scene: Scene, carrier_hz: float | None = None) -> ReceivedLev
 
 
 def radio_noise_share(scene: Scene, carrier_hz: float | None = None) -> float:
-    """Variance in H of the radio's noise over the power of the static path.
-
-    At another carrier than the scene's, the same reference is multiplied by another factor: phase
-    noise grows with its square.
-    """
+    """Variance in H of the radio's noise over the static path's, by the carrier's square."""
     stated, waveform = scene.simulation.radio_noise, scene.waveform()
     if stated is None:
         return 0.0
@@ -272,11 +251,9 @@ class Expected:
 
 
 def expect(plan: Plan) -> tuple[Expected, ...]:
-    """Expected errors of every sensor of a plan.
+    """Expected errors of every sensor of a plan, by the ``simulation`` of its scene.
 
-    The ``simulation`` of its scene gives noise, clutter, presses, moves and the sensor that is
-    pressed. Where nothing is pressed, the calibrated span of force and location counts, with the
-    errors that the calibration itself states.
+    Where nothing is pressed, by the calibrated span, with the errors that it states.
     """
     scene = plan.require_scene()
     levels = receive_levels(scene)
@@ -309,10 +286,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
 def _limit(
     model: SensorModel, carrier_hz: float, points: np.ndarray, noise: np.ndarray, wrong: np.ndarray
 ) -> str:
-    """What most of the variance of the force at ``points`` (n, 2) comes from.
-
-    Standard deviations (2,) of phases in deg: ``noise`` of the radio, ``wrong`` by off states.
-    """
+    """What most of the variance of the force at ``points`` (n, 2) comes from, by phases (2,)."""
 
     def share(std: np.ndarray) -> float:
         return float(np.median((_spread(model, carrier_hz, points, std)[:, 0] / together) ** 2))
@@ -327,9 +301,7 @@ def _limit(
 
 
 def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndarray) -> np.ndarray:
-    """Expected standard deviations (F, L, 2) of steady readings, in N and mm, over force (F,) and
-    location (L,): by the noise of the scene's radio and by the calibration.
-    """
+    """Expected deviations (F, L, 2), in N and mm, over force (F,) and location (L,)."""
     planned, carrier_hz = plan.sensors[sensor], plan.center_frequency_hz
     grid = np.meshgrid(force_n, location_mm, indexing="ij")
     points = np.stack(grid, axis=-1).reshape(-1, 2)
@@ -343,10 +315,7 @@ _UNEXPLAINED_STDS = 3.0
 
 
 def other_sensors_pressed(plan: Plan) -> Iterator[str]:
-    """Sensors of a simulation whose calibration does not explain what is pressed, a sentence each.
-
-    Strips of a surface are left out: two presses at once have the phases of none.
-    """
+    """Sensors, but strips, whose calibration does not explain what is pressed; sentences."""
     scene, carrier_hz = plan.require_scene(), plan.center_frequency_hz
     if scene.surface is not None:
         return
@@ -404,11 +373,7 @@ def _phase_std(
 
 
 def _curvature_deg(scene: Scene) -> float:
-    """Phase error of the ratio of two antennas, which is not quite linear in the tag.
-
-    Up to |T| / |S| in the reference and again in the reading, for tag T and static path S; 0 for
-    one antenna.
-    """
+    """Phase error of a ratio of antennas: |T| / |S| in reference and reading; 0 for one."""
     level_db = scene.simulation.static_clutter_db
     if scene.environment.receive_antennas == 1 or level_db is None:
         return 0.0
@@ -421,10 +386,7 @@ def _pressed_points(scene: Scene) -> list[np.ndarray | None]:
 
 
 def _presses(scene: Scene, index: int) -> np.ndarray | None:
-    """Groups in which a sensor is steadily touched; None where there are none.
-
-    (n, 6): force, location, changes of both phases, and how much of these is motion of the tag.
-    """
+    """Groups steadily touched (n, 6): force, location, phase changes and what is motion."""
     carrier_hz = scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s
     truth = scene.load_model(simulation.tags[index].truth_model)
@@ -464,10 +426,7 @@ def _drawn(
     std: np.ndarray,
     turn_std: np.ndarray,
 ) -> _Medians:
-    """Median errors of phases, force and location when the presses are known.
-
-    Off states show motion to ``turn_std`` (n,), in deg; where that is better than not to know it.
-    """
+    """Median errors of phases, force and location, off states showing turns to ``turn_std``."""
     rng, motion = np.random.default_rng(0), points[:, 4:6]
     noise = std * rng.standard_normal((_DRAWS, len(points), 2))
     seen = turn_std[:, None] < np.abs(motion)

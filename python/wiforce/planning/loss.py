@@ -29,12 +29,10 @@ def losses_db(
     clutter_hz: float,
     times_s: np.ndarray | None = None,
 ) -> dict[int, np.ndarray]:
-    """Loss (2S,) in dB of each end from using only lines +-1..+-harmonics, for several choices.
+    """Loss (2S,) in dB of each end from using lines +-1..+-harmonics, for several choices.
 
-    Ratio of an end's variance to that of least squares over all snapshots of the same group, [s1,
-    s2, clutter]; the mean over some clock phases and both signs of the clocks' errors. Choices
-    rise; those of which a group resolves the lines count, and the first one in any case.
-    ``times_s`` (N,) are irregular times of the snapshots from the group's centre.
+    Over least squares of all snapshots on [s1, s2, clutter], the mean over clock phases and signs
+    of errors. Choices rise, as far as a group resolves them.
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
     period_s, length = group_length * snapshot_period_s, min(group_length, _LONGEST)
@@ -68,12 +66,7 @@ def losses_db(
 def end_variances(
     clocks: Sequence[TagClock], times_s: np.ndarray, averaging_s: float, clutter: np.ndarray
 ) -> np.ndarray:
-    """Variances (2S,) of the ends by least squares over all snapshots of a group, clutter projected
-    out.
-
-    In units of the noise in H; the sum over some clock phases. ``clutter`` (N, order) is
-    orthonormal.
-    """
+    """Variances (2S,) of ends over the noise in H, summed over phases, beside clutter."""
     waveforms = _waveforms(clocks, times_s, averaging_s, clutter)
     return np.asarray(variances(waveforms).sum(axis=0))
 
@@ -107,9 +100,7 @@ def end_waveforms(
     averaging_s: float,
     clutter: np.ndarray,
 ) -> np.ndarray:
-    """Switching waveforms (T, N, 2S) of clocks (T, S) at phases of so many cycles, beside
-    clutter.
-    """
+    """Waveforms (T, N, 2S) of clocks (T, S) at phases in cycles, beside clutter."""
     cycles = clocks_hz.T[..., None] * times_s + starts.T[..., None]
     half = np.pi * clocks_hz.T * averaging_s
     columns = [switch_averages(2 * np.pi * c, h) for c, h in zip(cycles, half, strict=True)]
@@ -138,12 +129,7 @@ ACCEPTED_COST_DB = 0.1
 def automatic_band_hz(
     clocks: Sequence[TagClock], group_length: int, snapshot_period_s: float, averaging_s: float
 ) -> float:
-    """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB.
-
-    Rejecting a wide band from the start makes a room in which something begins to move as good as
-    one in which it moved all the time, and costs nothing per sample. 0 for groups that are too
-    short to reject anything but the mean.
-    """
+    """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB, or 0."""
     group_length = min(group_length, _LONGEST)
     resolution_hz = 1 / (group_length * snapshot_period_s)
     highest_hz = min(clock.clock_hz for clock in clocks) - CLUTTER_MARGIN * resolution_hz

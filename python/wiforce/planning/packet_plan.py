@@ -28,12 +28,7 @@ _FEW = 0.5
 
 
 class PacketPlans:
-    """Fits a plan to the times of packets: one for each clutter band that may suit them.
-
-    It is designed for the group of the untouched reference with the median number of packets, and
-    refused when the reference holds too few packets to read the tags. ``plan`` is that of the
-    scene; ``channels`` are combined of each packet.
-    """
+    """Fits a plan to the times of packets: one for each clutter band that may suit them."""
 
     def __init__(
         self, plan: Plan, subcarrier_hz: np.ndarray, time_s: np.ndarray, channels: int
@@ -75,10 +70,7 @@ class PacketPlans:
         self._time_s = time_s
 
     def best(self, packets: DividedPackets) -> Plan:
-        """The plan with the clutter band that leaves the least noise in the untouched reference.
-
-        ``packets`` are without an oscillator's phase.
-        """
+        """The plan whose clutter band leaves the least noise in the untouched reference."""
         best, *others = self._plans
         if not others:
             return best
@@ -125,10 +117,7 @@ def solved_tags(
     precision: np.ndarray | None,
     hidden: float,
 ) -> SolvedTags:
-    """The tags in packets, and their part in what packets are divided by (:func:`.solve_tags`).
-
-    ``plan`` is fitted to the packets; ``source`` has their groups, in units of the static paths.
-    """
+    """The tags in packets of a fitted plan, and their part in what these are divided by."""
     table = plan.table
     assert isinstance(table, TimedTable)
     separator = EndSeparator(table, plan.clocks, plan.waveform, derotated=False)

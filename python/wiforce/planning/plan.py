@@ -222,11 +222,7 @@ class Plan:
         return changed
 
     def check_lines(self) -> None:
-        """Refuse settings whose lines nearly coincide.
-
-        When the weights cannot be designed, or the lines that a tag has to itself determine neither
-        its clock's phase nor its ends: a group too short, or clocks too much alike.
-        """
+        """Refuse weights that cannot be designed, and tags whose lines do not determine them."""
         table = self.table
         if self.estimator == "harmonic":
             for tag, clock in enumerate((*self.clocks, *self.others)):

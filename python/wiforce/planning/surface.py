@@ -15,11 +15,7 @@ _LEAST_SHARE = 0.25
 
 @dataclass(frozen=True)
 class SurfaceExpected:
-    """Expected median errors of a press at one point.
-
-    ``strip`` is the sensor beneath, empty between strips. Errors come from noise, the calibrations
-    of the strips and the spreading law.
-    """
+    """Expected median errors of a press at a point, on a ``strip`` or, empty, between strips."""
 
     x_mm: float
     y_mm: float
@@ -31,11 +27,7 @@ class SurfaceExpected:
 
 
 def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
-    """Expected errors on the strips of a surface and halfway between them, in the order of y.
-
-    For a press in the middle along x with half of the force that the strips' calibrations reach;
-    the scene's ``simulation`` gives the noise.
-    """
+    """Expected errors on strips and halfway between, at mid-x and half the calibrated force."""
     skin = plan.skin
     if skin is None:
         return ()

@@ -45,14 +45,9 @@ _AHEAD = 3
 class RecordingReader:
     """Reads a recording batch by batch; iterating gives the readings of each, in order.
 
-    ``plan`` may be a scene, with which the capture must agree. ``frame_offset`` are the samples
-    before the first frame, which are searched if not given, and compared with those that are found
-    otherwise (``notes``); ``tracked`` follows each press over
-    time; ``on_groups`` is called with every batch of Groups that has been read. ``survey`` False
-    reads by the given plan; otherwise ``plan`` becomes that which is adapted to the room, and
-    ``survey`` is that of the untouched reference, or None for recordings that are too short.
-    Refuses captures without frames, with frames of another length, or shorter than the reference
-    and one group.
+    ``frame_offset`` is searched if not given, and compared otherwise (``notes``). ``survey`` False
+    reads by the given plan; otherwise ``plan`` becomes the adapted one. Refuses captures without
+    frames, of another length, or shorter than the reference and one group.
     """
 
     times_ignored = 0
@@ -174,10 +169,7 @@ class RecordingReader:
 
 
 def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Survey | None:
-    """Survey the room at the start of a recording, while nothing is touched.
-
-    None where fewer than 0.1 s of the reference are free of gaps.
-    """
+    """Survey the room at the start of a recording; None below 0.1 s without gaps."""
     count = surveyed_snapshots(plan)
     if not count:
         return None

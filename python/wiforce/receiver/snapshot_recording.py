@@ -44,9 +44,8 @@ _OTHER_INTERVAL = 2.0
 class SnapshotReader:
     """Reads channel snapshots batch by batch; iterating gives the readings of each, in order.
 
-    ``plan`` is that of a scene with ``packets``, and then fitted to those of the file; ``tracked``
-    follows each press over time; ``groups`` are the whole ones that the recording spans. Refuses a
-    file that contradicts the scene, or is shorter than the reference and one group.
+    ``plan`` becomes the one fitted to the file. Refuses a file that contradicts the scene, or is
+    shorter than the reference and one group.
     """
 
     times_ignored = 0

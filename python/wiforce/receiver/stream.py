@@ -42,10 +42,7 @@ class Occasion(Enum):
 
 
 class SurveyedGroups:
-    """Groups that are kept until they hold the snapshots of a survey.
-
-    Without a request these are at least so many ``untouched_groups``, and three more.
-    """
+    """Groups that are kept until they hold the snapshots of a survey."""
 
     def __init__(
         self, occasion: Occasion, snapshots: int, group_length: int, untouched_groups: int = 0
@@ -110,11 +107,7 @@ class SurveyedGroups:
 
 
 class GroupsInPlace:
-    """Leaves out groups that hold frames before a slip of the frame timing.
-
-    Those of a reference wait until no slip can be found in them any more, since they count for all
-    that follow. Others are given as they come, for readings in time.
-    """
+    """Leaves out groups that hold frames before a slip; those of a reference wait for it."""
 
     def __init__(self, group_length: int, reference_groups: int) -> None:
         self._slips = Slips(group_length)
@@ -145,9 +138,7 @@ class GroupsInPlace:
             yield from self._marked(self._arrived.popleft())
 
     def _marked(self, group: SnapshotGroup) -> list[SnapshotGroup]:
-        """The group, marked where it is the first one behind a slip; none if it holds frames before
-        one, but then the next one is still marked as tuned anew.
-        """
+        """The group, marked as first behind a slip; none of frames before one."""
         marks = self._slips.mark(group.index, group.retuned)
         if marks is None:
             return []
@@ -163,18 +154,13 @@ AGAIN_S = 10.0
 class StreamReader:
     """Reads the phase groups of a stream as they arrive.
 
-    The groups of the untouched reference are kept until the room is surveyed in them. They are then
-    read with the weights that suit the room, and so are all that follow. The room is surveyed again
-    after a tare, and every ``survey_again_s`` as soon as no sensor is touched for the length of a
-    reference; reading goes on meanwhile. Where other weights suit the room, they are used from the
-    group after the survey on, with a new reference that is computed from the surveyed groups. All
-    this depends on the groups alone and not on when they arrive, and no group is lost.
+    Groups of the reference are kept until the room is surveyed in them, then read with weights that
+    suit it. It is surveyed again after a tare, and every ``survey_again_s`` as soon as no sensor is
+    touched for long enough; other weights begin behind a survey, with a reference of its groups.
+    All this depends on the groups alone, and none is lost.
 
-    ``on_groups`` is called with every batch that has been read; groups in which a later survey was
-    made may come twice. ``mean_frame`` returns the mean of the first frames (n,), guards included,
-    empty where it is not known: the receiver's compression is measured in it, and corrected.
-    ``plan``, ``survey``, ``findings``, ``counts`` and ``tares`` are those of the moment. A clock
-    whose tolerance exceeds 1000 ppm is refused where the room cannot be surveyed for it.
+    ``on_groups`` gets every batch, groups of a later survey twice. ``mean_frame`` gives the mean of
+    the first frames (n,), for compression. Tolerances above 1000 ppm need a survey.
     """
 
     def __init__(
@@ -204,11 +190,7 @@ class StreamReader:
             self._use(plan)
 
     def process(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
-        """Take the next groups, of rising indices; give the readings that are ready, in order.
-
-        Arrays of the groups may be overwritten after the call; groups that were not received are
-        flagged ``gap``.
-        """
+        """Take the next groups, of rising indices, valid during the call; the ready readings."""
         return self._take(self._in_place.process(groups))
 
     def _take(self, groups: Iterable[SnapshotGroup]) -> list[Reading]:
@@ -251,9 +233,7 @@ class StreamReader:
         return "reference" if self._kept is not None and self._kept.groups else "acquiring"
 
     def reference_problem(self, sensor: str) -> str:
-        """Why it is not known which phases of a sensor are those untouched; empty if they are, and
-        for a surface.
-        """
+        """Why a sensor's untouched phases are not known; empty if they are, and for a surface."""
         state = self._state_of(sensor)
         return "" if state is None else state.problem
 

@@ -25,10 +25,9 @@ _LEAST_BETWEEN = 64
 
 
 def ordered_times(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Order of packets by their time, these times (n,), and how often the clock has stepped back.
+    """Order of packets by time, rising times (n,), and how often the clock has stepped back.
 
-    Times rise, with a gap in the place of each step. ValueError, with the index of a packet, for
-    times that step back all the time.
+    ValueError, with the index of a packet, for times that step back all the time.
     """
     times = time_s.astype(float)
     back = np.flatnonzero(np.diff(times) < -_DISORDER_S) + 1
@@ -122,8 +121,8 @@ class ChannelSnapshots:
 def open_snapshots(path: str | Path) -> ChannelSnapshots:
     """Read a file of channel snapshots, or refuse one that is missing, broken or incomplete.
 
-    NumPy's .npz with the arrays ``time_s`` (N,), ``channel`` (N, K) or (N, K, antennas) and
-    ``subcarrier_hz`` (K,), and perhaps ``center_frequency_hz`` and ``scene`` (as JSON).
+    Arrays ``time_s`` (N,), ``channel`` (N, K) or (N, K, antennas), ``subcarrier_hz`` (K,), perhaps
+    ``center_frequency_hz`` and ``scene``.
     """
     path = Path(path)
     arrays = _arrays(path)
@@ -150,11 +149,7 @@ def checked_snapshots(
     scene: Any = None,
     left_out: tuple[tuple[str, int], ...] = (),
 ) -> ChannelSnapshots:
-    """Check arrays of channel snapshots as :func:`open_snapshots`, and leave out what cannot be
-    used.
-
-    ``left_out`` are packets that were left out before, by reason.
-    """
+    """Check arrays as :func:`open_snapshots`, leave out what cannot be used, and say why."""
     for violation in _violations(time_s, channel, subcarrier_hz):
         raise InputError(path, *violation)
     try:
@@ -217,10 +212,7 @@ def checked_snapshots(
 
 
 def _following(channel: np.ndarray, subcarrier_hz: np.ndarray) -> np.ndarray:
-    """Subcarriers (K,) of channels (n, K, A) whose phases follow one another from packet to packet.
-
-    All of them unless most do.
-    """
+    """Subcarriers (K,) of channels (n, K, A) whose phases follow one another, or all."""
     order = np.argsort(subcarrier_hz)
     some = channel[:: max(1, len(channel) // _MOST_COMPARED), order]
     hertz = subcarrier_hz[order]

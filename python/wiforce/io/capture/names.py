@@ -14,10 +14,7 @@ SNAPSHOTS_SUFFIX = ".npz"
 
 
 def recording_stem(name: str | Path, where: str) -> str:
-    """The path of a capture to be written, without suffix, from a name with or without one.
-
-    Refuses a name that no pair of files can have: an empty one, a folder, a device.
-    """
+    """The path of a capture to be written, without suffix; refuses one that files cannot have."""
     text = os.fspath(name)
     stem = text.removesuffix(".sigmf-data").removesuffix(".sigmf-meta")
     path = Path(stem)
@@ -59,11 +56,10 @@ class NamedCapture(NamedTuple):
 
 
 def find_captures(given: Iterable[str], datatype: str | None = None) -> list[NamedCapture]:
-    """The captures that are meant by names, patterns and folders, each once, in the order given.
+    """The captures that names, patterns and folders mean, each once, in the order given.
 
-    Those of a pattern or folder are sorted by name; folders are searched with their subfolders for
-    SigMF metadata, unless a ``datatype`` of raw samples is given. Refuses a pattern or folder that
-    contains none, and two captures that would have the same name.
+    Folders are searched with subfolders for SigMF metadata, unless a ``datatype`` is given. Refuses
+    a pattern or folder without any, and two captures of one name.
     """
     found: dict[str, NamedCapture] = {}
     for argument in given:
@@ -115,10 +111,7 @@ def _meant_by(argument: str, datatype: str | None) -> list[NamedCapture]:
 
 
 def _matches(pattern: str) -> list[str]:
-    """Paths that match, as :func:`glob.glob` finds them, but `**` does not follow links.
-
-    Two links that lead to a folder above them would otherwise be followed forever.
-    """
+    """Paths that match as by :func:`glob.glob`, but `**` follows no links, which may be endless."""
     own = Path(pattern).parts
     if "**" not in own:
         return sorted(glob.glob(pattern))

@@ -70,10 +70,7 @@ class Capture:
         return self._read_file(0, count)
 
     def read_span(self, start: int, count: int) -> np.ndarray:
-        """Read samples by their time on the device, counted from the first one; zeros in gaps.
-
-        Fewer than ``count`` where the recording ends before. Full scale is 1 per component.
-        """
+        """Samples by their time on the device from the first on, zeros in gaps; full scale 1."""
         samples = np.zeros(max(0, min(count, self.span - start)), np.complex64)
         for segment in self.segments:
             offset = segment.global_index - self.segments[0].global_index - start
@@ -105,11 +102,7 @@ class Capture:
 
 
 def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
-    """Open a SigMF capture by either file's name or their common stem, or a raw file.
-
-    ``datatype``, ``ci16_le`` or ``cf32_le``, is that of raw samples. InputError when a file is
-    missing or empty, or its metadata is not valid.
-    """
+    """Open a SigMF capture by a file's name or stem, or raw samples of a ``datatype``."""
     if not isinstance(path, str | Path):
         raise InputError("capture", "must be the path of a capture", path)
     path = Path(path)

@@ -12,9 +12,7 @@ from ...errors import InputError
 
 
 class ItemType(NamedTuple):
-    """A type of complex samples: names in GNU Radio and SigMF, bytes of a sample, and items in
-    the signature of a Python block.
-    """
+    """A type of complex samples: names in GNU Radio and SigMF, bytes, items of a Python block."""
 
     name: str
     datatype: str
@@ -62,11 +60,7 @@ def samples_of(codes: ArrayLike) -> np.ndarray:
 
 
 def likely_datatype(path: str | Path) -> str | None:
-    """Type of raw samples, by their values; None for a text, or a file that is too short.
-
-    Levels of floats lie within some decades of full scale. Pairs of 16-bit integers that are taken
-    for floats have exponents that are spread over all that there are.
-    """
+    """Type of raw samples, by the exponents that they have as floats; None where unknown."""
     with Path(path).open("rb") as file:
         start = file.read(_LOOKED_AT)
     if len(start) < 8 or not start.translate(None, string.printable.encode()):

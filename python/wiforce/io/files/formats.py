@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A format of files of readings.
+    """A format of files of readings, named by the ``option`` of commands that write it.
 
-    Of a ``text`` each row is a line, whole at once: it may be appended to, and read while it grows.
-    The others hold what is known of scene and sensors as well, and need an end. ``option`` is that
-    of the commands that write it.
+    Rows of a ``text`` are lines, whole at once; other formats hold scene and sensors, and need an
+    end.
     """
 
     suffix: str

@@ -42,12 +42,7 @@ def mcap_is_cut(path: str | Path) -> bool:
 
 
 def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
-    """Rows of the readings in a file, in the order in which they were written.
-
-    The index of the file is not needed, so all complete chunks of a file are read that a killed
-    process has left. Rows are columns of a reading, ``run`` and ``time_utc``; where known,
-    ``device_time_s`` and the y of a press on a surface.
-    """
+    """Rows of the readings in a file, in the order written, also of one without its end."""
     stream, errors, records, decoder = optional_modules(path, _MODULES)
     decoders = decoder.DecoderFactory()
     schemas: dict[int, Any] = {}
@@ -106,15 +101,10 @@ _FILE_BYTES = 64_000_000
 
 
 class McapWriter(EndedOutput):
-    """Writes readings and health to an MCAP file; may be used by several threads.
+    """Writes readings and health to an MCAP file, or to files of ``most_bytes`` in a folder.
 
-    ``path`` is a file, or a folder for files named after the time, of which another is begun at
-    ``most_bytes``. ``metadata`` is stored as ``gr-wiforce``, ``sensors`` are those known before the
-    first reading; two must not have the same topics.
-
-    Messages are logged at the time of their header, so that the time axis of a viewer is that of
-    the measurement. Where UTC is not known, that of the previous message counts and, in a file
-    without any, the time of the reading, from 1970 on.
+    Messages are logged at the time of their header, the axis of viewers. Where UTC is not known,
+    that of the previous message counts, or the time of the reading from 1970 on.
     """
 
     _items, _kept = "messages", "all messages but those of the last seconds are kept"

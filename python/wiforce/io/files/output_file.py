@@ -26,11 +26,9 @@ LONGEST_ROW = 65_536
 class OutputFile:
     """An output without a buffer, locked against other runs while it is a regular file.
 
-    ``append`` keeps the content; ``kept`` says in messages what remains when the file cannot be
-    written further; of text in ``lines`` that includes those of the write that fails.
-    ``reserve_bytes`` are held on the disk and used when it is full, so that a file that needs an
-    end can be ended: ``reserve_used`` says that it should be. Refuses a file that another process
-    is writing to, and to replace one on a disk that has no room for a row.
+    ``kept`` says what remains when it cannot be written further; ``reserve_bytes`` are held on the
+    disk so that a file can be ended when it is full (``reserve_used``). Refuses a file that another
+    process writes, and to replace one without room for a row.
     """
 
     def __init__(
@@ -78,11 +76,7 @@ class OutputFile:
         """Nothing waits in a buffer."""
 
     def write(self, data: Any) -> int:
-        """Write all of the data; returns its length.
-
-        OutputError when it cannot be written, as on a full disk; the file then ends with the
-        previous write, or the last whole line, and later ones are refused.
-        """
+        """Write all of the data, or raise OutputError behind the previous write or whole line."""
         if self._failure is not None:
             raise self._failure
         rest = memoryview(data)
@@ -172,9 +166,8 @@ Ended = TypeVar("Ended", bound="EndedOutput")
 class EndedOutput(Output):
     """A file that needs an end, for which space is held on the disk; for several threads.
 
-    The former content is kept until the first row, :meth:`begin` or :meth:`close`. ``kind`` names
-    the format in messages, ``inputs`` are files that must not be written to. Derived classes make
-    the writer of their format, and let it write the end.
+    The former content is kept until the first row, :meth:`begin` or :meth:`close`. Derived classes
+    write their format and its end.
     """
 
     rows = 0  # taken so far

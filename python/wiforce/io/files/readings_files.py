@@ -33,9 +33,7 @@ def frame_rows(frame: Any) -> list[dict[str, Any]]:
 class ReadingsFile:
     """A file of readings of any length: ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
-    ``also`` are columns besides those of a reading; of JSON lines and MCAP, those of any row.
-    ``metadata`` is what a Parquet file says of its readings. ``note`` is what is to be said of them
-    once they are read, and empty unless an MCAP file lacks its end.
+    ``also`` are further columns, ``metadata`` what Parquet says; ``note`` that MCAP lacks its end.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -83,10 +81,7 @@ class ReadingsFile:
         return tuple(names)
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """All rows, with the columns of a reading followed by those of `also`.
-
-        Unknown values are None, flags one text.
-        """
+        """All rows, by the columns of a reading and ``also``; unknown values None, flags a text."""
         number = 0
         for number, row in enumerate(self._read(), 1):
             try:

@@ -31,12 +31,10 @@ def _csv_text(rows: Iterable[Iterable[Any]]) -> str:
 
 
 class ReadingsWriter(Output):
-    """Writes readings, a row each; what is written is in the file at once, in whole rows.
+    """Writes readings, whole rows at once, to a file or, without a path, standard output.
 
-    The previous content of a file is kept until the first row is written, the writer is closed
-    without one, or :meth:`begin` is called: a run that is refused or fails before that loses
-    nothing. ``also`` are columns that follow those of a reading; ``append`` keeps the previous
-    content, which must have the same header. Standard output without a path.
+    The previous content is kept until the first row, the end, or :meth:`begin`: a run that fails
+    before loses nothing. ``also`` are further columns.
     """
 
     rows = 0  # taken so far
@@ -64,10 +62,7 @@ class ReadingsWriter(Output):
                 self.begin()
 
     def begin(self) -> ReadingsWriter:
-        """Empty the file except for its header, or prepare to append, unless that has been done.
-
-        Refuses a file that another process is writing to, or whose columns are not those appended.
-        """
+        """Empty the file except for its header, or prepare to append to one with that header."""
         if self._begun:
             return self
         size_bytes = 0
@@ -118,11 +113,7 @@ _INTEGERS = {"touch": "int8", "group": "int64"}
 
 
 class ParquetWriter(EndedOutput):
-    """Writes readings to a Parquet file, with the columns and values of a CSV file.
-
-    ``also`` are columns that follow those of a reading: those of a surface, and others of text;
-    ``metadata`` is stored in the file's schema.
-    """
+    """Writes readings to Parquet with the columns of CSV, and ``metadata`` in the schema."""
 
     _items, _kept = "rows", "without its end, it cannot be read"
 
@@ -233,10 +224,7 @@ def open_writer(
 
 
 def whole_rows(path: str | Path, header: str) -> int:
-    """Bytes of the complete rows of a file that is appended to, whose last one may be cut off.
-
-    Refuses a file that does not begin with ``header``.
-    """
+    """Bytes of the complete rows of a file with this ``header``, whose last may be cut off."""
     with open(path, "rb") as file:
         first = file.readline(LONGEST_ROW)
         if first and not _may_begin(first, header.encode()):
@@ -295,11 +283,7 @@ class Rotation:
 
 
 class RotatingWriter(ReadingsWriter):
-    """Writes readings to a file that is renamed and begun anew; rows of a group stay together.
-
-    ``OUT.csv`` becomes ``OUT-20260131T235959.964Z.csv``, by the time of its last row. A run
-    continues the file that the previous one left.
-    """
+    """Writes readings to a file that is renamed by its last row's time, and begun anew."""
 
     def __init__(
         self,

@@ -26,11 +26,7 @@ _DOMAIN = "gr-wiforce"
 
 @dataclass(frozen=True)
 class ServerKeys:
-    """Keys of a socket that others connect to, and the folder of the clients that may.
-
-    Public keys of clients, ``*.key``, are read whenever a client connects, so they may be added and
-    removed at any time.
-    """
+    """Keys of a socket that others connect to; those of clients are read as these connect."""
 
     public: bytes
     secret: bytes
@@ -46,18 +42,13 @@ class ServerKeys:
         return keys
 
     def apply(self, socket: Any) -> None:
-        """Let a socket, before it is bound, accept authorised clients only: nobody, unless its
-        context has an authenticator (:meth:`authenticate`).
-        """
+        """Let a socket, before it is bound, accept the clients of its context's authenticator."""
         socket.curve_publickey, socket.curve_secretkey = self.public, self.secret
         socket.curve_server, socket.zap_domain = True, _DOMAIN.encode()
         socket.zap_enforce_domain = True
 
     def authenticate(self, context: Any) -> Any:
-        """Start to decide, in a thread, which clients of a context's sockets are accepted.
-
-        Returns zmq.auth.thread.ThreadAuthenticator: to be stopped before the context is closed.
-        """
+        """A thread that decides on clients of a context's sockets, to be stopped before it."""
         from zmq.auth.thread import ThreadAuthenticator
 
         authenticator = ThreadAuthenticator(context)
@@ -108,9 +99,7 @@ class ClientKeys:
 def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
     """Make the keys of a server, unless it has them, and those of a client that it accepts.
 
-    Files are certificates as pyzmq makes and reads them, which only their owner can read:
-    ``server.key``, ``server.key_secret``, ``NAME.key_secret`` and ``clients/NAME.key``. Returns
-    those that were made; nothing is overwritten.
+    Certificates of pyzmq that only their owner can read; returns those made, none overwritten.
     """
     folder = Path(folder)
     if not _NAME.fullmatch(client) or client == SERVER:

@@ -18,10 +18,7 @@ from .zmq_keys import ClientKeys, ServerKeys
 
 
 def endpoint_of(text: str, option: str) -> str:
-    """A ZMQ endpoint from ``PORT`` (on loopback), ``[tcp://]ADDRESS:PORT`` or ``ipc:///PATH``.
-
-    ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
-    """
+    """A ZMQ endpoint of ``PORT`` (on loopback), ``[tcp://]ADDRESS:PORT`` or ``ipc:///PATH``."""
     if text.startswith("ipc:///"):
         return text
     address, _, port = text.rpartition(":")
@@ -108,11 +105,7 @@ class _Endpoint:
 
 
 class ReadingsPublisher(_Endpoint, Output):
-    """Readings and other messages as JSON for SUB sockets; may be used by several threads.
-
-    More than 1000 subscriptions disconnect all peers, which may connect again. With keys it
-    encrypts, and accepts authorised clients only.
-    """
+    """Readings and other messages as JSON for up to 1000 subscriptions, by several threads."""
 
     kind = "XPUB"
     longest = _LONGEST_SUBSCRIPTION
@@ -174,10 +167,8 @@ Answer = str | Future[str]
 
 
 class Replies(_Endpoint):
-    """Requests of REQ sockets, each answered with a string, or later.
-
-    A ROUTER socket: a REP socket waits where a message is none that a REQ socket sends, and then
-    loses an answer to another. With keys it encrypts, and accepts authorised clients only.
+    """Requests of REQ sockets, each answered with a string, or later: a ROUTER, which no stray
+    message blocks.
     """
 
     kind = "ROUTER"
@@ -194,10 +185,7 @@ class Replies(_Endpoint):
         return self._socket.fileno()
 
     def serve(self, most: int) -> bool:
-        """Answer what has come in, so many requests at most, and what was due; never waits.
-
-        Returns bool: whether more may be there. The descriptor does not tell of these.
-        """
+        """Answer so many requests at most, and what was due, without waiting; whether more wait."""
         waiting, self._later = self._later, []
         for address, later in waiting:
             self._give(address, later)
@@ -249,10 +237,7 @@ def answer_words(
 def request(
     endpoint: str, word: str, timeout_s: float, keys: ClientKeys | None = None
 ) -> str | None:
-    """The answer of :class:`Replies` to a word; None when there is none in time.
-
-    InputError when pyzmq is missing, the endpoint is none, or the server does not accept the keys.
-    """
+    """The answer of :class:`Replies` to a word; None when there is none in time."""
     address = endpoint_of(endpoint, "ENDPOINT")
     zmq = optional_module("zmq", "ENDPOINT")
     with zmq.Context() as context, context.socket(zmq.REQ) as client:

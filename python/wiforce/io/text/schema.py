@@ -30,11 +30,7 @@ T = TypeVar("T")
 
 
 class Derived(NamedTuple):
-    """A default that follows from other values of the file:
-
-    ``text`` for the documentation, and a function of the scope, None where no default follows, so
-    that the key is required.
-    """
+    """A default that follows from other values; its function gives None where none does."""
 
     text: str
     of: Callable[[Scope], Any]
@@ -81,9 +77,8 @@ def key(
 ) -> Any:
     """Declare a key of a mapping, as a field of a class decorated with :func:`declared`.
 
-    ``doc`` says what the value means, as a sentence. Without ``default`` (the converted value) and
-    ``derived`` the key is required; one whose type allows null is then None. ``check`` is a further
-    rule, which may involve other values: value and scope to the text of the broken rule, or None.
+    ``doc`` is a sentence. Without ``default`` (converted) and ``derived`` it is required, or None
+    where allowed. ``check`` gives the text of a further rule that is broken.
     """
     if type.optional and derived is None and default is dataclasses.MISSING:
         default = None
@@ -128,10 +123,7 @@ class _Declared:
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key,))
 def declared(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass that declares a mapping.
-
-    Its documentation lists its keys, which are also its attributes and keyword arguments.
-    """
+    """Make a class a frozen dataclass that declares, and documents, the keys of a mapping."""
     # Methods that dataclass compiles for each class would take most of the time to load a scene.
     cls = dataclass(init=False, repr=False, eq=False, kw_only=True)(cls)
     for name in "__init__ __repr__ __eq__ __hash__ __setattr__ __delattr__".split():
@@ -153,9 +145,8 @@ def keys(cls: type) -> dict[str, Key]:
 def read(cls: type[T], values: Any, where: KeyPath, scope: Scope | None = None, **more: Any) -> T:
     """Read a mapping, as the YAML loader returns it, that a class declares.
 
-    ``scope`` are values of the enclosing mappings that were read before, ``more`` further fields of
-    the class, which are not keys of the file. InputError for an unknown key, or a value that breaks
-    its rule, names file, dotted key, rule and value.
+    ``scope`` are values of enclosing mappings, ``more`` fields that are no keys. InputError for
+    unknown keys and broken rules names file, key, rule and value.
     """
     if not isinstance(values, dict):
         raise where.error("must be a mapping of keys to values", values)
@@ -204,10 +195,7 @@ def json_schema(cls: type) -> dict[str, Any]:
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Mapping(ValueType):
-    """A mapping that a class declares.
-
-    Where it is absent, all its keys have their defaults; an ``optional`` one is then None.
-    """
+    """A mapping that a class declares; where absent all defaults, or None if ``optional``."""
 
     of: type
 

@@ -32,10 +32,9 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 
 
 def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
-    """Columns of a CSV file in UTF-8 of at most 32 MB, and its rows with their line numbers.
+    """Columns of a CSV file of at most 32 MB, and its rows, by column, with line numbers.
 
-    Cells are by column, None where a row is short; empty rows are left out. Refuses a file without
-    rows, columns of one name, and rows with more fields than there are columns.
+    Refuses a file without rows, columns of one name, and rows that are too long.
     """
     data = read_bytes(path, MAX_CSV_BYTES)
     try:
@@ -63,10 +62,7 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
 
 
 def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a path that cannot be written to, before any work is done for it.
-
-    Nor may it be one of the inputs, by any of its names or links.
-    """
+    """Refuse a path that cannot be written to, or is an input, before any work is done."""
     path = Path(path)
     folder = path.absolute().parent
     try:
@@ -101,10 +97,9 @@ def write_csv(path: str | Path, frame: Any) -> None:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give the path of a file beside another, which it replaces if the block ends without error.
+    """Give the path of a file beside another, which it replaces if the block succeeds.
 
-    It has the same suffix, and is removed after an error. The target of a symbolic link is
-    replaced, and not the link. A device or a pipe cannot be replaced, and is given itself.
+    The target of a link is replaced; a device or a pipe is given itself.
     """
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
@@ -143,10 +138,7 @@ def cell_number(
     empty: float | None = None,
     largest: float = _LARGEST,
 ) -> float:
-    """The number in a cell, of a magnitude of at most ``largest``.
-
-    ``where`` is file and row, ``empty`` the value of an empty cell, which is refused without one.
-    """
+    """The number in a cell, at most ``largest``; ``empty`` where it is, or refused."""
     text = (row.get(column) or "").strip()
     if not text and empty is not None:
         return empty
@@ -201,11 +193,7 @@ def _check_structure(data: bytes) -> None:
 
 
 def read_yaml(path: str | Path) -> dict[Any, Any]:
-    """Read the mapping at the top of a YAML file.
-
-    Refuses more than 2 MB, nesting deeper than 16 levels, aliases and repeated keys, with file and,
-    where known, line and column.
-    """
+    """Read the mapping of a YAML file; refuses 2 MB, 16 levels, aliases and repeated keys."""
     data = read_bytes(path, MAX_BYTES)
     try:
         _check_structure(data)
@@ -226,11 +214,7 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
 
 
 def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> None:
-    """Write plain values to a YAML file below a heading, whole or not at all; keys stay in their
-    order.
-
-    InputError when it cannot be written, OutputError when the disk is full.
-    """
+    """Write plain values in their order to a YAML file below a heading, whole or not at all."""
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     try:
         write_whole(path, heading + text)

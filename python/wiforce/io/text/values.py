@@ -25,10 +25,7 @@ _NUMBER_AS_TEXT = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
 
 
 def as_number(value: Any) -> float | None:
-    """A value from a YAML file as a float; None when it is not a finite number.
-
-    Text such as ``900e6`` counts as a number, because PyYAML reads it as text.
-    """
+    """A value of a YAML file as a finite float, also text such as ``900e6``; None otherwise."""
     if isinstance(value, str) and re.match(_NUMBER_AS_TEXT, value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -84,10 +81,7 @@ class ValueType(ABC):
         return self.optional
 
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
-        """Check and convert a value as the YAML loader returns it; None where it is missing.
-
-        ``scope`` are values read before; InputError when the value breaks the rule.
-        """
+        """Check and convert a value of the YAML loader; ``scope`` are values read before."""
         if value is None and self.optional:
             return None
         if value is None:
@@ -103,12 +97,7 @@ class ValueType(ABC):
         return value
 
     def json_schema(self) -> dict[str, Any]:
-        """The rule as JSON Schema, draft 7.
-
-        A value that breaks the schema is rejected by :meth:`read`. The reverse holds for values
-        that JSON can express, except for the range of a number typed as text and for checks that
-        involve other values.
-        """
+        """The rule as JSON Schema, draft 7, but for numbers as text and checks of other values."""
         schema = self._json_schema()
         if self.optional and "type" in schema:
             types = schema["type"]
@@ -306,11 +295,7 @@ class Size(NamedTuple):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Array(ValueType):
-    """Nested lists of numbers of a given shape.
-
-    Per axis ``shape`` has an int, a :class:`Size`, or None for any length above 0. ``as_tuple``
-    reads one axis as a tuple of floats instead of an array.
-    """
+    """Nested lists of numbers of a shape: ints, :class:`Size` or None; one axis maybe a tuple."""
 
     shape: tuple[int | Size | None, ...]
     unit: str = ""

@@ -34,10 +34,8 @@ _RESERVE = 1.5
 def adapted(plan: Plan, survey: Survey | None) -> Plan:
     """Adapt the clocks and weights of a plan to a room, by a survey of the untouched sensor.
 
-    The same plan where the room holds nothing that its weights let through. Clocks of wide
-    tolerance are replaced by what the survey has measured, and the tones designed for them. Refuses
-    clocks whose lines nearly coincide at their measured frequencies, and two tags within the
-    tolerance of one clock.
+    The same plan where its weights let nothing through. Refuses clocks whose lines nearly coincide
+    as measured, and two tags within the tolerance of one clock.
     """
     if survey is None:
         return plan
@@ -75,11 +73,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
-    """State in an adapted plan what a survey expects of the tags: their SNR, and lamps on their
-    lines.
-
-    Without SNR where other tags are solved for, which raise the noise.
-    """
+    """State what a survey expects of tags: lamps on their lines, SNR unless others are solved."""
     if survey is None:
         return plan
     plan = plan.stating(in_lamps=_in_lamps(plan, survey))
@@ -98,10 +92,8 @@ def readapted(
 ) -> tuple[Plan, Survey]:
     """The plan for a room that was surveyed again, and the survey that it was chosen by.
 
-    ``current`` was chosen by the survey ``chosen_by`` from the scene's ``plan``. It remains where
-    the room is still the same to its weights, or where it reads the room about as well as one that
-    is adapted to it: surveys of one room always differ a little. ``chosen_by`` remains where the
-    room is still the same; no weights are designed then, which may take 0.3 s.
+    ``current`` remains where the room is the same to its weights, or read about as well: surveys
+    always differ a little. No weights are designed in the first case.
     """
     if chosen_by is not None and _is_same_room(current, chosen_by, survey):
         return current, chosen_by
@@ -219,10 +211,7 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
 
 
 def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
-    """Noise (M,) that lines add to each tone, relative to its white noise.
-
-    sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
-    """
+    """Noise (M,) by lines in tones over white: sum p (|w(f)|^2 + |w(-f)|^2) / |w|^2."""
     hertz = np.array([line.frequency_hz for line in lines])
     power = np.array([line.power for line in lines])
     noise = room_noise(hertz, power, table.group_length, table.snapshot_period_s)

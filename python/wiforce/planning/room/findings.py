@@ -32,10 +32,8 @@ _HARMONICS = 24
 def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) -> Source | None:
     """Ripple of the gain of transmitter or receiver, with all lines that belong to it.
 
-    A gain that varies at f multiplies everything that is received. The static channel then has
-    lines at +-f, and line 1 of a tag has lines f above and below it, all in the same ratio to what
-    they belong to. Lamps modulate what they reflect only. None where there is none, or where it is
-    too weak to show around the tags' lines.
+    It multiplies everything: static channel and line 1 of tags have lines at +-f in the same ratio;
+    lamps modulate what they reflect only. None where too weak to show there.
     """
     lines = [line for source in survey.sources for line in source.lines]
     rate_hz = 1 / waveform.snapshot_period_s
@@ -74,10 +72,7 @@ _ATTEMPTS = 4
 
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
-    """The best clock in Hz for a tag, a bin or more from lines of the room above a group's noise.
-
-    None when there is none.
-    """
+    """The best clock in Hz for a tag, a bin or more from lines of the room; None without."""
     from ..clocks import propose_clocks  # for rooms that need another one only
 
     own = plan.clocks[tag]
@@ -118,11 +113,7 @@ def other_clocks(clocks_hz: Sequence[float]) -> str:
 
 
 def wrong_clock(survey: Survey | None, plan: Plan, sensor: str) -> str:
-    """That a tag is received at another clock than the scene states for a sensor.
-
-    Near it, though beyond its tolerance, or at a simple multiple of it: samples whose rate is
-    stated r times too high show everything at r times its frequency. Empty where there is none.
-    """
+    """That a tag is received beyond its tolerance, or at a simple multiple of its clock."""
     if survey is None:
         return ""
     tag = _names(plan).index(sensor)
@@ -225,9 +216,7 @@ def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
 
 
 def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
-    """What a survey has found, and what a plan does about it that was ``adapted``: clutter, ripple,
-    then the other sources, the strongest first.
-    """
+    """What a survey has found and a plan does about it: clutter, ripple, other sources."""
     if survey is None:
         return []
     report = _Report(survey, plan, adapted)

@@ -18,10 +18,7 @@ _IN_PLACE, _SAME = 0.7, 0.8
 
 
 def without_slip(folded: Array) -> Array:
-    """The longer part of a run of folded frames (n, 64) in which the frame timing slipped once.
-
-    All of them where there was no slip, or no static path stands out by which it is recognised.
-    """
+    """The longer part of folded frames (n, 64) on one side of a slip, if one is recognised."""
     blocks = len(folded) // _BLOCK
     if blocks < 4:
         return folded
@@ -54,10 +51,7 @@ def _matches(first: Array, second: Array) -> Array:
 
 
 def surveyed_snapshots(plan: Plan) -> int:
-    """Number of snapshots that the room is surveyed in, from the start of the reference on.
-
-    0 where there is no survey: the reference is shorter than 0.1 s.
-    """
+    """Snapshots from the reference on that the room is surveyed in; 0 below 0.1 s."""
     period_s = plan.waveform.snapshot_period_s
     longest = int(min(plan.require_scene().reference_s, LONGEST_S) / period_s)
     if longest < 1:
@@ -68,11 +62,9 @@ def surveyed_snapshots(plan: Plan) -> int:
 
 
 def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> Survey | None:
-    """Survey the room in the longest run of the reference's snapshots without a gap or slip.
+    """Survey the room in the longest run without gap or slip of the reference.
 
-    ``snapshots`` (n,) rise from 0 for the first one of the reference; those beyond the surveyed
-    part or not finite are left out. ``folded`` (n, 64) are those of the ratio where there are two
-    antennas. None where fewer than 0.1 s are free of gaps.
+    ``snapshots`` (n,) rise from 0; ``folded`` (n, 64) may be of a ratio. None below 0.1 s.
     """
     count = surveyed_snapshots(plan)
     whole = (snapshots < count) & np.isfinite(folded).all(axis=1)

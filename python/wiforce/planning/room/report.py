@@ -17,12 +17,7 @@ _COLUMNS = f"{'found':<34}{'level':>10}  "
 
 @dataclass(frozen=True)
 class MeasuredTag:
-    """Measurements of one tag.
-
-    ``clock_offset_ppm`` is None where the tag was not detected; ``snr_db`` and ``phase_error_deg``,
-    the expected one per group, are those of both ends: None where an end is lost in noise, empty
-    where the tag was not detected.
-    """
+    """One tag as measured: None or empty where it, or an end of it, was not detected."""
 
     name: str
     clock_offset_ppm: float | None = None
