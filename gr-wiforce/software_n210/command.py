@@ -97,11 +97,9 @@ def _numbers(name, arguments, texts):
 
 
 class LineControl:
-    """Lines on a file descriptor, answers on a stream.
+    """Lines on a file descriptor, answers on a stream; the end of a pipe ends the device.
 
-    The end of a pipe ends the device, because the process at its other end has gone. In the
-    background of a terminal nothing is read: what is typed is the shell's, and the terminal would
-    stop the process.
+    In the background of a terminal nothing is read: it would stop the process.
     """
 
     def __init__(self, console, device, descriptor, out):

@@ -36,11 +36,7 @@ _TX_UNDERFLOW_S = 0.25
 
 
 class WallClock:
-    """Ticks that device time may have reached by now.
-
-    Time during which the device was held is not caught up, since samples would arrive in a rush;
-    ``held_s`` is its sum.
-    """
+    """Ticks that device time may have reached by now; ``held_s`` is not caught up in a rush."""
 
     def __init__(self, speed=1.0, now=time.monotonic):
         self._ticks_per_second = TICK_RATE * speed
@@ -132,12 +128,10 @@ class Throttle:
 
 
 class Device:
-    """A software N210 at a loopback address.
+    """A software N210 at a loopback address, with some ``air`` between its connectors.
 
-    ``air``: what connects the transmit connector to the receive connector; ``address``: loopback
-    address to listen at; ``board``: name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`;
-    ``speed``: device seconds per second of wall time, at most; ``lossless``: hold device time while
-    the host is slow. False runs in real time and loses samples.
+    ``speed`` limits device seconds per second; ``lossless`` holds device time while the host is
+    slow, otherwise samples are lost.
     """
 
     def __init__(
@@ -171,10 +165,7 @@ class Device:
         self._callbacks, self._unfinished = {}, set()
 
     def watch(self, descriptor: int, callback: Callable[[], bool | None]) -> None:
-        """Call ``callback()`` from the loop whenever a file descriptor is readable.
-
-        While it returns True, it is called again in the next turn of the loop.
-        """
+        """Call ``callback()`` while a file descriptor is readable, at once again after True."""
         self._callbacks[descriptor] = callback
 
     def unwatch(self, descriptor: int) -> None:
@@ -219,11 +210,7 @@ class Device:
         }
 
     def take_sent(self) -> list[tuple[float, float]]:
-        """When samples were sent, in the steps since the last call (the last ten seconds).
-
-        Returns list of tuple of (float, float): device time up to which samples had been handed to
-        the host's socket, and when that was, by the host's monotonic clock, in s.
-        """
+        """(device time sent, monotonic time) in s since the last call, up to ten seconds."""
         sent = list(self._sent)
         self._sent.clear()
         return sent

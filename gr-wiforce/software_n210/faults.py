@@ -53,10 +53,7 @@ GRAMMAR = "; ".join(_usage(name) for name in _KINDS)
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
-
-    ``time``: ticks of device time; of time after the first received sample when `relative`.
-    """
+    """One fault, at ticks of device time or, ``relative``, after the first received sample."""
 
     time: int
     relative: bool
@@ -133,11 +130,7 @@ def apply_fault(fault, hardware):
 
 
 class FaultQueue:
-    """Scheduled faults.
-
-    Those relative to the first sample that are given between two streams belong to the next one: a
-    host that is about to close the device would take them with it.
-    """
+    """Scheduled faults; relative ones given between two streams belong to the next one."""
 
     def __init__(self):
         self._faults, self._waiting = [], []

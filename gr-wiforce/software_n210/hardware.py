@@ -32,14 +32,7 @@ _TIME_SPAN = 1 << 64
 
 
 class DeviceClock:
-    """Ticks at 100 MHz and the settable device time, with a pulse per second.
-
-    Everything inside the device is scheduled in `ticks`, which never decrease. Times that the host
-    reads or sets are device time, ``ticks + offset``.
-
-    ``ticks``: ticks since power-on; ``offset``: device time minus ticks; ``last_pulse``: device
-    time at the last pulse per second (every whole second since power-on).
-    """
+    """Ticks at 100 MHz, which never decrease, and device time, ``ticks + offset``, with pulses."""
 
     def __init__(self):
         self.ticks = 0
@@ -94,13 +87,9 @@ _IDLE_STEP_TICKS = 10_000_000
 
 
 class Hardware:
-    """Registers, streams and air of one device.
+    """Registers, streams and air of one device, at an ``address`` that its EEPROM states.
 
-    ``air``: what connects the connectors; ``address``: IPv4 address, which the EEPROM states and
-    the serial number is made of; ``board``: name of the daughterboard, of
-    :data:`frontend.DAUGHTERBOARDS`; ``tx_socket_bytes``: capacity of the transmit socket; None when
-    it is unlimited; ``on_close``: called when the host closes the device. ``network``: between the
-    device and the host; ``origin``: tick of the first sample received in this session.
+    ``origin`` is the tick of the first sample received in this session.
     """
 
     def __init__(self, air, address, board, tx_socket_bytes=None, on_close=lambda: None):
@@ -146,11 +135,7 @@ class Hardware:
         return min(ticks)
 
     def run(self, start, end):
-        """Let both directions run from tick `start` up to `end`.
-
-        Returns list of (int, bytes, int): index of the receive chain, packets to send and the size
-        of each packet.
-        """
+        """Let both directions run up to ``end``; (receive chain, packets, size of each) to send."""
         self.transmit.run(start, end)
         packets = []
         for index, chain in enumerate(self.receive):

@@ -16,13 +16,8 @@ import gnuradio
 def blas_settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
     """Environment variables of OpenBLAS, read when NumPy is imported and multiplies matrices by it.
 
-    One thread, since more only slow down matrices as small as ours. An OpenBLAS that is older than
-    the processor, as a system's may be, falls back to instructions of 2004, four times slower, so
-    those of any processor with AVX2 and FMA are stated. NumPy's wheels bring an OpenBLAS of their
-    own that is as new as they are, and chooses itself.
-
-    ``cpuinfo``: what the system says of its processors; ``numpy``: folder of the package; the one
-    that would be imported by default.
+    One thread, which matrices as small as ours need. A system's OpenBLAS older than the processor
+    is four times slower, so that AVX2 and FMA are stated; NumPy's wheels choose themselves.
     """
     chosen = {"OPENBLAS_NUM_THREADS": "1"}
     if numpy is None and (found := find_spec("numpy")) is not None and found.origin:

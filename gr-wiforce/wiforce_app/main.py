@@ -116,12 +116,10 @@ def command():
 
 
 def main(argv=None):
-    """Run the command.
+    """Run the command, by default with the arguments of the process; its exit status.
 
-    Returns int: exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated;
-    141 the reader of standard output is gone, about which nothing is printed; 1 any other failure.
-    Every failure prints one line on standard error. ``argv``: arguments without the name of the
-    program; those of the process by default.
+    0 success; 2 bad usage or input; 130 interrupted; 143 terminated; 141 standard output's reader
+    is gone; 1 otherwise. Failures print one line on standard error, but for 141.
     """
     state = {"debug": False}
     try:
@@ -182,19 +180,13 @@ def _find_home():
 
 
 def _silence_libraries():
-    """Discard warnings of NumPy and Matplotlib, which name none of the user's files or options.
-
-    --debug shows them.
-    """
+    """Discard warnings of libraries, unless --debug: they name nothing of the user's."""
     warnings.simplefilter("ignore")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def _open_standard_streams():
-    """Replace closed standard streams, so that no other file gets their descriptors.
-
-    Writing to a closed standard output still fails; a closed standard error discards messages.
-    """
+    """Replace closed standard streams, so that no other file gets their descriptors."""
     for name, number, flags in (
         ("stdin", 0, os.O_RDONLY),
         ("stdout", 1, os.O_RDONLY),

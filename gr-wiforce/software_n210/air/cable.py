@@ -44,11 +44,7 @@ class SampleHistory:
 
 
 class Cable:
-    """A cable between the connectors, with unit gain when both gains are 0 dB.
-
-    ``delay_ticks``: delay from transmit to receive, like that of the device's filters. ``clock``:
-    both are set by the device.
-    """
+    """A cable between the connectors, of unit gain at 0 dB each, with the device's own delay."""
 
     def __init__(self, delay_ticks):
         self._delay = delay_ticks
@@ -92,10 +88,7 @@ class Cable:
 
 
 class Counter(Cable):
-    """Receives the device time in samples, so that a host can verify every sample.
-
-    I holds the lower, Q the upper 16 bits of device time in samples.
-    """
+    """Receives device time in samples, I its lower, Q its upper 16 bits, to verify all."""
 
     def receive(self, chain, tick, spacing, count):
         number = np.arange(count, dtype=np.int64) + self.clock.to_time(tick) // spacing % (1 << 32)

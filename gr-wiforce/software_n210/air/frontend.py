@@ -37,10 +37,7 @@ class Tuning:
         return self._front_end.rx_gain_db
 
     def to_receive_carrier(self, samples, chain, tick, spacing):
-        """Transmit baseband, shifted to a receive chain's carrier; complex64.
-
-        A signal outside the receive band becomes zero; one across its edge is kept whole.
-        """
+        """Transmit baseband at a receive chain's carrier, complex64; zero out of band."""
         offset_hz = self.tx_carrier_hz - self.rx_carrier_hz(chain.dsp)
         if offset_hz == 0:
             return samples
@@ -76,12 +73,7 @@ def _no_gain(pins):
 
 @dataclass(frozen=True)
 class Daughterboard:
-    """A pair of receive and transmit units as the driver knows them.
-
-    ``lo_divider``: oscillator frequency over carrier; 0 for a board without an oscillator;
-    ``rx_gain_db``, ``tx_gain_db``: gain in dB from the unit's 16 pins; ``reference_gain_db``: gain
-    in the middle of the range.
-    """
+    """A pair of units as the driver knows them: gains in dB of 16 pins, oscillator."""
 
     rx_id: int
     tx_id: int

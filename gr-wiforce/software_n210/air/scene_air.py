@@ -21,10 +21,7 @@ _CARRIER_TOLERANCE = 1e-6
 class SceneAir(Cable):
     """Applies the channel of a scene to the transmitted signal; see docs/radios.md.
 
-    Time 0 of the scene is the first sample of the first stream after the device is opened. Every
-    session starts the scene again.
-
-    ``delay_ticks``: delay of the device itself, from transmit to receive.
+    Time 0 is the first sample of the first stream after the device is opened, in each session.
     """
 
     def __init__(self, scene, delay_ticks):
@@ -98,10 +95,7 @@ class SceneAir(Cable):
         return self._channel.sensors[name]
 
     def _prepare(self, spacing, carrier_hz):
-        """Make the channel for this sample spacing and carrier.
-
-        At a carrier that the sensor models do not cover, only noise is received.
-        """
+        """Make the channel for a sample spacing and carrier; noise at carriers without a model."""
         self._spacing, self._carrier_hz = spacing, carrier_hz
         try:
             self._channel = AirChannel(self._scene_at(spacing, carrier_hz))

@@ -21,10 +21,7 @@ from ..wire import (
 
 
 class Network:
-    """Passes datagrams, except while it is cut.
-
-    ``now``: wall time in seconds.
-    """
+    """Passes datagrams, except while it is cut, by wall time in s."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic):
         self._now = now
@@ -123,11 +120,7 @@ def daughterboard_image(board_id):
 
 
 class I2cBus:
-    """EEPROMs by address, read through a pointer like the real parts, and write-protected.
-
-    They identify the device. Anybody who reaches the control port may send a write, and every later
-    session would find another device.
-    """
+    """EEPROMs by address, which identify the device, and so are protected against any peer."""
 
     def __init__(self, images):
         self._images = images
@@ -142,10 +135,7 @@ class I2cBus:
         self._pointers[address] = data[0]
 
     def read(self, address, count):
-        """`count` bytes from the pointer on; an address nobody answers reads as erased.
-
-        Raises Malformed for more than the 20 bytes a message holds.
-        """
+        """At most 20 bytes from the pointer on, else Malformed; erased where nobody answers."""
         if count > 20:
             raise Malformed(f"I2C read of {count} bytes")
         image = self._images.get(address)
@@ -169,10 +159,7 @@ _NO_GPSDO = 0x1234ABCD
 
 
 class Control:
-    """Answers requests on the control port.
-
-    ``on_close``: called when the host releases its lock, which it does when it closes the device.
-    """
+    """Answers requests on the control port; ``on_close`` when the host releases its lock."""
 
     def __init__(self, registers, bus, on_close=lambda: None):
         self._registers = registers
@@ -189,10 +176,7 @@ class Control:
         }
 
     def reply(self, request):
-        """The reply to a datagram, or None when there is none.
-
-        Raises Malformed when it does not follow this protocol.
-        """
+        """The reply to a datagram, or None; Malformed when it does not follow the protocol."""
         if len(request) < _MESSAGE_SIZE:
             if len(request) == 16:
                 return None  # the X300 driver searches for its devices at this port
@@ -270,10 +254,7 @@ class Fifo:
         self._queue = deque()
 
     def submit(self, datagram, peer):
-        """Queue the command in a datagram.
-
-        Raises Malformed when it is not a command, or the queue is full.
-        """
+        """Queue the command in a datagram; Malformed when it is none, or the queue is full."""
         sequence, header = words(datagram, 2)
         if header & TYPE_MASK != _TYPE_CONTEXT:
             raise Malformed(f"command header 0x{header:08x}")

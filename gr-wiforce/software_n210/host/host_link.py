@@ -39,10 +39,7 @@ def check_loopback(address):
 
 
 class Sockets:
-    """One socket per port of the device.
-
-    ``address``: loopback IPv4 address.
-    """
+    """One socket per port of the device, at a loopback IPv4 address."""
 
     def __init__(self, address):
         self._sockets = {}
@@ -136,9 +133,7 @@ def _bound(address, port):
 class HostLink:
     """Takes datagrams in the order in which the host meant them, and sends the replies.
 
-    ``throttle``: limits what is sent to what the host has room for; None sends everything at once.
-    ``ignored``: datagrams that were ignored: ``malformed``, or ``foreign`` (from a peer that has
-    not announced itself).
+    ``ignored`` counts ``malformed`` and ``foreign`` ones, of peers that are not announced.
     """
 
     def __init__(self, sockets, hardware, throttle):

@@ -10,10 +10,7 @@ _UNIT_SCALE = 131072
 
 
 class DspRegisters:
-    """Frequency, scale and rate of one down- or up-converter.
-
-    ``cic_power``: power of the CIC factor in the CIC filter's gain: 4 for receive, 3 for transmit.
-    """
+    """Frequency, scale and rate of a converter; the CIC filter's gain has a power of 4 or 3."""
 
     def __init__(self, cic_power):
         self._cic_power = cic_power
@@ -47,12 +44,7 @@ class DspRegisters:
 
     @property
     def gain(self):
-        """Amplitude on the wire over amplitude at the converter; 1 except for rounding.
-
-        The FPGA corrects the gain of the CIC filter by powers of two only, and the driver
-        compensates for the rest by the scale register. The quotient is the rounding error of
-        that register.
-        """
+        """Amplitude on the wire over that at the converter: the rounding of the scale register."""
         cic_gain = self._cic**self._cic_power
         adjustment = 2 ** math.ceil(math.log2(cic_gain)) / (1.65 * cic_gain)
         return self._scale / (_UNIT_SCALE * adjustment)

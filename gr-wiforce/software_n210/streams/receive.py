@@ -22,12 +22,7 @@ _DEFAULT_SAMPLES_PER_PACKET = 363  # what fits the driver's frames of 1472 bytes
 
 
 class PacketStream:
-    """Collects samples into packets of equal size and numbers the packets.
-
-    ``clock``: converts ticks to the device time that packets carry; ``stream_id``: used until the
-    driver writes another. ``dropped_packets``: packets that were numbered but not sent, because of
-    a fault.
-    """
+    """Collects samples into packets of equal size and numbers them, dropped ones as well."""
 
     def __init__(self, clock, stream_id):
         self.samples_per_packet = _DEFAULT_SAMPLES_PER_PACKET
@@ -64,11 +59,7 @@ class PacketStream:
         self._swap = True
 
     def append(self, samples, tick, spacing, end_of_burst=False):
-        """Send all full packets; at the end of a burst also what remains.
-
-        ``samples`` (N, 2); ``tick``: tick of the first sample; ``spacing``: ticks between samples;
-        ``end_of_burst``: the last packet is marked as the last of its burst.
-        """
+        """Send all full packets of samples (N, 2), at the end of a burst what remains as well."""
         self._first_tick, self._spacing = tick - self.pending * spacing, spacing
         if self.pending:
             samples = np.concatenate((self._partial, samples))
@@ -160,12 +151,9 @@ class StreamCommand:
 
 
 class ReceiveChain:
-    """One receive DSP with its stream.
+    """One receive DSP with its stream of complex64 samples of ``air``, 1.0 at full scale.
 
-    ``air``: ``air.receive(chain, tick, spacing, count)`` gives complex64 samples, 1.0 at full
-    scale; ``stream_id``: used until the driver writes another. ``stream_start``: tick of the first
-    sample since the device was opened. Commands for a single sample, which the driver uses to flush
-    a stream, do not count; ``dropped_samples``: samples lost in overflows.
+    ``stream_start`` is its first tick since opening, but for single samples that flush.
     """
 
     def __init__(self, clock, air, stream_id=3):

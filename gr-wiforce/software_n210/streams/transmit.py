@@ -28,11 +28,7 @@ _TIME = struct.Struct(">Q")
 
 @dataclass
 class Packet:
-    """A data packet.
-
-    ``time``: ticks of device time, None when the packet carries no time; ``end``: whether it ends a
-    burst; ``payload``: samples not transmitted yet, as big-endian 16-bit I and Q.
-    """
+    """A data packet: ticks of device time or None, end of burst, rest as big-endian I and Q."""
 
     sequence: int
     time: int | None
@@ -46,10 +42,7 @@ class Packet:
 
 
 def parse_packet(datagram):
-    """The packet in a datagram.
-
-    Raises Malformed when it is no data packet, or shorter than its header states.
-    """
+    """The packet in a datagram; Malformed when it is none, or shorter than its header says."""
     sequence, header = words(datagram, 2)
     if header & TYPE_MASK:
         raise Malformed(f"data header 0x{header:08x}")
@@ -70,11 +63,7 @@ _REPORTS_PER_FIFO = 8
 
 
 class FlowControl:
-    """Reports to the host: acknowledgements of packets, and events of the stream.
-
-    ``socket_bytes``: capacity of the socket that packets arrive at; None when it is unlimited. The
-    host is acknowledged fewer packets than were consumed when its window would not fit.
-    """
+    """Reports events and acknowledges packets, as many as the host's window fits the socket."""
 
     def __init__(self, clock, socket_bytes=None):
         self.stream_id = 2
@@ -151,11 +140,7 @@ _MAX_QUEUE = 4096
 
 
 class TransmitChain:
-    """The transmit DSP with its stream.
-
-    ``air``: ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale;
-    ``socket_bytes``: capacity of the socket that packets arrive at; None when it is unlimited.
-    """
+    """The transmit DSP with its stream, which ``air`` takes as complex64 at full scale 1.0."""
 
     def __init__(self, clock, air, socket_bytes=None):
         self.dsp = DspRegisters(cic_power=3)
@@ -201,10 +186,7 @@ class TransmitChain:
         return self.in_burst or bool(self._queue)
 
     def accept(self, datagram):
-        """Queue the packet of one datagram.
-
-        Raises Malformed when it is no data packet, or the host exceeds its window.
-        """
+        """Queue a datagram's packet; Malformed when it is none, or the host exceeds its window."""
         packet = parse_packet(datagram)
         if len(self._queue) >= _MAX_QUEUE:
             raise Malformed("transmit queue is full")

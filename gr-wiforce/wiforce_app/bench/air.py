@@ -39,11 +39,7 @@ class TagOnAir:
 
 @dataclass(frozen=True)
 class PathLevels:
-    """Levels of tags and clutter; None where there is none.
-
-    ``gamma_db``: mean over the subcarriers of |a_k|^2 relative to the noise in H. ``static_db`` and
-    ``movers_db``: rms over the subcarriers relative to line 1 of end 1.
-    """
+    """Levels in dB: |a_k|^2 over the noise in H, clutter over line 1 of end 1; None for none."""
 
     gamma_db: float
     static_db: float | None = None
@@ -52,10 +48,7 @@ class PathLevels:
 
 
 class WanderingClock:
-    """Cycles of a crystal clock whose offset drifts back and forth between +-100 ppm.
-
-    Blocks of time must be requested in order.
-    """
+    """Cycles, in order, of a crystal whose offset drifts to and fro between +-100 ppm."""
 
     def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, start_cycles):
         self.clock_hz = clock_hz
@@ -108,11 +101,7 @@ def _complex_normal(rng, shape):
 
 
 class Air:
-    """Snapshots of the channel, group by group.
-
-    ``noise_profile`` (K,): noise variance of each subcarrier, relative. ``channels`` (K,) of
-    complex; ``noise`` (K,): variance of the noise in H; ``clocks``: state in the latest group.
-    """
+    """Snapshots of the channel, group by group, with ``channels`` and ``noise`` (K,) known."""
 
     def __init__(self, waveform, group_length, tags, levels, seed, noise_profile=None):
         self._rng = np.random.default_rng(seed)
@@ -157,11 +146,7 @@ class Air:
         return np.array(rows)
 
     def group(self, index, touched=False, on=True):
-        """H of one group, in order of ``index``; complex, shape (N, K).
-
-        ``touched`` is a bool, or an array (N,) from 0 (untouched) to 1 (touched) that interpolates
-        the end phases. ``on``, a bool or one per tag, switches tags off.
-        """
+        """H (N, K) of a group, in order; ``touched`` and ``on`` are bools, or (N,) from 0 to 1."""
         times = self.times_s(index)
         courses, paths = [np.ones(self._length)], [self._static]
         for path, highest_hz, swing_hz, start, swing_start in self._movers:

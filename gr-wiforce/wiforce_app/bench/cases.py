@@ -36,10 +36,7 @@ class SnapshotChain:
         self.unfolder = RatioUnfolder(estimator.ratios)
 
     def process(self, index, snapshots, present=None):
-        """Take H (N, K) of one group; give the Groups that are ready, with ``ratios``.
-
-        ``present`` (N,) bool says which snapshots there are.
-        """
+        """Take H (N, K) of one group, ``present`` (N,); give the Groups ready, with ``ratios``."""
         if present is None or np.all(present):
             return self.process_tones(
                 Groups([index], tones_of(self.table.weights, snapshots)[None])
@@ -82,10 +79,8 @@ _INTERFERED = slice(10, 22)  # subcarriers of 62 that an interferer covers, 20 d
 class Case:
     """One case, which gives a row of the benchmark for every estimator.
 
-    ``gamma_db``: |a_k G|^2 relative to the noise in H, mean over the subcarriers. ``static_db`` and
-    ``movers_db``: rms relative to line 1 of end 1. ``clutter_hz``: the clutter band of the
-    plan. ``off``: |G_off / rho| at a random angle; ``off_given`` whether the reader knows it.
-    ``lost``: share of missing snapshots, ``at random`` or in a ``block``.
+    Levels in dB as of :class:`.PathLevels`; ``clutter_hz`` of the plan; ``off`` is |G_off / rho| at
+    a random angle; ``lost`` a share of snapshots, ``at random`` or in a ``block``.
     """
 
     name: str
@@ -315,10 +310,7 @@ def _constant_offset(case, cycles):
 
 
 def summarise(case, estimator, runs):
-    """Combine the results of all runs to a row, in which lists have an entry per end.
-
-    The loss is the mean of (error / bound of its realisation)^2.
-    """
+    """Results of all runs as a row, an entry per end; loss is the mean of (error / bound)^2."""
     keys = ("errors_deg", "std_deg", "bound_deg")
     errors, std, bound = (np.concatenate([getattr(run, key) for run in runs]) for key in keys)
     values = dict.fromkeys(("rms_deg", "bias_deg", "bound_deg", "loss_db", "within_2_std"))

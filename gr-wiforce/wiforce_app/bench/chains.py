@@ -66,10 +66,7 @@ def sample_type(recording, item_type):
 
 
 class ToneSink(SnapshotSink):
-    """Computes the tones (M, 64) of complete groups as the Reader does, without reading them.
-
-    The Reader's own block surveys and reads the groups as well, which ``bench read`` measures.
-    """
+    """Computes tones (M, 64) of complete groups as the Reader does, without reading them."""
 
     def __init__(self, weights):
         SnapshotSink.__init__(self, "tone_sink", GROUP_LENGTH, WAVEFORM.symbol_length)
@@ -103,11 +100,7 @@ def _file_source(recording, item_type="fc32"):
 
 
 def planned(settings, recordings, source, order="tones first", segments=None, derotated=False):
-    """The tones of a plan from recordings, one of each antenna.
-
-    ``source``: ``file`` or ``stream`` and the sample type, as ``file-sc16``; ``order`` as of
-    `kernel_blocks`; ``segments`` of a file as of its source; ``derotated`` within a symbol.
-    """
+    """The tones of a plan from recordings of each antenna, by ``source`` and ``order``."""
     kind, item_type = source.split("-")
     waveform, table, folded = settings.waveform, settings.table, kind == "file"
     rotation = None
@@ -137,11 +130,9 @@ def planned(settings, recordings, source, order="tones first", segments=None, de
 def kernel_blocks(
     order, weights, group_length, waveform=WAVEFORM, item_type="fc32", folded=False, rotation=None
 ):
-    """Blocks from samples to the channel at each tone of weights (M, group_length).
+    """Blocks from samples, or folded ones, to the channel at tones of weights (M, group_length).
 
-    ``order`` is ``tones first``, ``block by block`` (snapshots in between) or ``channel first``
-    (the channel of each snapshot in between); a ``folded`` source gives snapshots, as a recording
-    source does; by ``rotation`` (M, symbol) tones are derotated within a symbol.
+    ``order``: ``tones first``, ``block by block`` (snapshots between), ``channel first``.
     """
     frame = {**waveform.folding, "item_type": item_type}
     group = {"weights": weights, "group_length": group_length}

@@ -31,11 +31,7 @@ EMULATE = (sys.executable, "-c", RUN, "emulate")
 
 
 class DeviceProcess:
-    """A running software N210, with the arguments of ``gr-wiforce emulate``.
-
-    ``address`` is a loopback address, a free one when not given; ``args`` are the UHD device
-    arguments that name it. A RuntimeError says why it does not start.
-    """
+    """A running software N210 of UHD arguments ``args``; RuntimeError if it does not start."""
 
     def __init__(self, *arguments, address=None, command=EMULATE):
         command = [*command, *map(str, arguments)]
@@ -211,11 +207,9 @@ def _quantiles_ms(name, values_s, *more):
 
 
 def delays_s(readings, sent, after_s):
-    """Delays of messages behind the sample ``after_s`` after the centre of their group, in s.
+    """Delays of messages behind the sample ``after_s`` after their group's centre, in s.
 
-    ``readings`` are pairs of when a message arrived and the device time at that centre; ``sent``
-    are pairs of the device time up to which samples had been sent, rising, and when that was.
-    Readings whose samples are not in ``sent`` are left out.
+    ``readings`` are (arrival, device time of the centre), ``sent`` (device time, when), rising.
     """
     delays = []
     for arrived_s, centre_s in readings:
@@ -276,11 +270,7 @@ def _live_reader(scene, device, latency):
 
 
 class _Messages:
-    """Messages of a live reader as they arrive.
-
-    ``readings`` are pairs of when each arrived, by `time.monotonic`, and the device time at the
-    centre of its group.
-    """
+    """Messages of a live reader: (arrival by `time.monotonic`, device time at the centre)."""
 
     def __init__(self, port):
         self.readings = []

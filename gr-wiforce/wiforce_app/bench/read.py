@@ -335,11 +335,7 @@ def _time_samples(recording, settings):
 
 
 def _time_groups(settings, piece, length, count):
-    """Processor time until clocks and reference are known, and of a group after this.
-
-    Groups are read in batches of ``length`` and one by one, each by a receiver of its own, in
-    turns. The piece is repeated, so that both follow clocks that they have found.
-    """
+    """Processor time until clocks and reference are known, and of a group then, two ways."""
     together, alone, took, acquisition_s = Receiver(settings), Receiver(settings), [], 0.0
     for first in itertools.count(0, length):
         index = first + np.arange(length)
@@ -364,10 +360,7 @@ def _seconds(receiver, batches):
 
 
 def growth(rows):
-    """Exponents of the times along each axis, by a straight line through all logarithms.
-
-    ``at_end`` is that of the last two points.
-    """
+    """Exponents of the times along each axis, by a line through logarithms, and at the end."""
     found = []
     for axis in dict.fromkeys(row["axis"] for row in rows):
         own = [row for row in rows if row["axis"] == axis]

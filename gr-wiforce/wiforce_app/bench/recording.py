@@ -76,9 +76,7 @@ _PART = 10_000_000  # numbers converted at a time
 
 
 def _groups(bursts):
-    """The different groups that a recording repeats: codes (_KINDS, 2 GROUP_SAMPLES), and which
-    frames no burst hits (_KINDS, 625).
-    """
+    """Codes (_KINDS, 2 GROUP_SAMPLES) of groups, and frames without bursts (_KINDS, 625)."""
     rng = np.random.default_rng(1)
     frame = WAVEFORM.frame()
     codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
@@ -97,10 +95,7 @@ def _groups(bursts):
 
 
 def _settle(path):
-    """Leaves the file in memory as it is after being read from disk, not as it was written.
-
-    Written pages lie about in small pieces, and mapping those costs twice the time.
-    """
+    """Leaves the file in memory as read from disk, whose pages are mapped twice as fast."""
     with open(path, "r+b") as file:
         os.fsync(file.fileno())
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
@@ -109,9 +104,7 @@ def _settle(path):
 
 
 def reference_tones(recording, weights):
-    """Channel of every group's tones, without the frames that bursts hit, from the codes in double
-    precision; (groups, M, 64).
-    """
+    """Channel (groups, M, 64) of tones, without frames of bursts, in double precision."""
     repetitions = WAVEFORM.repetitions
     first, length = WAVEFORM.first_averaged, 64 * repetitions
     kinds = []

@@ -26,10 +26,7 @@ TOLERANCE = 1e-5
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the bench: a chain of ``chains.CHAINS`` with its weights (M, 625).
-
-    ``share`` is the part of the recording that is read: slow chains need not read it all.
-    """
+    """A line of the bench: a chain, its weights (M, 625), and the share of samples it reads."""
 
     name: str
     chain: str

@@ -189,10 +189,7 @@ class Outcome:
     unread: int
 
     def values(self, weight=1.0):
-        """Values of a row; the worst error is that of what is not flagged weak, times weights.
-
-        Undetected are errors beyond four stated standard deviations and 0.02 deg.
-        """
+        """Values of a row; errors are undetected beyond four standard deviations and 0.02 deg."""
         errors, weak = np.abs(self.errors_deg), self.std_deg > WEAK_PHASE_DEG
         hidden = ~weak & ~(errors <= 4 * self.std_deg + _NOTHING_DEG)
         numbers = np.stack([self.errors_deg, self.std_deg])
@@ -213,10 +210,8 @@ def read_case(
 ):
     """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
 
-    ``first`` is the index of the first group, and ``pause`` the number of groups that are absent
-    before the touched ones. Of a group, 0 for the first touched one, ``scale`` gives a factor for
-    the samples, and ``hurt`` may change its H (N, K). What states more than ``known_deg`` counts
-    as unread.
+    ``pause`` groups are absent between. ``scale`` is a factor of a touched group's samples,
+    ``hurt`` changes its H (N, K). What states more than ``known_deg`` counts as unread.
     """
     air, tags, _ = air_of(case, run)
     settings = plan_of(case, "harmonic")

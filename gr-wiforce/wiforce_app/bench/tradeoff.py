@@ -148,10 +148,7 @@ def settings_of(scene):
 
 
 def measure_scene(name, runs):
-    """Simulate a scene and read it with all its settings; times are the least of runs.
-
-    Gives plain values: ``scene``, ``signal_s`` and ``points`` (a dict per setting).
-    """
+    """Simulate a scene and read it with all settings: ``scene``, ``signal_s``, ``points``."""
     from gnuradio import gr
 
     from .chains import CHAINS, planned
@@ -222,11 +219,7 @@ def _errors(scene, readings):
 
 
 def front(points):
-    """Points that no other point beats in both time and phase error, in order of time.
-
-    Errors are converted to the group length of the plan, because a group of twice the length
-    halves both the variance and the rate of readings.
-    """
+    """Points that none beats in time and phase error, scaled to the plan's group length."""
     best, kept = float("inf"), []
     readable = [point for point in points if point["phase_deg"] is not None]
     for point in sorted(readable, key=lambda point: point["cpu_s_per_s"]):

@@ -28,11 +28,7 @@ _WORDS = {"force_n": "force", "measurement": "untouched sensor"}
 
 
 class GuidedCalibration:
-    """Leads a person through a calibration session.
-
-    ``lines``: what the person types; ``echo``: shows a text; with ``nl=False`` without ending the
-    line; ``scale``: where forces come from instead of typed lines.
-    """
+    """Leads a person, who types ``lines``, through a session; forces may come from a scale."""
 
     def __init__(self, session, presses, lines, echo, scale=None):
         self._session, self._presses, self._lines = session, presses, lines
@@ -54,10 +50,7 @@ class GuidedCalibration:
         }
 
     def run(self):
-        """Measure until all is measured, or the person ends it.
-
-        Returns bool: whether a sensor is to be made of what is stored.
-        """
+        """Measure until all is measured, or ended; whether a sensor is to be made of it."""
         self._introduce()
         self._presses.wait_for_reference(self._idle)
         while self._ended is None:

@@ -27,10 +27,7 @@ _KEPT = 4096
 
 
 class LivePresses:
-    """Collects readings of one sensor, made without its model (see `uncalibrated_readings`).
-
-    ``keeper`` notices when the device is gone; ``idle``, everywhere, is called while waiting.
-    """
+    """Collects readings of one sensor, made without its model; ``idle`` while waiting."""
 
     def __init__(self, session, keeper, sensor, scene):
         self._session, self._keeper, self._sensor = session, keeper, sensor
@@ -94,11 +91,7 @@ class LivePresses:
             raise InputError(f"sensor '{self._sensor}'", rule)
 
     def tare(self, idle, force=False):
-        """Measure the untouched reference again.
-
-        ``force``: even if readings say that the sensor is touched, as they do when it was touched
-        during the last reference.
-        """
+        """Measure the untouched reference again, with ``force`` also while it seems touched."""
         touched = sum(reading.touch == 1 for reading in self.collect(idle))
         if touched and not force:
             raise InputError("tare", "must be of the untouched sensor; release it")
@@ -200,10 +193,7 @@ _OPTIONS = (
 
 
 def guided_options(command):
-    """Add the options of ``--live``; the command gets them as one argument, ``guided``.
-
-    It is None without ``--live``; then none of them may be given.
-    """
+    """Add the options of ``--live`` as one argument ``guided``; None, and refused, without."""
 
     @functools.wraps(command)
     def with_guided(*values, live, **parameters):
@@ -243,12 +233,7 @@ def complete_settings(settings, guided):
 
 
 def guide(table, guided, settings):
-    """Lead a person through the measurements of a sensor, stored in the file ``table``.
-
-    Returns the carrier in Hz when it is to be calibrated; None when the person quit before.
-
-    ``guided``: values of the options of ``--live``; ``settings``: those of ``sensor.calibrate``.
-    """
+    """Lead a person through measurements stored in ``table``; the carrier in Hz, None if quit."""
     from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan
     from gnuradio.wiforce.scene import load_scene
 

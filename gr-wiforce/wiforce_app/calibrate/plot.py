@@ -14,11 +14,7 @@ _FORCES_SHOWN = 4
 
 
 def plot_calibration(table, model, path):
-    """Plot phases against force and against location, and residuals, of each carrier and port.
-
-    Phases are not wrapped: measurements and the untouched phase, which is dashed, are shown at the
-    turn that is closest to the curves.
-    """
+    """Plot phases, at the turn closest to the curves, by force and location, and residuals."""
     from matplotlib.figure import Figure
 
     rows = [(index, port) for index in range(len(model.carriers)) for port in (1, 2)]

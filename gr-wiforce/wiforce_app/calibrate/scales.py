@@ -42,10 +42,7 @@ class _LineScale:
 
 
 class CsvScale(_LineScale):
-    """A CSV stream with a column ``force_n``, in N: a pipe, or a file that another program writes.
-
-    Rows that a file already holds are ignored.
-    """
+    """A CSV stream with ``force_n``: a pipe, or a growing file, whose old rows are ignored."""
 
     def __init__(self, path):
         super().__init__(str(path))

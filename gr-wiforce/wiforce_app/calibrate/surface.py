@@ -31,11 +31,7 @@ _POOR_LOCATION_MM = 2.0
 
 
 def calibrate_surface(table, scene, readings, law, output):
-    """Fit the spreading law of a scene's surface, and write it.
-
-    ``table``: CSV of known presses; ``scene``: scene with a surface; ``readings``: readings of a
-    recording of these presses; ``law``: ``strips``, ``table`` or ``gaussian``.
-    """
+    """Fit a ``law`` of a scene's surface to readings of known presses, and write it."""
     if table is None or readings is None:
         missing = "TABLE" if table is None else "--readings"
         raise InputError(missing, "is missing; --surface needs a table of presses, and readings")

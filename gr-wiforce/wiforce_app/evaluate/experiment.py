@@ -30,12 +30,10 @@ CORRECTED = "paper, clock offset removed"
 def run(scene_name, work_folder):
     """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
-    Per sensor: the errors of this receiver with and without a survey, of the paper's method as
-    published and with the constant clock offset removed, those that the plan expects, and for
-    pictures the readings and the truth. ``causes``: errors of both with each disturbance that
-    explains a published figure (see `causes`). Phase errors compare the change since the untouched
-    state with the mean reflection of the group. Calibration errors of the untouched phases and
-    changes of the force within a group are therefore part of the force and location errors only.
+    Per sensor: errors with and without a survey, of the paper's method with and without the clock's
+    offset, those of the plan, readings and truth; ``causes``: errors with each disturbance that
+    explains a published figure. Phase errors compare changes with the mean reflection of a group;
+    calibration errors and changes within it are part of the others only.
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):

@@ -47,11 +47,7 @@ def plan_without_survey(scene):
 
 
 def paper_changes(channels, scene):
-    """Change (groups, 2S) of every group since the first, by Fourier sums at the lines 1 and 4.
-
-    Each group of `snapshot_channels` is compared with the previous one (paper, section 3.3) and the
-    changes accumulate. Nothing is surveyed, and no snapshot is left out: the paper does neither.
-    """
+    """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3)."""
     settings = plan_without_survey(
         replace(
             scene,
@@ -74,11 +70,7 @@ def paper_changes(channels, scene):
 
 
 def paper_errors(scene, index, changes, truth, detrend):
-    """The `summary` of a sensor's errors in groups with a steady touch, at the true times of touch.
-
-    ``detrend``: subtract the straight line through the untouched reference first, which removes a
-    constant clock offset.
-    """
+    """The `summary` of errors under steady touches; ``detrend`` removes a clock's offset."""
     count = min(len(changes), len(truth))
     angles = np.unwrap(np.angle(changes[:count, 2 * index : 2 * index + 2]), axis=0)
     if detrend:

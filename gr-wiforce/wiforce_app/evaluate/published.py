@@ -45,11 +45,7 @@ def located_share():
 
 
 def budgeted_snr_db():
-    """`snr_db` at the published distances by the link budget of the scene `distance_1m`.
-
-    Its definition (docs/reference/scenes.md) is not the paper's, which is unknown: only differences
-    between distances compare.
-    """
+    """`snr_db` at the published distances by a link budget; only differences compare."""
     scene = load_scene("distance_1m")
     clock_hz, link = scene.sensors[0].clock_hz, scene.simulation.link
     for distance_cm in read_series("distance_snr")["distance_from_rx_cm"]:
@@ -169,8 +165,7 @@ def bench_model(table):
 def score_presses(vna_path, presses, progress=lambda steps: None):
     """Every model and method on every reading of the presses, as a DataFrame in columns of `-o`.
 
-    ``progress`` is called with 1 after each model. ``wireless_calibration``: with one wireless
-    press per location, of the other trial; ``method``: of :data:`METHODS`.
+    ``wireless_calibration``: with one press per location, of the other trial.
     """
     import pandas
 
@@ -256,10 +251,7 @@ def errors(scores):
 
 
 def bootstrap_median(errors):
-    """95 % interval of the pooled median: presses drawn, then readings within each.
-
-    ``errors``: one array per press.
-    """
+    """95 % interval of the pooled median: presses drawn, then readings within each."""
     rng = np.random.default_rng(1)
     medians = []
     for _ in range(_RESAMPLES):

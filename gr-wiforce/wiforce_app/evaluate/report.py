@@ -52,10 +52,7 @@ paper's figure.
 
 
 def table(results, figures):
-    """Markdown: rows per scene, sensor and method; medians unless titled rms or 90 %.
-
-    Our phase rms is a range where several causes explain the figure that the paper published.
-    """
+    """Markdown: rows per scene, sensor and method; medians unless titled rms or 90 %."""
     rows = []
     for result in results:
         name = Path(result["scene"]).stem

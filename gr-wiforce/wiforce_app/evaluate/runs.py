@@ -21,10 +21,7 @@ _FORMAT = 4
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
-    """Run the scenes (or ``all`` shipped ones of samples) without a stored result, and report.
-
-    ``fresh``: compute stored results again.
-    """
+    """Run scenes (or ``all``) without a stored result, or ``fresh`` ones, and report."""
     names = list(dict.fromkeys(sampled_scenes() if "all" in names else names))
     stems = [Path(name).stem for name in names]
     for name, stem in zip(names, stems, strict=True):

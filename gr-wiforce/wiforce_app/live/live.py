@@ -289,10 +289,7 @@ def warn_of_oscillators(link):
 
 
 def _run(scene, request, outputs, endpoints, duration, reconnect, line, **options):
-    """Run a session until a signal, a request or `duration` ends it; raises DeviceLost.
-
-    `endpoints` are those of requests, each with its keys or None.
-    """
+    """Run a session until a signal, a request or `duration` ends it; raises DeviceLost."""
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth
     from .monitor import SessionMonitor

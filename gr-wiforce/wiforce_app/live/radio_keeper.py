@@ -21,10 +21,9 @@ _REMIND_S = 600.0
 
 
 class RadioKeeper:
-    """Opens a session's device; with ``reconnect``, waits for one that is absent or lost.
+    """Opens a session's device; with ``reconnect``, waits 0.5 s to 30 s for one that is lost.
 
-    Pauses between attempts grow from 0.5 s to 30 s. ``on_open`` is called whenever the device is
-    open, before its first sample. ``state`` is ``opening`` until it has been found once.
+    ``on_open`` is called before its first sample; ``state`` is ``opening`` at first.
     """
 
     def __init__(
@@ -53,10 +52,7 @@ class RadioKeeper:
         return self._reason != ""
 
     def look(self) -> None:
-        """Do what is due: open the device, start it, notice that it is lost. Never waits.
-
-        Raises DeviceLost when it must not be reopened; all samples received will be read.
-        """
+        """Open, start or lose the device, without waiting; DeviceLost if not to be reopened."""
         if self._link is None:
             if self._now() < self._next_s:
                 return

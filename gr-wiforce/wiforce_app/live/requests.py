@@ -17,11 +17,7 @@ _SHORTEST_S, _LONGEST_S = 1.0, 600.0
 
 
 class WarningPace:
-    """Allows a kind of warning at once, and ever less often while its cause goes on.
-
-    The pause between two warnings of a kind doubles from 1 s to 10 min. It is short again once
-    nothing has happened for two pauses.
-    """
+    """Allows a kind of warning, after pauses that double from 1 s to 10 min while it goes on."""
 
     def __init__(self, now: Callable[[], float]):
         self._now = now

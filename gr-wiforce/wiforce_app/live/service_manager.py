@@ -12,10 +12,7 @@ from .session import LiveSession
 
 
 class ServiceManager:
-    """The protocol of ``sd_notify(3)``; does nothing unless systemd started the process.
-
-    Its variables are removed from the environment, so that no other process reports in its place.
-    """
+    """The protocol of ``sd_notify(3)``, for this process only; nothing without systemd."""
 
     def __init__(
         self,

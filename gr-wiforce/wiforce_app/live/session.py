@@ -37,10 +37,7 @@ def _reported_by_command(sentence: str) -> None:
 
 
 class LiveSession:
-    """Reads the samples of one device, however often it is lost and found.
-
-    ``on_reading`` is called with every reading as soon as it is ready, in another thread.
-    """
+    """Reads one device, however often it is lost; ``on_reading`` is called in a thread."""
 
     def __init__(
         self,
@@ -219,10 +216,7 @@ class LiveSession:
 
     @property
     def clock(self) -> tuple[float, float] | None:
-        """Offset of UTC from the time of the session and its uncertainty, in s; None if unknown.
-
-        The session's time is that of its first device, and goes on when the device is lost.
-        """
+        """Offset of UTC from the first device's continued time and uncertainty in s, or None."""
         streams, stream_offset_s = self.source.stream_clock
         if self._link is None or self._link.clock is None or streams != self._attached:
             return None

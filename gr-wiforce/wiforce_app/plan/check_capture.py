@@ -42,22 +42,14 @@ def advice_on_levels(levels):
 
 
 def _excess_db(clipped):
-    """How far the level is too high, by the share of clipped samples.
-
-    As if I and Q were Gaussian, with peaks of four standard deviations at -6 dBFS. Where no sample
-    is whole the level is unknown; the step of 99 % leads to where it is known.
-    """
+    """How far a level is too high by clipped samples of Gaussian I and Q; 99 % if all are."""
     whole = math.sqrt(1 - min(clipped, _MOST_CLIPPED))  # share of I, and of Q
     deviation = 1 / NormalDist().inv_cdf((1 + whole) / 2)
     return 20 * math.log10(4 * deviation) + 6
 
 
 def advice_on_sensors(tags, scene, others_hz, wrong):
-    """What to change because of the tags that were measured (``room_report.measure_tag``).
-
-    ``others_hz`` are clocks of tags that the scene does not list, ``wrong`` has by sensor what
-    `wrong_clocks` says.
-    """
+    """What to change because of measured tags, other clocks, and wrong ones by sensor."""
     others = other_clocks(others_hz)
     for tag, sensor in zip(tags, scene.sensors, strict=False):
         yield from _of_sensor(tag, sensor, others, wrong.get(sensor.name, ""))
@@ -94,11 +86,9 @@ _DEPTH_S = 2 * 0.155 * 0.036 / 0.225**2
 
 
 def check_capture(path, scene_path, datatype=None):
-    """Verify the checksum, the length and the frames of a capture, and measure its levels.
+    """Verify checksum, length and frames of a capture, by its own or a scene, and its levels.
 
-    Gives ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``sensors``, ``advice``,
-    ``notes`` and ``warnings``; by the capture's own scene where none is named. With a
-    ``datatype`` the file is raw samples.
+    ``files``, ``first_frame``, ``levels``, ``sensors``, ``advice``, ``notes``, ``warnings``.
     """
     capture = open_capture(path, datatype)
     scene, differences = scene_of(capture, scene_path)
@@ -132,9 +122,7 @@ def check_capture(path, scene_path, datatype=None):
 
 
 def _tags(capture, scene):
-    """The scene's tags in the first groups of a capture, the clocks of others and the wrong ones;
-    where the scene's are none, the reason.
-    """
+    """The scene's tags in a capture's first groups, others, and wrong clocks; or the reason."""
     groups = []
     try:
         reader = RecordingReader(capture, plan(scene), on_groups=groups.append)

@@ -245,11 +245,7 @@ def _packets_of_a_reading(timing):
 
 
 def _one_antenna(single, free, timing):
-    """What a single antenna leaves of a tag, and the error of one far below the direct path.
-
-    ``free`` (n, K, 1): packets without static path, in units of it; what changes from one to the
-    next is noise.
-    """
+    """What one antenna leaves of a tag, and its error, by packets (n, K, 1) over static paths."""
     noise = np.mean(np.abs(np.diff(free, axis=0)) ** 2) / 2
     snr_db = _FAR_TAG_DB + single.kept_db - 10 * float(np.log10(max(noise, 1e-30)))
     far = TagLines(0.0, _FAR_TAG_DB, snr_db, 0.0)

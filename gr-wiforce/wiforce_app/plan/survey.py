@@ -32,10 +32,7 @@ _REACH = 5
 
 
 def plot_survey(survey, found, plan, path, title=""):
-    """Plot the spectrum of a survey and label its components, by a plan adapted to the room.
-
-    Below it, the frequencies below the lines of all tags, where people and machines move.
-    """
+    """Plot a survey's spectrum with its components, and below the part where people move."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(10, 8), layout="constrained")

@@ -54,10 +54,7 @@ class RadioLink:
         self._send("start")
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Take what the process reports, or raise what it says of a device that is not there:
-
-        DeviceAbsent, DeviceBusy, DeviceUnusable or DeviceLost.
-        """
+        """Take what the process reports, or raise DeviceAbsent, -Busy, -Unusable or -Lost."""
         while select.select([self._control], [], [], timeout_s)[0]:
             try:
                 data = self._control.recv(65536)

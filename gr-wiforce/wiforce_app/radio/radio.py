@@ -20,10 +20,7 @@ _CARRIER_TOLERANCE_HZ = 10.0
 
 
 class End(ABC):
-    """One direction of a device: the driver's source or sink ``block``, with all channels in use.
-
-    GNU Radio's drivers call most settings alike; `_set` knows the order of their arguments.
-    """
+    """One direction of a device: a driver's ``block``, with all channels in use."""
 
     def __init__(self, block, channels=1):
         self.block, self._channels = block, range(channels)
@@ -76,9 +73,8 @@ class End(ABC):
 class Radio(ABC):
     """Receiver and transmitter of a device, 16-bit integers both ways.
 
-    A driver is a derived class: it opens the device, or raises DeviceAbsent, and says how time and
-    streams are handled. ``source`` has an output for each receive antenna, ``sink`` is None where
-    only the receiver is used.
+    Drivers derive from it: they open the device, or raise DeviceAbsent, and know times and streams.
+    ``source`` has an output per antenna, ``sink`` is None without transmitter.
     """
 
     has_time = True  # received samples are tagged with the device's time

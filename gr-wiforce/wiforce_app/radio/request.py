@@ -18,11 +18,7 @@ _SWITCH_S = 0.5e-3
 
 
 def shorten_pauses() -> None:
-    """Shorten the pauses that Python makes; called once, when everything is loaded.
-
-    Objects that exist now are left out of later garbage collections. Going through the modules
-    takes a tenth of a second, during which no reading is given.
-    """
+    """Leave present objects out of garbage collections, which would take a tenth of a second."""
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(_SWITCH_S)

@@ -179,10 +179,7 @@ def _libraries():
 
 
 def _keep_standard_error():
-    """Discard what libraries print: gr-soapy writes letters for losses, which the reader reports.
-
-    What Python prints is kept. The process of a radio has nothing else to say.
-    """
+    """Discard what libraries print, such as letters for losses; keep what Python prints."""
     kept, discarded = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(discarded, 2)
     os.close(discarded)

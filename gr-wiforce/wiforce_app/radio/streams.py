@@ -28,9 +28,8 @@ _QUERIES = 3
 class ClockComparison:
     """Compares the clocks of host and device now and then.
 
-    The host's clock is read before and after the device answers, both in s. Their mean is the UTC
-    of the answer; half of their difference is the uncertainty, to which that of the host's clock
-    adds.
+    The mean of the host's time before and after an answer is its UTC, half of the difference the
+    uncertainty, to which that of the host's clock adds.
     """
 
     def __init__(
@@ -43,10 +42,7 @@ class ClockComparison:
         self._compared_s = -float("inf")
 
     def look(self) -> tuple[float, float] | None:
-        """Offset of UTC from the device's clock and its uncertainty, in s, by the quickest answer.
-
-        None while the last comparison is not ten seconds old, and where the device does not answer.
-        """
+        """Offset of UTC and uncertainty in s by the quickest answer; None within ten seconds."""
         if self._now() - self._compared_s < _EVERY_S:
             return None
         self._compared_s = self._now()
@@ -78,10 +74,9 @@ def start_flowgraph(
     args: str,
     limit_s: float = _LIMIT_S,
 ) -> None:
-    """Start a flowgraph, or raise DeviceUnusable in bounded time, when it cannot be freed any more.
+    """Start a flowgraph, or raise DeviceUnusable in bounded time, when it cannot be freed.
 
-    GNU Radio waits for the threads of all blocks, also for that of one which threw while it started
-    and has ended, and tells the cause to its log only.
+    GNU Radio waits even for the thread of a block that threw while it started.
     """
     started, errors = threading.Event(), []
 
@@ -219,7 +214,7 @@ class RadioStreams:
         return found and (found[0], found[1] + (0.0 if self._radio.has_time else _UNTIMED_S))
 
     def start(self, stopped: Callable[[], bool]) -> None:
-        """Start both streams, at one device time where the driver can, unless ``stopped``.
+        """Start both streams, at one device time if possible, unless ``stopped``.
 
         Raises DeviceLost when no samples are received, DeviceUnusable as :func:`start_flowgraph`.
         """
@@ -281,11 +276,7 @@ class RadioStreams:
 
 
 class Progress:
-    """How long a count has not changed while this process ran.
-
-    A process that was stopped, or a machine that is too busy to run it, says nothing of a device:
-    of the time since the last look, 0.2 s count at most.
-    """
+    """How long a count has not changed while this process ran: at most 0.2 s of each look."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic):
         self._now = now

@@ -19,11 +19,7 @@ from .reading_job import RECORD, Journal, ReadingJob, read_capture_file, remove_
 
 
 def read_many(given, scene, output, form, again, jobs, settings):
-    """Read captures, patterns and folders into a folder, or into one Parquet file.
-
-    Returns the exit status: 2 when captures failed by their own fault only, 1 when any failed
-    otherwise.
-    """
+    """Read captures, patterns and folders into a folder or one Parquet file; exit status."""
     if scene is not None:
         from gnuradio.wiforce.scene import load_scene
 

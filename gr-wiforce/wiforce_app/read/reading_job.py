@@ -47,11 +47,7 @@ class ReadingReport:
 
 
 def read_capture_file(job):
-    """Read a capture into a file of its own beside the job's output.
-
-    The output itself is not replaced here: a worker may outlive the run that started it, and would
-    then put its readings in the place of those of a later run.
-    """
+    """Read a capture into a file beside the output, which a late worker must not replace."""
     messages = io.StringIO()
     with contextlib.redirect_stderr(messages):
         report = _read(job)
@@ -114,11 +110,7 @@ def remove_partial(outputs):
 
 
 def _identity(file):
-    """What changes when a file does; reading all of it would take as long as its readings.
-
-    Recordings of equal length that were copied together may agree in size and time, so their
-    noise is compared in three places.
-    """
+    """What changes when a file does: its size, time, and noise in three places."""
     state = file.stat()
     found = hashlib.sha256()
     with open(file, "rb") as opened:
@@ -132,10 +124,7 @@ RECORD = "captures.jsonl"
 
 
 class Journal:
-    """Which captures were read into a folder, which it makes, with which result.
-
-    As a context manager it holds the folder, so that no other run writes to it.
-    """
+    """Which captures were read into a folder with which result; holds it against other runs."""
 
     def __init__(self, folder):
         self._path = Path(folder) / RECORD
@@ -208,11 +197,7 @@ def check_whole(path):
 
 
 def join_parts(path, parts):
-    """Write one file from the names of captures and the Parquet files of their readings.
-
-    It appears when it is complete; its metadata hold those of each capture under
-    ``wiforce:captures``, as JSON. Returns the number of readings.
-    """
+    """Write one file, complete, of captures' names and Parquet files; number of readings."""
     import pyarrow
     from pyarrow import parquet
 

@@ -21,10 +21,7 @@ SAMPLES_ONLY = "is for captures of samples, not for channel snapshots"
 
 
 def open_recording(path, datatype, csi=None):
-    """A capture of samples, or a file of channel snapshots, of a CSI tool by its first bytes.
-
-    A ``datatype`` of raw samples or the arguments ``csi`` of ``open_csi`` count whatever the name.
-    """
+    """A capture of samples, snapshots or a CSI tool, by its first bytes or stated arguments."""
     if datatype is None and csi is None and is_snapshots(path):
         return open_snapshots(path)
     if csi is not None or (datatype is None and tool_of(path) is not None):
@@ -54,10 +51,7 @@ def open_reader(recording, settings, frame_offset, tracked):
 
 
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
-    """Read a whole recording for another command, and warn of what was wrong with it.
-
-    ``on_reading`` is called with every reading, ``on_groups`` with every batch of groups.
-    """
+    """Read a whole recording for another command, and warn of what was wrong with it."""
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_unequal_antennas(reader)
     for batch in reader:

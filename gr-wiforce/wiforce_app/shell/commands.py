@@ -12,8 +12,7 @@ from gnuradio.wiforce.errors import InputError, gnuradio_rule
 class LazyGroup(click.Group):
     """A group of commands, each a function of the same name in a module of ``package``.
 
-    ``commands`` has module and one line of help of each, so that showing them imports no module;
-    ``groups`` their names by heading, ``examples`` command lines without the program's name.
+    ``commands`` has module and a line of help, so that help imports none.
     """
 
     def __init__(self, *arguments, package, commands, groups=None, examples=(), **options):
@@ -77,11 +76,7 @@ _HELP = ("--help-all", "--help")
 
 
 class GroupedHelp(click.Command):
-    """A command whose help fits on a screen; ``--help-all`` explains every option.
-
-    ``groups`` has names of options by heading. Those of the first group, and options in none of
-    them, are explained by ``--help``; of the others it lists the names.
-    """
+    """A command whose help fits on a screen: ``--help`` explains the first of ``groups``."""
 
     def __init__(self, *arguments, groups=None, examples=(), **options):
         super().__init__(*arguments, **options)

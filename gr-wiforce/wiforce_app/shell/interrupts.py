@@ -58,20 +58,15 @@ _signals = _Signals()
 
 
 def interrupt_by_exception():
-    """Let Ctrl-C and SIGTERM raise KeyboardInterrupt or :class:`Terminated` in the main thread.
-
-    A shell's background command ignores Ctrl-C, and goes on doing so.
-    """
+    """Let Ctrl-C, unless a shell ignores it, and SIGTERM raise exceptions in the main thread."""
     signal.signal(signal.SIGTERM, _signals.receive)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _signals.receive)
 
 
 def uninterrupted():
-    """A block that Ctrl-C and SIGTERM do not interrupt, as a context manager.
+    """A block that Ctrl-C and SIGTERM do not interrupt, as a context manager of the main thread.
 
-    Formats that collect rows would lose them: their libraries do not expect an exception between
-    any two instructions. The exception is raised at the end of the outermost block, unless another
-    is on its way. For the main thread, after :func:`interrupt_by_exception`.
+    Libraries would lose rows. The exception is raised at the end, unless another is.
     """
     return _signals.hold()

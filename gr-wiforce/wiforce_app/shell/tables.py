@@ -11,10 +11,9 @@ import click
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its title, the key of its value in a row, and how that is written.
+    """A column of a table: title, key of its value in a row, and its format or a function.
 
-    ``form`` is a format specification, or a function that makes text of a value. Values that are
-    lists, one for each end, are separated by slashes; None or nothing is left empty.
+    Lists, of both ends, are separated by slashes; None or nothing is left empty.
     """
 
     title: str

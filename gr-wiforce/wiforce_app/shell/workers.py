@@ -40,10 +40,7 @@ class WorkerLost(Exception):
 
 
 def run_tasks(function, tasks: Sequence, jobs=None) -> Iterator[Outcome]:
-    """Call a function of a module with each task, in other processes; yields outcomes as they end.
-
-    A task whose worker disappears is repeated, at most twice.
-    """
+    """Call a function with each task in other processes, thrice at most; outcomes as they end."""
     jobs = jobs or len(os.sched_getaffinity(0))
     attempts, waiting = [0] * len(tasks), list(range(len(tasks)))
     while waiting:
@@ -91,11 +88,7 @@ def _end_children():
 
 
 def _prepare_worker():
-    """Leave Ctrl-C, which a terminal sends to all processes, to the command itself.
-
-    The command then ends its workers by SIGTERM, and they remove what is not complete. They do so
-    themselves when the command was killed, and would otherwise wait for tasks forever.
-    """
+    """Leave Ctrl-C to the command, which ends its workers; end when it was killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with(multiprocessing.parent_process().join)
 
@@ -114,10 +107,7 @@ def _outcome_of(function, task):
 
 
 def _end_with(gone: Callable[[], object]) -> None:
-    """End this process, as SIGTERM does, when that it works for has: ``gone`` returns then.
-
-    In both cases it removes what it has not completed.
-    """
+    """End this process, as SIGTERM does, when ``gone`` returns since its command has ended."""
 
     def watch():
         gone()

@@ -25,10 +25,7 @@ _NEEDED = ("time_s", "sensor")
 
 
 class FileSource:
-    """Reads a CSV or JSON lines file, which may not exist yet, while another program writes to it.
-
-    A file that is replaced, as by ``--rotate``, or that becomes shorter is read anew.
-    """
+    """Reads a CSV or JSON lines file that is written meanwhile, absent, replaced or shortened."""
 
     def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
         self._path, self._now = Path(path), now

@@ -22,10 +22,7 @@ _CLOSE_S = 3.0
 class LivePage(Output):
     """Passes readings and health to the process that serves the page.
 
-    Both processes are connected by ZMQ sockets in a folder that only this user can enter. A process
-    that is slow loses messages, and one that ends is reported; the run goes on in both cases.
-
-    ``warn`` takes a line for the user; ``control`` is where requests of the page arrive.
+    By sockets in a folder of this user. A slow process loses messages, and the run goes on.
     """
 
     def __init__(self, address: PageAddress, warn: Callable[[str], None]):

@@ -121,10 +121,7 @@ _TEXTS = ("sensor", "flags")
 
 
 def page_row(values: Mapping[str, Any]) -> list[Any] | None:
-    """A row of the page, in the order of :data:`ROW`, from one of a readings file or a message.
-
-    Numbers may be text, as in CSV, and are None where unknown; None for what is no reading.
-    """
+    """A row of :data:`ROW` from a file or a message; None for what is no reading."""
     row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
     texts = [row[ROW.index(name)] for name in _TEXTS]
     if not all(isinstance(each, str) and len(each) <= LONGEST_TEXT for each in texts):
@@ -133,11 +130,7 @@ def page_row(values: Mapping[str, Any]) -> list[Any] | None:
 
 
 class PageState:
-    """The readings of the last seconds and the latest status.
-
-    Each viewer remembers how far it has read. A viewer that falls behind catches up from the rows
-    that are kept here, so nothing is stored per viewer.
-    """
+    """Readings of the last seconds and the latest status, from which viewers catch up."""
 
     def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
         self._history_s, self._now = history_s, now
@@ -197,10 +190,7 @@ class PageState:
         self._texts.clear()
 
     def message(self, position: tuple[int, int], status: bool) -> str:
-        """What a viewer lacks, or the first part of it, as JSON; made once for all equally far.
-
-        ``restart`` is true where former rows are to be forgotten, as by a new viewer at (-1, 0).
-        """
+        """What a viewer lacks, or a part, as JSON; ``restart`` forgets, as new ones at (-1, 0)."""
         key = (position, status)
         if key not in self._texts:
             restart, first = self._lacking(position)

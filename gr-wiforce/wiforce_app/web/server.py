@@ -41,9 +41,7 @@ _MOST_DESCRIPTORS = 512
 class LimitedServer(tornado.httpserver.HTTPServer):
     """A server that refuses connections before the process has no descriptor left.
 
-    Tornado would try to accept them again and again, and print a traceback each time, for
-    everybody who opens a thousand connections, with or without the token. It also has no limit for
-    an answer that nobody reads; the system closes such connections.
+    Tornado would try again and again, with a traceback each; the system limits unread answers.
     """
 
     def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
@@ -284,11 +282,7 @@ class _File(_Guarded, tornado.web.StaticFileHandler):
 
 
 class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
-    """One browser.
-
-    At most one message waits to leave. Until it has left, the browser is sent nothing, and then
-    everything that it lacks, from what the state keeps for all.
-    """
+    """One browser, for which at most one message waits, then all that it lacks."""
 
     sent: "asyncio.Future[None] | None" = None
 

@@ -24,10 +24,7 @@ _LONGEST_MESSAGE = 64 << 10
 
 
 class ZmqSource:
-    """Subscribes to a live reader at ``readings``, and passes tares on to it at ``control``.
-
-    ``name`` is shown on the page, ``ended`` says that the reader's run is over.
-    """
+    """Subscribes to a live reader at ``readings``, and passes tares on to it at ``control``."""
 
     def __init__(
         self,

@@ -25,10 +25,7 @@ _UNTOUCHED_DEG, _ONSET_STEP_DEG = 3.0, 6.0
 
 
 def check_table(table: CalibrationTable, length_mm: float) -> None:
-    """Reject tables with errors.
-
-    Equal rows are repeated measurements: rounded phases of repeated sweeps are often equal.
-    """
+    """Reject tables with errors; equal rows may be repeated measurements."""
     touched = ~table.untouched
     if not np.any(touched):
         raise InputError(table.source, "has no row with a force")
@@ -86,10 +83,8 @@ def _check_places(touched: CalibrationTable) -> None:
 def unwrap_over_force(
     force_n: np.ndarray, phase_deg: np.ndarray, slope: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows (n,) of one press and port by rising force, their phases unwrapped, and which of the
-    steps (n - 1,) to the next are larger than a press can cause.
-
-    ``slope``: change of the phase along the line, in deg/mm.
+    """Rows (n,) of a press and port by force, phases unwrapped along slope, steps too large (n -
+    1,).
     """
     order = np.argsort(force_n, kind="stable")
     phase = np.unwrap(phase_deg[order], period=360.0)
@@ -135,10 +130,8 @@ _TURN, _LEAST_BRANCH, _ORDERED_SHARE = 0.2, 4, 0.8
 class ContactCurve:
     """Data of one carrier, location and port, in order of force.
 
-    ``force_n`` (n,); ``added_deg`` (n,): phase relative to a short exactly at the press, in
-    degrees; ``press`` (n,): the press that each sample belongs to; ``copied``: whether it is the
-    mirror image of another location; ``direction`` (n,): 1 while loading, -1 while unloading, 0
-    where it is unknown.
+    ``added_deg`` (n,) are relative to a short exactly at the press; ``direction`` (n,) is 1 while
+    loading, -1 while unloading, 0 where unknown; ``copied`` where mirrored from another location.
     """
 
     force_n: np.ndarray
@@ -150,12 +143,10 @@ class ContactCurve:
 
 @dataclass(frozen=True)
 class CarrierData:
-    """A table's data of one carrier, and the line that they are of.
+    """A table's data of one carrier, by port and location (J,), and the line that they are of.
 
-    ``location_mm`` (J,): locations from port 1, rising; ``curves``: by port and location;
-    ``untouched_deg``: psi_10 and psi_20 in degrees; None when the table has no untouched rows;
-    ``untouched_rows_deg``: by port, those that they are means of; ``onset``: largest untouched and
-    smallest touched force of sweeps that begin before the contact, in N; None when there are none.
+    ``untouched_deg`` are means of ``untouched_rows_deg``; ``onset`` is the largest untouched and
+    the least touched force of sweeps from before the contact, in N; None without such rows.
     """
 
     frequency_hz: float
@@ -211,10 +202,7 @@ def carrier_data(
     location_steps: str,
     assumed: list[str],
 ) -> CarrierData:
-    """Arrange the rows of one carrier by location and port.
-
-    ``assumed``: assumptions are appended to it; the others as in :func:`.calibration.calibrate`.
-    """
+    """Arrange the rows of one carrier by location and port; what is ``assumed`` is appended."""
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = untouched_phases(table)
     if untouched is None:
@@ -346,9 +334,7 @@ def _value_at(curve: ContactCurve, force: float) -> float:
 
 
 def compared_forces(data: CarrierData) -> np.ndarray:
-    """Forces (9,) in N at which locations are compared: over the span that all share, if any,
-    else over the middle half of all forces.
-    """
+    """Forces (9,) in N over the span that all locations share, else the middle of all forces."""
     low, high = data.shared_span_n
     if low >= high:
         every = np.concatenate([curve.force_n for curve in data.all_curves()])
@@ -357,10 +343,7 @@ def compared_forces(data: CarrierData) -> np.ndarray:
 
 
 def sweep_directions(force_n: np.ndarray) -> np.ndarray:
-    """Whether the force (n,) of a press rose, 1, or fell, -1, from the order of its rows.
-
-    All 0 where they are in no order of measurement.
-    """
+    """Whether the force (n,) of a press rose, 1, or fell, -1; all 0 without an order."""
     direction = np.zeros(len(force_n), int)
     for start, stop, sign in _branches(force_n):
         if stop - start >= _LEAST_BRANCH:

@@ -22,13 +22,10 @@ Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """One fitted curve.
+    """One fitted curve: coefficients (K,), covariance (K, K) at unit noise, residual (n,) in deg.
 
-    ``coefficients`` (K,): in degrees; ``unit_covariance`` (K, K): of the coefficients, for noise of
-    unit variance; ``residual`` (n,): in degrees, in order of force; ``freedom``: the sum of their
-    squares for noise of unit variance, tr((I - A)^2) of the smoother A of the coefficients that are
-    free, which is nearly 0 for a curve through all samples (T. Hastie and R. Tibshirani,
-    *Generalized Additive Models*, 1990, section 3.5).
+    ``freedom`` is tr((I - A)^2) of the smoother A, the sum of squares at unit noise (T. Hastie and
+    R. Tibshirani, *Generalized Additive Models*, 1990, section 3.5).
     """
 
     coefficients: np.ndarray
@@ -38,10 +35,9 @@ class ForceCurve:
 
 
 class CurveFitter:
-    """Fits curves of one form; the spline's smoothing is common to all curves of a sensor.
+    """Fits curves of one form, with one smoothing for all of a sensor.
 
-    ``samples``: all curves of the sensor, from which the smoothing is chosen by generalised
-    cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
+    By generalised cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
     """
 
     def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
@@ -107,12 +103,9 @@ def _penalty_rows(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
 def _monotone(
     basis: np.ndarray, penalty: np.ndarray, value: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Penalised least squares with coefficients that only rise or only fall.
+    """Penalised least squares of rising or falling coefficients (K,), and a basis (K, f) left free.
 
-    Returns the coefficients (K,), and a basis (K, f) of those that the constraint leaves free.
-
-    B-splines with monotone coefficients are monotone. A short widens with force, so a phase rises
-    in theory; falling curves are allowed because the far end of measured sensors has them.
+    A short widens with force; falling curves are allowed as measured sensors' far ends have them.
     """
     size = basis.shape[1]
     rows = _penalty_rows(basis, penalty)
@@ -130,11 +123,7 @@ def _monotone(
 
 
 def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
-    """Standard deviation of the samples about the curves, and its systematic part, in degrees.
-
-    Noise is independent at neighbouring forces, a misfit of the form is not. The mean product of
-    neighbouring residuals therefore is the square of the misfit.
-    """
+    """Scatter about the curves, and the part by products of neighbouring residuals, in deg."""
     fits = list(fits)
     total = sum(np.sum(fit.residual**2) for fit in fits)
     noise = np.sqrt(total / sum(fit.freedom for fit in fits))
@@ -148,11 +137,7 @@ _LARGEST_EXTENT_MM = 30.0
 
 @dataclass(frozen=True)
 class ContactValues:
-    """Phases that the contact adds at J locations, at the forces that are compared.
-
-    ``location_mm`` (J,); ``added_deg`` (2, J, n): for each port; ``variance_deg2`` (2, J): their
-    mean variance over the forces from noise in the table.
-    """
+    """Phases (2, J, n) that the contact adds at J locations and some forces; variance (2, J)."""
 
     location_mm: np.ndarray
     added_deg: np.ndarray
@@ -169,12 +154,7 @@ class ContactValues:
 
 @dataclass(frozen=True)
 class CarrierFit:
-    """The fitted curves of one carrier's data.
-
-    ``fits``: by port and location, as ``data.curves``; ``coefficients_deg`` (2, J, K),
-    ``covariance_deg2`` (2, J, K, K), ``noise_deg``, ``misfit_deg``: as :class:`.curves.Carrier`;
-    ``contact``: their values at the forces that are compared.
-    """
+    """Fitted curves of one carrier, arrays as of :class:`.curves.Carrier`, and their contact."""
 
     data: CarrierData
     fitter: CurveFitter
@@ -250,14 +230,8 @@ _FORCES = 50
 def find_hysteresis(fitted: CarrierFit) -> float | None:
     """What must at most be added to a force, in N, for the contact that it has while unloading.
 
-    0 where it is not distinguished from noise, None where the data do not hold both branches.
-
-    A soft beam opens later than it closed, and creeps while it is held: at the same force, its
-    contact is that of a larger force while unloading.
-
-    The residual of a curve, divided by its slope over force, is a deviation in N that all ports and
-    locations have in common. Its part of opposite sign in the two branches is fitted by a
-    polynomial in force, with weights by the squared slope.
+    A soft beam opens later than it closed, and creeps: residuals over the slope, of opposite sign
+    in the two branches, are fitted by a polynomial in force. 0 within noise, None without both.
     """
     pairs = zip(fitted.data.all_curves(), [f for port in fitted.fits for f in port], strict=True)
     rows = [

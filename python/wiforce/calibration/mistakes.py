@@ -55,11 +55,7 @@ _UNEXPLAINED = {"inconsistent", "extrapolated"}
 
 @dataclass(frozen=True)
 class LineEstimate:
-    """What the data of one carrier say about the line.
-
-    ``length_mm``: the length next to the assumed one; None where there are no untouched rows;
-    ``ambiguity_mm``: lengths that differ by this give the same phases: half a wavelength.
-    """
+    """What one carrier says about the line: the next length, modulo ``ambiguity_mm``."""
 
     frequency_hz: float
     permittivity: float | None
@@ -84,10 +80,8 @@ class LineEstimate:
 class _Presses:
     """The touched rows of one carrier, summed up for both ports at J locations.
 
-    ``untouched_deg``: of both ports, None without such rows; ``known`` (2, J): where a port was
-    measured; ``direction`` (2, J): of the mean phasor of the lightest presses, else 0;
-    ``change_deg``, ``std_deg`` (2, J): change of the phase over the forces by a straight line, and
-    its standard deviation, else 0.
+    ``direction`` (2, J) is of the mean phasor of the lightest presses, ``change_deg`` and
+    ``std_deg`` (2, J) of a straight line over the forces; 0 where a port is not ``known`` (2, J).
     """
 
     frequency_hz: float
@@ -100,10 +94,7 @@ class _Presses:
     std_deg: np.ndarray
 
     def concentrations(self, slopes: np.ndarray) -> np.ndarray:
-        """How well each port follows slopes (n,) of port 2 in deg/mm over location; (2, n).
-
-        Length of the mean phasor about the slope: 1 without scatter, 0 at fewer than two locations.
-        """
+        """Length (2, n) of the mean phasor about slopes (n,) over location; 0 below two."""
         turns = np.exp(1j * np.radians(slopes)[:, None] * self.location_mm)
         count = self.known.sum(axis=1)[:, None]
         both = np.stack([turns @ self.direction[0], turns.conj() @ self.direction[1]])
@@ -115,10 +106,7 @@ class _Presses:
         return np.where(both.all(axis=0), both.mean(axis=0), 0.0)
 
     def scatter(self, slopes: np.ndarray) -> float:
-        """1 less the concentration about the best of some lines.
-
-        A port at which force moves the short inward follows none.
-        """
+        """1 less the best concentration; a port where force moves the short inward follows none."""
         limit = -_SIGNIFICANT * np.linalg.norm(self.std_deg, axis=1)
         outward = self.change_deg.sum(axis=1) >= limit
         return float(1 - (outward @ self.concentrations(slopes) / 2).max())
@@ -163,11 +151,7 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
 
 
 def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
-    """Change of the phase of one port and location over its forces, in deg, and its deviation.
-
-    Both are of a straight line; what lies beside it, such as an onset, widens the deviation, which
-    is infinite where too few forces state it.
-    """
+    """Change in deg, by a straight line over forces, and its deviation with what lies beside."""
     order = np.argsort(here.force_n, kind="stable")
     centred = here.force_n[order] - here.force_n.mean()
     phase = np.unwrap(here.phase_deg[order], period=360.0)
@@ -183,10 +167,7 @@ def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
 def estimate_line(
     table: CalibrationTable, length_mm: float, permittivity: float
 ) -> list[LineEstimate]:
-    """Length and permittivity of the line by each carrier's data, within 10 mm and 60 %.
-
-    They are as rough since the contact law is not known.
-    """
+    """Length and permittivity by each carrier, within 10 mm and 60 %: the contact is unknown."""
     return [_estimate(own, length_mm, permittivity) for own in _by_carrier(table)]
 
 
@@ -273,11 +254,7 @@ def _unit_of_locations(farthest_mm: float, length_mm: float) -> list[str]:
 
 
 def _explained(own: _Presses, slope: float) -> list[str]:
-    """The mistake of ports, signs or locations without which all phases follow a line.
-
-    None where they do as they are, or where two mistakes explain them alike, such as swapped ports
-    at either of two locations.
-    """
+    """The one mistake of ports, signs or locations without which phases follow a line, or None."""
     if len(own.location_mm) < _ENOUGH_LOCATIONS:
         return []
     given = 1 - float(own.on_lines(slope * _SLOPES).max())
@@ -332,10 +309,7 @@ def _unconnected(own: _Presses, slope: float) -> list[str]:
 
 
 def _unpressed(own: _Presses, slope: float) -> list[str]:
-    """Whether no force changes the phases, everywhere or at some locations.
-
-    A line without a soft beam is shorted alike by all forces, but its phases follow location.
-    """
+    """Whether no force changes the phases, which follow location without a beam as well."""
     # Both ends together move alike at all locations (line.py).
     moved = own.change_deg.sum(axis=0)
     moved_std = np.linalg.norm(own.std_deg, axis=0)
@@ -405,10 +379,7 @@ def phase_suspicions(
 ) -> list[str]:
     """Likely mistakes in units, ports and signs of phases (n, 2) that a model does not explain.
 
-    A sentence each, if most readings are inconsistent with the model, or if they are small and
-    would be consistent in radians. A mistake is named if nearly all would be consistent without it.
-
-    ``location_mm`` (n,): known locations, NaN where unknown.
+    If most are inconsistent, or small and right in radians; named if nearly all would fit then.
     """
     rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
     phases = np.asarray(phases_deg, float)[rows]

@@ -33,10 +33,7 @@ _ROUNDS = 20
 def refine(
     model: curves.CurveModel, table: CalibrationTable, name: str | None = None
 ) -> curves.CurveModel:
-    """Refine a model, as calibrated on the bench, by a table of a few taps.
-
-    Untouched rows replace the untouched phases; ``name``: the model's own name by default.
-    """
+    """Refine a model of the bench by a few taps; untouched rows replace its untouched phases."""
     if not isinstance(model, curves.CurveModel):
         raise InputError("sensor", "must have calibrated curves to be refined", model.name)
     check_table(table, model.length_mm)

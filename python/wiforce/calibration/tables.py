@@ -265,10 +265,7 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
 
 
 def table_kind(path: str | Path) -> str:
-    """Kind of a calibration table by the columns of its CSV file.
-
-    Returns str: ``vna``, ``touchstone`` or ``taps``.
-    """
+    """Kind of a table by its columns: ``vna``, ``touchstone`` or ``taps``."""
     header, _ = read_csv(path)
     if "file" in header:
         return "touchstone"

@@ -24,12 +24,10 @@ _LEAST_LEFT = 5
 
 
 def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
-    """Cross-validate each form of the curves.
+    """Cross-validate each form of the curves: rms errors in deg, samples, and the best.
 
-    Where locations were pressed more than once, one ``press`` is left out at a time, otherwise a
-    block of neighbouring ``forces``. The first and the last block of a location are extrapolated.
-    ``best``: the form chosen by :func:`best_form`, ``auto`` without the extrapolated blocks and
-    ``auto-beyond`` with them; ``forms``: rms errors in degrees, and the samples predicted.
+    One ``press`` is left out at a time, or a block of neighbouring ``forces``, those at the ends of
+    a location only for ``auto-beyond``.
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
     folds = {
@@ -58,13 +56,9 @@ def _root_mean(squares: Sequence[np.ndarray]) -> float:
 
 
 def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
-    """Choose the simplest form that predicts as well as the best one.
+    """The simplest form as good as the best within the standard error of squares per fold.
 
-    A form predicts as well as the best when their mean difference of squared errors over the folds
-    is within its standard error (the one-standard-error rule, L. Breiman et al., *Classification
-    and Regression Trees*, 1984, section 3.4.3).
-
-    ``squares``: squared errors of each form, one array per fold.
+    L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3.
     """
     means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
     if not all(mean.size for mean in means.values()):
@@ -123,14 +117,10 @@ _CURVE_FORCES = 25
 
 @dataclass(frozen=True)
 class Verdict:
-    """Errors that a calibration leaves when the phases have no noise.
+    """Errors that a calibration leaves without noise, with contradictions of its locations.
 
-    Where locations contradict each other, the standard deviations include by how much.
-
-    ``force_std_n``, ``location_std_mm``: standard deviations, median and largest over the part of
-    the calibrated span in which readings are not flagged; ``limit``: the largest cause of the
-    former; ``flagged``: share of the span in which readings are flagged, and ``most_flagged`` the
-    flag of most of them; ``unusable``: why no force is read, empty where it is.
+    Standard deviations are median and largest where readings are not flagged; ``limit`` is the
+    largest cause, ``flagged`` a share of the span, ``unusable`` why no force is read.
     """
 
     frequency_hz: float
@@ -214,10 +204,7 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
 
 
 def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, float]:
-    """Median change of force (N) and location (mm) where port 1's phase is off by a degree.
-
-    As that of the untouched sensor may be: nothing shows it up to some 20 degrees.
-    """
+    """Median change in N and mm by a degree of port 1's phase, hidden up to some 20 degrees."""
     phases = model.phases_deg(*_grid(model, 5, 5), frequency_hz)
     before, after = (
         model.invert(phases + by, 0.1, frequency_hz=frequency_hz) for by in ([0, 0], [1, 0])
@@ -231,11 +218,7 @@ def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, fl
 def errors_over_span(
     model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
 ) -> tuple[float, float, float]:
-    """Median standard deviations of force (N) and location (mm) over a model's calibrated span.
-
-    They are those of :func:`verdict`, with phases of this standard deviation, (2,) or a number; the
-    third is the share of the span in which readings are flagged and not counted.
-    """
+    """Median deviations in N and mm over the span at noise (2,), and the share that is flagged."""
     quiet, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
     found = _over_span(model, frequency_hz, std_deg)[0]
     # A wide posterior may be summarised otherwise with more noise, which never makes it narrower.
@@ -268,10 +251,7 @@ def _over_span(
 def contradiction_deg(
     model: SensorModel, frequency_hz: float, location_mm: np.ndarray
 ) -> np.ndarray:
-    """Standard deviation (n, 2) by which calibrated locations contradict each other.
-
-    A model does not state it: its curves pass through every location.
-    """
+    """Deviation (n, 2) by which calibrated locations contradict each other, unseen by a model."""
     rows = _rows_at(model, "locations", frequency_hz)
     found = np.zeros((len(location_mm), 2))
     contradicting = contradictions(rows)

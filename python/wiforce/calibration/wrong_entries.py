@@ -40,11 +40,7 @@ def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]
 def leave_locations_out(
     data: CarrierData, contact: ContactValues, ruler_std_mm: float = 0.0
 ) -> list[dict[str, Any]]:
-    """Predict each inner location from the others; a row for each location and port.
-
-    ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the prediction and
-    ``expected_deg``, which the interpolation states.
-    """
+    """Predict each inner location from the others: rms and expected deg by location and port."""
     rows = []
     for j in range(1, len(contact.location_mm) - 1):
         others, place = contact.without(j), contact.location_mm[j]
@@ -72,12 +68,9 @@ def leave_locations_out(
 def contradicting_locations(
     fits: Sequence[CarrierFit], ruler_std_mm: float
 ) -> dict[str, list[dict[str, Any]]]:
-    """What a model's cross-validation holds of locations: ``locations``, and ``wrong`` if any are.
+    """``locations``, rows of :func:`leave_locations_out` of all carriers, and ``wrong`` ones.
 
-    The rows of the former are those of :func:`leave_locations_out`, for all carriers. The latter
-    hold ``frequency_mhz``, ``location_mm``, and ``exchanged_mm``, the other of two that were
-    exchanged (with ``port`` where it is one port only), or ``fits_mm``, where the others see such
-    phases, None where they see them nowhere.
+    These were exchanged with ``exchanged_mm`` (at one ``port``), or fit at ``fits_mm`` or nowhere.
     """
     locations, wrong = [], []
     for fitted in fits:
@@ -93,10 +86,7 @@ def contradicting_locations(
 def _wrong_location(
     fitted: CarrierFit, rows: Sequence[Mapping[str, Any]], ruler_std_mm: float
 ) -> dict[str, Any] | None:
-    """The location that the others contradict, the one without which they are predicted best.
-
-    It also spoils the predictions of its neighbours.
-    """
+    """The location without which the others, its neighbours too, are predicted best."""
     data, contact = fitted.data, fitted.contact
     count = len(data.location_mm)
     if count < _LEAST_TESTED or not contradictions(rows):
@@ -131,9 +121,7 @@ def _exchanged_locations(
     rows: Sequence[Mapping[str, Any]],
     ruler_std_mm: float,
 ) -> dict[str, Any] | None:
-    """Two locations whose exchange, at one port or both, explains the phases better:
-    ``location_mm``, ``exchanged_mm`` and, where it is one, ``port``.
-    """
+    """Two locations whose exchange, at one ``port`` or both, explains the phases better."""
     if not rows:
         return None
     # Along a line an exchange moves phases further apart, unless it takes another one back.
@@ -210,10 +198,8 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
 def find_wrong_rows(fitted: CarrierFit) -> list[str]:
     """Rows of a location whose exchange explains the phases better, or without which they fit.
 
-    A phase follows force smoothly, with noise of its own and of the force, which the slope turns
-    into phase. Of each location and port the pair is tried whose exchange fits the curve best, then
-    the row that lies farthest beside the others. Sweeps may begin before the contact, which no
-    curve of force follows.
+    A phase follows force smoothly, with noise of its own and of the force. Tried are the pair whose
+    exchange fits best, then the row farthest beside the others, above the onset.
     """
     without_n, touched_n = fitted.data.onset or (0.0, 0.0)
     fitter = fitted.fitter
@@ -289,10 +275,7 @@ class _Noise:
 
 
 def find_untouched_scatter(fitted: CarrierFit) -> list[str]:
-    """Ports whose untouched phases scatter more than those of presses do.
-
-    Every reading is a change against their mean.
-    """
+    """Ports whose untouched phases, reference of all readings, scatter more than presses do."""
     found, data = [], fitted.data
     if data.untouched_deg is None:
         return []
@@ -320,9 +303,7 @@ def _rest(basis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def _best_exchange(
     curve: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
 ) -> tuple[tuple[int, int] | None, int]:
-    """The two rows of a press, by their index, whose exchange reduces the squares about a curve
-    most, None where none does; and how many could be exchanged, above the onset ``without_n``.
-    """
+    """Rows of a press whose exchange reduces the squares most, or None, and how many could."""
     pressed = curve.force_n > without_n
     pair, most, count = None, 0.0, 0
     for press in np.unique(curve.press[pressed]):

@@ -16,11 +16,8 @@ from .file import GaugeRecord
 
 @dataclass(frozen=True)
 class TimedForces:
-    """Readings of one sensor, as far as they are compared.
-
-    ``time_s`` (n,): centres of the groups, increasing; ``force_n``, ``force_std_n`` (n,): force, 0
-    while untouched, and its standard deviation; NaN where it is not known; ``touched``, ``clear``
-    (n,) of bool: which groups are touched, and which have no flag.
+    """Readings of one sensor (n,): centres of groups, force (0 untouched, NaN unknown), and whether
+    touched and clear of flags.
     """
 
     time_s: np.ndarray
@@ -39,17 +36,10 @@ class TimedForces:
 class GaugeComparison:
     """Errors of readings against a gauge.
 
-    ``offset_s``, ``offset_std_s``: time of the gauge at time 0 of the readings, and its standard
-    deviation (jackknife over parts of the recording); the latter 0 where the offset was given;
-    ``other_offset_s``: another offset that fits nearly as well, if there is one; ``correlation``:
-    of readings and gauge at this offset; ``sign``: -1 for a gauge that shows presses as negative
-    forces; ``zero_n``: what the gauge shows while the sensor is untouched, which has been
-    subtracted; ``time_s``, ``force_n``, ``force_std_n``, ``gauge_n`` (m,): steady touched readings
-    without flag, with the mean force of the gauge over each group; ``flagged``, ``missed``,
-    ``false``: steady groups in which the gauge shows a press and the reading is flagged; is clear
-    but untouched; and clear touched groups in which the gauge shows none; ``unrecorded``: readings
-    without flag in holes of the gauge's record; ``unit_stated``: whether anything says that the
-    gauge shows this unit.
+    ``offset_s`` is the gauge's time at time 0 of the readings, its deviation by jackknife, 0 if
+    given; ``other_offset_s`` fits nearly as well. ``sign`` and ``zero_n`` are the gauge's. Steady
+    touched readings (m,) without flag are compared; steady groups may be ``flagged``, ``missed``,
+    ``false`` or ``unrecorded`` instead. ``unit_stated``: that N are sure.
     """
 
     offset_s: float
@@ -158,15 +148,10 @@ def compare_with_gauge(
 ) -> GaugeComparison:
     """Align readings and a gauge in time, and compare their forces.
 
-    A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
-    are left out: an interval longer than a group and than 1.75 usual ones. The offset is that at
-    which the gauge explains most of the readings that are clear (touched or not), on a grid of half
-    a group by FFT (cross-correlation with masks, Padfield 2012), then maximises the correlation
-    continuously. Neither depends on the gauge's gain and zero. A group is steady when it and its
-    neighbours are pressed according to the gauge.
-
-    ``touch_n``: force in N from which the gauge shows a press that the sensor must read;
-    ``offset_s``: time of the gauge at time 0 of the readings; estimated by default.
+    A reading is compared with the gauge's mean over its group, without holes. The offset explains
+    most of the clear readings, by FFT (masked cross-correlation, Padfield 2012) on half groups,
+    then continuously; gain and zero do not matter. Groups are steady between pressed neighbours.
+    ``touch_n`` is the force from which a press must be read.
     """
     _check_times(readings, gauge)
     if not np.any(readings.clear):
@@ -282,10 +267,7 @@ def _coarse_offset(
 
 
 def _masked_correlation(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lags, Pearson correlation of ``a[i]`` and ``b[i + lag]`` over what is no NaN in both, and how
-    much of the sum of squares of ``a`` it explains: where they overlap in part, the begin of a
-    press is the inverse of its end.
-    """
+    """Lags, correlation of ``a[i]`` and ``b[i + lag]`` but NaN, and what of ``a`` it explains."""
     size = next_fast_len(len(a) + len(b))
     a_known, b_known = (np.isfinite(each).astype(float) for each in (a, b))
     a, b = np.where(a_known, a, 0.0), np.where(b_known, b, 0.0)

@@ -69,10 +69,7 @@ class GaugeForce(NamedTuple):
 
 
 class ForceGauge:
-    """What a gauge or scale sends, line by line, with the times at which it arrived.
-
-    ``unit``: of lines that contain none; ``now_s``: time at which listening begins.
-    """
+    """What a gauge sends, line by line, with arrival times; ``unit`` of lines without one."""
 
     def __init__(self, name: str, unit: str = "N", now_s: float = 0.0) -> None:
         self.name = name
@@ -149,11 +146,7 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class GaugeRecord:
-    """What a force gauge recorded.
-
-    ``time_s`` (n,): increasing; from any origin, in the gauge's clock; ``force_n`` (n,): as
-    recorded: with the gauge's zero and sign; ``unit_stated``: False where newtons are assumed.
-    """
+    """What a gauge recorded (n,), in its own clock, zero and sign; newtons unless stated."""
 
     time_s: np.ndarray
     force_n: np.ndarray
@@ -168,12 +161,9 @@ def read_gauge_file(
 ) -> GaugeRecord:
     """Read times and forces from a CSV file with a header.
 
-    Commas, semicolons or tabs separate columns; with the latter two, numbers may have decimal
-    commas. Times are seconds, or of the unit that the column's name ends in, or dates in ISO 8601.
-    Rows without a force are left out.
-
-    ``time_column``, ``force_column``: by default the only ones that sound like a time and a force;
-    ``unit``: of the force; by default the one in the column's name, and N where there is none.
+    Commas, semicolons or tabs separate columns, with the latter two decimal commas are allowed.
+    Times are seconds, of the unit in the column's name, or ISO 8601. Columns are by default the
+    only ones that sound like it; the unit is the column's, else N.
     """
     return gauge_of(path, _table(path), time_column, force_column, unit)
 

@@ -88,10 +88,7 @@ def score(
 def timed_forces(
     rows: Sequence[Mapping[str, Any]], sensor: str | Sequence[str] | None = None
 ) -> TimedForces:
-    """Forces of one sensor, or the sum of those that are named, from rows of readings.
-
-    Unknown values are None or NaN, flags one text. Errors of different sensors are independent.
-    """
+    """Forces of one sensor, or the sum of those named, with independent errors, from rows."""
     for name in ("time_s", "sensor", "touch", "force_n", "force_std_n", "flags"):
         if len(rows) and name not in rows[0]:
             raise InputError("readings", f"must have the column {name}")

@@ -42,13 +42,9 @@ _REFUSED_UNTOUCHED = {
 
 @dataclass(frozen=True)
 class PressMeasurement:
-    """Mean phases of a press, or of the untouched sensor.
+    """Mean phases of a press, or of the untouched sensor, where location and force are NaN and 0.
 
-    ``location_mm``: from port 1, in mm; NaN when untouched; ``force_n``, ``force_std_n``: force in
-    N and its standard deviation, NaN where the gauge does not state one; 0 and NaN when untouched;
-    ``phase_deg``: psi_1 and psi_2 in degrees; ``phase_std_deg``: standard deviations of these
-    means; ``groups``: number of phase groups; ``sweep``: which run over the forces at this
-    location, from 1; ``time_utc``: when it was taken, ISO 8601.
+    ``sweep`` is the run over the forces there, from 1; ``time_utc`` ISO 8601.
     """
 
     location_mm: float
@@ -89,10 +85,7 @@ def measure_press(
     force_std_n: float = math.nan,
     sweep: int = 1,
 ) -> PressMeasurement:
-    """Mean phases of a press that holds still, from consecutive readings of one sensor.
-
-    ``sweep``: which run over the forces at this location; ``force_std_n`` where it is known.
-    """
+    """Mean phases of a press that holds still, from consecutive readings of one sensor."""
     where = f"press at {location_mm:g} mm"
     mean, std = _phases(readings, where, 1, largest_change_deg, _REFUSED)
     return PressMeasurement(location_mm, force_n, force_std_n, mean, std, len(readings), sweep)

@@ -85,11 +85,7 @@ def press_warnings(
 
 
 def _elsewhere(new: PressMeasurement, step: float, outward: np.ndarray) -> list[str]:
-    """Whether the ends of the short (2,) lie where those of a press at another location would.
-
-    With a change of force, whatever its amount, both move outward or both inward: a short only
-    widens. Along the line they move the same way.
-    """
+    """Whether ends of the short (2,) moved alike, as along the line: forces widen or narrow it."""
     moved = float(outward[1] - outward[0]) / 2
     # At one location, an end that moves alone is no slip.
     certain = step > 0 or (outward.prod() < 0 and np.abs(outward).min() > _LEAST_STEP_MM)
@@ -119,10 +115,7 @@ def _jump(new: PressMeasurement, sweep: Sequence[PressMeasurement], slope: float
 
 
 def _widening(new: PressMeasurement, force_n: np.ndarray, wider_mm: np.ndarray) -> list[str]:
-    """Whether the width of the short follows from those at other forces (n,), nearest first.
-
-    ``wider_mm`` (n,): by how much it is wider than theirs.
-    """
+    """Whether widths follow from those at other forces (n,), nearest first, wider by (n,) mm."""
     inverse, own = force_n ** (-1 / 3), new.force_n ** (-1 / 3)
     if np.ptp(inverse) == 0:
         return []
@@ -172,10 +165,7 @@ class Target(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """How far the measurements at a location are from the curves fitted to all.
-
-    ``largest_deg``: largest residual of either port; ``force_n``: force of that measurement, in N.
-    """
+    """Largest residual in deg, and its force in N, of a location's measurements."""
 
     location_mm: float
     rms_deg: tuple[float, float]
@@ -185,11 +175,9 @@ class Residual(NamedTuple):
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """What a guided calibration is to measure.
+    """What a guided calibration is to measure: locations in order, forces, rising, sweeps.
 
-    ``sensor``: name of the sensor in the scene; ``location_mm``: locations from port 1, in the
-    order of measurement; ``force_n``: forces at each location, rising; ``sweeps``: runs over the
-    forces at each location; every second one falls.
+    Every second sweep over the forces of a location falls.
     """
 
     sensor: str
@@ -233,11 +221,8 @@ class SessionPlan:
 class CalibrationSession:
     """A guided calibration; each measurement is on the disk before the next is taken.
 
-    An existing file of the same sensor is continued. A last row that a crash or a full disk left
-    without its end is removed. Only one process at a time has the file open.
-
-    ``path``: table of taps; ``settings``: arguments of :func:`.calibration.calibrate` for residuals
-    and model, besides those of the line; ``measurements``: all rows of the file, in its order.
+    A file of the same sensor, held by one process, is continued without a last row that was cut
+    off. ``settings`` are those of :func:`.calibration.calibrate`.
     """
 
     plan: SessionPlan
@@ -302,10 +287,7 @@ class CalibrationSession:
         raise InputError("force_n", rule, force_n)
 
     def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
-        """Reasons why a press may be an error of the person who measures, a sentence each.
-
-        ``target``: what was asked for.
-        """
+        """Why a press may be an error of the person who measures, a sentence each."""
         plan = self.plan
         asked = force_warning(press.force_n, target.force_n) if target is not None else []
         return asked + press_warnings(
@@ -313,10 +295,7 @@ class CalibrationSession:
         )
 
     def add(self, measurement: PressMeasurement) -> None:
-        """Store a measurement.
-
-        Raises OutputError, InputError when it cannot be written; those before it are kept.
-        """
+        """Store a measurement, or raise OutputError, InputError; those before it are kept."""
         if measurement.untouched:
             self._check_untouched(measurement)
         else:
@@ -381,10 +360,7 @@ class CalibrationSession:
         return without_incomplete(read_tap_csv(self.path, self.plan.frequency_hz))
 
     def model(self, name: str | None = None) -> CurveModel:
-        """Calibrate with the locations that have enough forces.
-
-        ``name``: of the model; the sensor's by default.
-        """
+        """Calibrate with the locations that have enough forces."""
         table = self._complete()
         if table is None:
             raise InputError(self.path, "has no row with a force")
@@ -395,11 +371,9 @@ class CalibrationSession:
         return calibrate(table, name, **{**self.settings, **line})
 
     def fit(self) -> tuple[list[Residual], list[str]]:
-        """Residuals of the presses by location, and locations that the others contradict.
+        """Residuals by location, from two on, and those that others contradict, from three on.
 
-        Residuals do not show a wrong mark of the ruler, since each location has curves of its own.
-        The former are empty while there are not two locations with enough forces, the latter,
-        sentences, while there are not three.
+        Residuals do not show a wrong mark of the ruler: each location has curves of its own.
         """
         table = self._complete()
         if table is None:
