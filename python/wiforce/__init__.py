@@ -46,7 +46,7 @@ _MODULES = {
     "plot": "receiver.plotting",
     "plan_for_capture": "receiver.captures",
     "read": "receiver.captures",
-    "score": "calibration.gauges.score",
+    "score": "calibration.gauges.comparison",
     "simulate": "receiver.captures",
     "calibrate": "calibration.calibrate",
     "survey": "receiver.captures",

@@ -9,8 +9,7 @@ another trial. From trial 3 nothing is learnt.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.refine import refine
+from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..estimation.estimators import RatioUnfolder, estimator_named
 from ..estimation.groups import Array, Groups
 from ..gui import ForceDisplay, Spectrum, Trend
-from ..gui.words import end_labels
+from ..gui.style import end_labels
 from ..planning.plan import Plan
 from ..wiforce_python import phase_group_doppler
 from . import names

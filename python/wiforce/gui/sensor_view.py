@@ -7,8 +7,7 @@ from PyQt5.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen, QPoly
 from PyQt5.QtWidgets import QWidget
 
 from ..io.readings import Reading
-from .style import BEAM, FAINT, GROUND, INK, WARNING
-from .words import notes, warning_flags
+from .style import BEAM, FAINT, GROUND, INK, WARNING, notes, warning_flags
 
 _MARGIN = 16
 _GAP = 14

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Style of the displays, and what they have in common."""
+"""Style and words of the displays, and what they have in common."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer
@@ -7,6 +10,7 @@ from PyQt5.QtGui import QColor, QShowEvent
 from PyQt5.QtWidgets import QScrollArea, QWidget
 
 from ..io import palette
+from ..io.readings import Reading
 
 INK, FAINT, PAPER, WARNING, BEAM, GROUND = map(
     QColor,
@@ -54,3 +58,29 @@ class Display(QWidget):
         screen = window.screen().availableSize()
         decoration = window.frameGeometry().size() - window.size()
         window.resize((window.size() + missing).boundedTo(screen - decoration))
+
+
+def warning_flags(reading: Reading) -> list[str]:
+    """Words of the flags that warn of errors: all but ``reference``."""
+    return [flag for flag in reading.flags if flag != "reference"]
+
+
+def end_labels(sensors: Sequence[str]) -> list[str]:
+    """Labels of both ends of every sensor; with its name where there are several."""
+    prefixes = [f"{name} " if len(sensors) > 1 else "" for name in sensors]
+    return [f"{prefix}end {end}" for prefix in prefixes for end in (1, 2)]
+
+
+def notes(reading: Reading) -> str:
+    """SNR and flags."""
+    snr = [] if reading.snr_db is None else [f"SNR {reading.snr_db:.1f} dB"]
+    return "  ".join([*snr, *reading.flags])
+
+
+def tare_outcome(state: dict[str, Any]) -> str:
+    """What became of a tare (port ``tare_state``); empty while measured, and without one."""
+    outcome, reason = state.get("state", "none"), state.get("reason", "")
+    if outcome in ("none", "measuring"):
+        return ""
+    forced = " (forced)" if state.get("forced") else ""
+    return f"tare {outcome}{forced}" + (f": {reason}" if reason else "")

@@ -25,9 +25,8 @@ from ..errors import InputError
 from ..io.palette import SERIES
 from ..io.readings import Reading, SurfaceReading, as_reading
 from .sensor_view import SensorView
-from .style import PAPER, Display, time_plot
+from .style import PAPER, Display, tare_outcome, time_plot, warning_flags
 from .surface_view import SurfaceView
-from .words import tare_outcome, warning_flags
 
 # Most groups kept, however long the history: short groups arrive at some hundreds per second.
 _MOST = 20_000

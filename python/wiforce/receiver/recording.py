@@ -29,8 +29,7 @@ from ..io.capture.names import second_antenna
 from ..io.capture.recordings import Capture, open_capture
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..planning.room.adaptation import adapted, expecting_snr
-from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
+from ..planning.room.adaptation import adapted, expecting_snr, survey_reference, surveyed_snapshots
 from ..press.evidence import Suspicion
 from ..signal.waveform import Waveform
 from .receiver import Receiver

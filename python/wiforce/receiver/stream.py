@@ -17,9 +17,14 @@ from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..planning.room.adaptation import adapted, expecting_snr, readapted
+from ..planning.room.adaptation import (
+    adapted,
+    expecting_snr,
+    readapted,
+    survey_reference,
+    surveyed_snapshots,
+)
 from ..planning.room.findings import Finding, findings
-from ..planning.room.reference_survey import survey_reference, surveyed_snapshots
 from ..press.evidence import Suspicion
 from ..press.sensor_state import SensorState
 from ..press.tares import StreamTares, TareState

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..io.text.values import KeyPath
+from .effects import PressForce
 from .schema import Scene
 from .surface import surface_violations
 
@@ -144,7 +145,9 @@ def _duration(scene: Scene) -> Iterator[Violation]:
 
 def _press_times(scene: Scene) -> Iterator[Violation]:
     simulation, duration_s = scene.simulation, scene.simulation.duration_s
-    timed = [(f"presses[{i}]", press) for i, press in enumerate(simulation.presses)]
+    timed: list[tuple[str, PressForce]] = [
+        (f"presses[{i}]", press) for i, press in enumerate(simulation.presses)
+    ]
     timed += [(f"surface_presses[{i}]", p) for i, p in enumerate(simulation.surface_presses)]
     for name, press in timed:
         start = f"simulation.{name}.start_s"

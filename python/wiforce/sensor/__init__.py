@@ -27,7 +27,7 @@ _ELSEWHERE = {
     "read_tap_csv": "calibration.tables",
     "read_touchstone_index": "calibration.tables",
     "read_vna_csv": "calibration.tables",
-    "refine": "calibration.refine",
+    "refine": "calibration.calibrate",
     "suspicions": "calibration.mistakes",
     "table_kind": "calibration.tables",
     "untouched_assumed": "calibration.mistakes",

@@ -11,7 +11,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gui import Trend, widget, words
+from gnuradio.wiforce.gui import Trend, style, widget
 from gnuradio.wiforce.io.readings import Reading
 from PyQt5 import QtCore, QtWidgets
 from PyQt5.QtGui import QColor
@@ -94,7 +94,7 @@ def test_values_have_two_standard_deviations_and_units():
     reading = Reading(**PRESSED | {"flags": ()})
     assert reading.press() == "4.00 +- 0.20 N at 40.00 +- 1.00 mm"
     assert reading.press(bounds=False) == "4.00 N at 40.00 mm"
-    assert words.notes(reading) == "SNR 12.0 dB"
+    assert style.notes(reading) == "SNR 12.0 dB"
 
 
 def test_values_unknown_are_not_numbers():
@@ -102,8 +102,8 @@ def test_values_unknown_are_not_numbers():
     assert Reading(1.0, "arm", touch=0).press() == "untouched"
     lost = Reading(1.0, "arm", touch=1, location_mm=30.0, flags=("force-unobservable",))
     assert lost.press() == "unknown N at 30.00 mm"
-    assert words.warning_flags(lost) == ["force-unobservable"]
-    assert words.warning_flags(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
+    assert style.warning_flags(lost) == ["force-unobservable"]
+    assert style.warning_flags(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
 
 
 ODD_VALUES = [None, math.nan, math.inf, -math.inf, -3.0, 1e9, "4", True, []]

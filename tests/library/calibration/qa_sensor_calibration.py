@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce import sensor
-from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.fit import CurveFitter, noise_and_misfit
-from gnuradio.wiforce.calibration.refine import refine
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import (
     read_tap_csv,

@@ -14,9 +14,10 @@ from gnuradio.wiforce.planning.room.adaptation import (
     added_noise,
     expecting_snr,
     room_noise_of_tones,
+    survey_reference,
+    without_slip,
 )
 from gnuradio.wiforce.planning.room.findings import findings, level_reference, other_clock_hz
-from gnuradio.wiforce.planning.room.reference_survey import survey_reference, without_slip
 from gnuradio.wiforce.signal.lines import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights
