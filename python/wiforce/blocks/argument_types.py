@@ -37,9 +37,7 @@ _WORDS: dict[Any, tuple[str, str]] = {
 def typed(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Let a constructor or method refuse arguments whose type is not the annotated one.
 
-    Python itself would raise a TypeError or an AttributeError somewhere inside, which names neither
-    parameter nor value. NumPy's numbers are numbers, and a float without a fraction is passed on as
-    an integer where one is annotated.
+    Numbers may be NumPy's, integers floats without a fraction. Python would fail somewhere inside.
     """
     signature = inspect.signature(function)
     hints = cache(lambda: get_type_hints(function))
@@ -112,11 +110,7 @@ def _words(kind: Any) -> tuple[str, str]:
 
 
 class Kept:
-    """Mix-in of Python blocks, before GNU Radio's class, that a flowgraph keeps.
-
-    GNU Radio's flowgraphs hold only the C++ part of a Python block. Without this, a block that no
-    variable refers to is destroyed while it runs, which ends the process.
-    """
+    """Mix-in, before GNU Radio's class, of Python blocks that a flowgraph keeps as a whole."""
 
     def to_basic_block(self) -> Any:
         """The block as a flowgraph connects it."""

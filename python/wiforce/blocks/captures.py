@@ -83,12 +83,10 @@ _POLL_S = 0.1
 
 
 class capture_stream(Kept, gr.sync_block):
-    """Samples of a growing capture, with ``rx_time`` at its start and after every gap.
+    """Samples of a growing capture, ``sc16`` or ``fc32``, with ``rx_time`` at start and gaps.
 
-    A gap must be in the metadata before the samples after it are in the data, as ``sigmf_recorder``
-    writes them. A gap that is reported later ends the stream with an error, its ``failure``, since
-    samples have been sent with a wrong time; so does another sample rate or carrier. When ``ended``
-    is set, the stream ends with what is in the file. ``item_type`` is ``sc16`` or ``fc32``.
+    A gap must be in the metadata before the samples behind it; one reported later, or another rate
+    or carrier, ends the stream with a ``failure``. ``ended`` ends it with the file.
     """
 
     @typed
@@ -192,11 +190,7 @@ class capture_stream(Kept, gr.sync_block):
 
 
 class sample_keeper(Kept, gr.sync_block):
-    """Keeps the first ``count`` complex 16-bit samples of its input, without ever ending the
-    flowgraph.
-
-    ``samples`` (n, 2) are I and Q of those kept so far.
-    """
+    """Keeps the first ``count`` 16-bit samples, (n, 2), without ever ending the flowgraph."""
 
     @typed
     def __init__(self, count: int) -> None:

@@ -27,12 +27,9 @@ Tag = tuple[int, Any, Any]
 class FrameSearch:
     """Holds the samples of a stream until its frames are found, and gives those from the first on.
 
-    The offset is estimated over the first frames of the first of several antennas, as many as for
-    recordings unless given. A gap while they are searched begins the search anew.
-
-    ``offset`` are the samples before the first frame and ``start_time`` (whole seconds, fraction)
-    that of its first sample, each None until known; ``searches`` counts those without a result;
-    ``tags`` are those of samples that were not put out yet: (item, key, value).
+    The offset is that of the first of several antennas; a gap begins the search anew. ``offset``
+    and ``start_time`` (whole seconds, fraction) are None until known; ``searches`` counts those
+    without a result, ``tags`` are (item, key, value) not put out yet.
     """
 
     def __init__(
@@ -54,10 +51,7 @@ class FrameSearch:
 
     @property
     def wanted(self) -> int:
-        """Number of samples that the search takes next.
-
-        Where frames are found must not depend on how many samples happen to come at once.
-        """
+        """Samples that the search takes next, however many samples come at once."""
         return self._needed - self._held_count
 
     @property
@@ -66,11 +60,7 @@ class FrameSearch:
         return self.offset is not None and bool(self._held)
 
     def take(self, items: Array, tags: Iterable[Tag]) -> None:
-        """Take the next samples, at most ``wanted``, and search frames when they are enough.
-
-        complex64 (n,), or int16 (n, 2 antennas), with tags (item, key, value); the stream begins
-        with item 0.
-        """
+        """Take up to ``wanted`` samples, complex64 (n,) or int16 (n, 2 A), and their tags."""
         gap = None
         for item, key, value in tags:
             if pmt.eq(key, _RX_TIME) and self._timeline.note(item, value):

@@ -16,11 +16,7 @@ LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
 
 
 def scene_meant(waveform: WaveformOrScene) -> Scene | None:
-    """The scene that is given in place of a waveform, so that its section `sounding` counts.
-
-    A scene, or its ``.yaml`` file: in Companion the ID of a Scene block is both. None for a
-    waveform.
-    """
+    """The scene, or ``.yaml`` file of one, given in place of a waveform; None for a waveform."""
     if isinstance(waveform, Scene):
         return waveform
     if str(waveform).lower().endswith((".yaml", ".yml")):
@@ -36,10 +32,7 @@ def frames_of(
     repetitions: int = 0,
     averaged_repetitions: int = 0,
 ) -> Waveform:
-    """The frame of a block; a Waveform or a scene states everything itself.
-
-    Of a name or file, the other parameters count, 0 for the defaults of a scene's ``sounding``.
-    """
+    """The frame of a block, of a Waveform, a scene, or a name and keys, 0 for defaults."""
     if isinstance(waveform, Waveform):
         return waveform
     scene = scene_meant(waveform)
@@ -58,10 +51,7 @@ def frames_of(
 
 
 def symbol_length_of(waveform: WaveformOrScene, symbol_length: int = 0) -> int:
-    """Samples of the symbol of a waveform or of a scene: the length of folded vectors.
-
-    ``symbol_length`` is as stated, 0 for the waveform's default.
-    """
+    """Samples of the symbol of a waveform or a scene: the length of folded vectors."""
     if isinstance(waveform, Waveform):
         return waveform.symbol_length
     if isinstance(waveform, Scene):

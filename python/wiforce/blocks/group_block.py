@@ -71,11 +71,7 @@ def _from_pmt(item: Any) -> Array:
 
 
 def noise_value(noise: Array) -> Any:
-    """Value of the tag ``noise`` for folded vectors that follow each other, from (n, 2).
-
-    f32vector of the smallest and largest difference of the repetitions of each, as a power per
-    sample.
-    """
+    """f32vector for the tag ``noise`` of folded vectors, from (n, 2): smallest and largest."""
     return pmt.init_f32vector(noise.size, np.asarray(noise, np.float32).ravel())
 
 
@@ -90,10 +86,7 @@ class NoiseTags:
         self._runs.append((item, np.array(pmt.f32vector_elements(value)).reshape(-1, 2)))
 
     def noise(self, first: int, count: int) -> Array:
-        """Noise of some items, shape (count, 2); zeros where it is unknown.
-
-        Tags of earlier items are forgotten.
-        """
+        """Noise of some items, (count, 2), zeros where unknown; earlier tags are forgotten."""
         noise = np.zeros((count, 2))
         while self._runs and self._runs[0][0] + len(self._runs[0][1]) <= first:
             self._runs.popleft()
@@ -128,15 +121,10 @@ _PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 class GroupBlock(Kept, gr.basic_block):
     """Passes the groups that have arrived to ``take``, and sends the groups that it returns.
 
-    Subclasses implement ``take(items, tags)``, with ``items`` the input's vectors and ``tags`` a
-    dict of tags by name for each, and return how many items were taken and a Groups, the rows of
-    which ``vectors(groups)`` turns into items. Once the input has ended, ``flush()`` gives the
-    groups that were held back: they are the last items of the output, so the next block has read
-    them before it flushes its own.
-
-    An exception in ``take``, or one that a message handler passes to ``fail``, ends the flowgraph
-    in order and remains as ``failure``; raised through the scheduler it would hang or abort the
-    process. 0 outputs make a sink.
+    Subclasses implement ``take(items, tags)``, the input's vectors and tags by name of each, which
+    returns how many were taken and a Groups that ``vectors(groups)`` turns into items, and
+    ``flush()``, the groups held back, once the input has ended. An exception, or one passed to
+    ``fail``, ends the flowgraph in order as ``failure``. 0 outputs make a sink.
     """
 
     def __init__(self, name: str, inputs: int, outputs: int) -> None:
@@ -222,10 +210,9 @@ class GroupBlock(Kept, gr.basic_block):
 
 
 class SnapshotSink(GroupBlock):
-    """Passes the collected snapshots of the groups that have arrived to ``read``.
+    """Passes the collected snapshots (N x symbol length) that have arrived to ``read``.
 
-    Input: vectors N x symbol length, from ``preamble_fold.collected`` or
-    ``phase_group_doppler.collected``. Arrays of the groups are valid during the call only.
+    Arrays of the groups are valid during the call only.
     """
 
     def __init__(self, name: str, group_length: int, symbol_length: int) -> None:
@@ -266,20 +253,14 @@ class SnapshotSink(GroupBlock):
 
 
 def _buffered_groups(signature: Any) -> int:
-    """Length of a short buffer of whole pages.
-
-    GNU Radio keeps the tags of as many items as a buffer holds, which would be minutes of groups.
-    """
+    """Length of a short buffer of whole pages: tags of all items that it holds are kept."""
     size = signature.sizeof_stream_item(0)
     in_pages = math.lcm(size, _PAGE_BYTES) // size
     return in_pages * math.ceil(_LEAST_GROUPS / in_pages)
 
 
 def groups_of(tags: Tags) -> Groups:
-    """The batch that the previous stage described in tags of each item, by name.
-
-    RuntimeError when an item has no state: the block is not connected after ``end_separation``.
-    """
+    """The batch that the previous stage described in tags; RuntimeError without a state."""
     if any(names.STATE not in own for own in tags):
         raise RuntimeError(f"group without a {names.STATE!r} tag: connect after end_separation")
     return Groups.concatenate(state_from_pmt(own[names.STATE]) for own in tags)
@@ -299,11 +280,7 @@ def misplaced_in(tags: dict[str, Any]) -> list[tuple[int, int]]:
 
 
 class ReadingPort:
-    """Mix-in of a block that ends the chain and implements ``finish``.
-
-    When the stream has ended, ``finish`` publishes the readings of the groups held back; ``ended``
-    is set when the last group is read.
-    """
+    """Mix-in of a block that ends the chain: ``finish`` publishes the groups held back."""
 
     failure: Exception | None
     message_port_register_out: Callable[[Any], None]

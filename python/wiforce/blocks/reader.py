@@ -29,10 +29,7 @@ _REQUEST, _CANCEL = "request", "cancel"
 
 
 class TarePort:
-    """Mix-in of a block with the ports ``tare`` (in) and ``tare_state`` (out).
-
-    Requests come as messages, or from another thread by ``tare``.
-    """
+    """Mix-in of a block with ports ``tare`` (in), also from threads, and ``tare_state`` (out)."""
 
     _post: Callable[[Any, Any], None]
     fail: Callable[[Exception], None]
@@ -54,11 +51,7 @@ class TarePort:
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
-        """Request a tare, from any thread; ``force`` also while a sensor is touched.
-
-        ``done`` is called once, in the block's thread, with the TareState in which the request
-        ends.
-        """
+        """Request a tare, from any thread; ``done`` is called, in the block's, with its end."""
         number = next(self._numbers)
         if done is not None:
             self._asked[number] = done
@@ -119,10 +112,8 @@ def _request_in(message: Any) -> dict[str, Any]:
 class group_reader(ReadingPort, TarePort, SnapshotSink):
     """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
-    Input: vectors N x symbol length, the snapshots of a group, from ``preamble_fold.collected`` or
-    ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings``, ``tare_state``
-    and ``warnings`` (out). ``on_warning`` is called with every sentence on what keeps the stream
-    from being read, and is GNU Radio's log unless it is set.
+    Input: vectors N x symbol length, collected. Message ports: ``tare`` (in), ``readings``,
+    ``tare_state``, ``warnings`` (out); ``on_warning`` is GNU Radio's log unless set.
     """
 
     @typed

@@ -23,11 +23,7 @@ class _NamedScene(str):
 
 
 def scene_in_companion(file: str) -> _NamedScene:
-    """A Scene block's file, with the attributes of the scene, while a flowgraph is edited.
-
-    Companion takes only text for parameters with a file button. With a text that has the attributes
-    of a scene, the block's ID can be given there, and generated programs pass the scene itself.
-    """
+    """A Scene block's file with the scene's attributes, as Companion takes only text for files."""
     return _NamedScene(str(load_scene(file).path))
 
 
@@ -63,10 +59,7 @@ def is_waveform(
     repetitions: int = 0,
     averaged_repetitions: int = 0,
 ) -> bool:
-    """Whether frames can be made of a waveform by name or ``.npy`` file, or of a scene.
-
-    The other parameters are keys of a scene's ``sounding``, 0 for their defaults.
-    """
+    """Whether frames can be made of a waveform or a scene, with these keys, 0 for defaults."""
     from .frame_settings import frames_of
 
     stated = symbol_length, repetitions, averaged_repetitions

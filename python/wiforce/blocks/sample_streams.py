@@ -32,9 +32,8 @@ TAG_BYTES = _TAG.size
 
 
 class SampleTag(NamedTuple):
-    """A tag of a sample in a packet.
-
-    ``value`` is the fraction of an ``rx_time`` in s, samples per second, or the carrier in Hz.
+    """A tag of a sample in a packet: a time's fraction in s, samples per second, or a carrier in
+    Hz.
     """
 
     key: str
@@ -71,9 +70,8 @@ def _boot_time_s() -> float:
 class ResumedTime:
     """Continues the time of a stream when a device is lost and found; ``now`` is host time in s.
 
-    The time between two streams is measured by the host's clock, since the device may have been
-    started again. A stream resumes a whole number of frames after the beginning of the first one,
-    because transmission and reception start together and the device's delay is constant.
+    Between streams the host's clock counts, as a device may restart. One resumes whole frames after
+    the first began: both directions start together and the delay is constant.
     """
 
     def __init__(
@@ -99,11 +97,9 @@ class ResumedTime:
         return self._stream_clock
 
     def begin(self, device_time: Time | None, frame_offset: int = 0) -> list[Time]:
-        """A stream begins; gives the times of its first samples, after which time continues.
+        """Begin a stream, at ``frame_offset`` in a frame; the times of its first samples.
 
-        These are more than one after a long break. Without the device's time of its first sample,
-        its clock is the number of its samples. ``frame_offset`` is where the stream resumes in a
-        frame, by the beginning of the first stream.
+        More than one after a long break. Without a device time, its samples are its clock.
         """
         device_time = device_time or (0, 0.0)
         self._streams += 1
@@ -130,9 +126,7 @@ class ResumedTime:
         return times
 
     def of(self, item: int, device_time: Time) -> Time:
-        """Time of a sample, by its index in all streams, from that of the present stream's
-        clock.
-        """
+        """Time of a sample, by its index in all streams, from that of the present one's clock."""
         seconds, fraction = _added(device_time, self._offset)
         value = max(seconds, 0), fraction  # a device may report a time that cannot be
         self._timeline.note(item, time_value(*value))
@@ -162,16 +156,10 @@ _DONE = -1
 class sample_receiver(Kept, gr.sync_block):
     """Reads complex 16-bit samples and their device tags from stream sockets.
 
-    When a stream ends, the block waits for the next one. What passes between the two is a gap: the
-    next stream's first sample is tagged with the ``rx_time`` at which it follows the samples
-    before, by the host's clock, and ``retuned``, because the device's oscillators have new phases.
-    The output begins with the first frame that ``search`` finds; antennas come side by side, with
-    an output each.
-
-    ``received`` counts samples of all streams; ``peak`` is the largest magnitude of I or Q since it
-    was last set to 0; ``idle_s`` is the time since the last sample. ``called_s``
-    is when the scheduler last asked for samples (``time.monotonic``): it stops to ask while the
-    blocks after this one are busy.
+    Between a stream's end and the next one is a gap, tagged with the host's ``rx_time`` and
+    ``retuned``. The output begins with the first frame that ``search`` finds, an output per
+    antenna. ``received`` counts samples, ``peak`` is the largest I or Q since it was 0;
+    ``called_s`` is when the scheduler last asked: not while later blocks are busy.
     """
 
     @typed
@@ -206,10 +194,7 @@ class sample_receiver(Kept, gr.sync_block):
         return self._times.stream_clock
 
     def attach(self, stream: socket.socket, aligned: bool = False) -> None:
-        """Read another stream once those before it have ended.
-
-        ``aligned``: it begins with a frame; otherwise where the first stream began in a frame.
-        """
+        """Read another stream behind those before, ``aligned`` to a frame or as the first."""
         self._waiting.append((stream, aligned))
 
     def finish(self) -> None:
@@ -315,10 +300,7 @@ class sample_receiver(Kept, gr.sync_block):
         self._tags.clear()
 
     def _take(self, part: tuple[int, bytes, int, bool]) -> tuple[int, list[Tag]]:
-        """Take a part of a packet as it was read; the number of samples, and their tags.
-
-        A TimeoutError when nothing comes for a while, EOFError at the end of the stream.
-        """
+        """Take a part of a packet, samples and tags; TimeoutError or, at the end, EOFError."""
         count, tags, peak, ended = part
         self.called_s = time.monotonic()
         if tags:
@@ -371,13 +353,10 @@ _BUFFER_BYTES = 1 << 20
 
 
 class sample_sender(Kept, gr.sync_block):
-    """Writes complex 16-bit samples and their device tags to the stream socket of a
-    ``sample_receiver``.
+    """Writes complex 16-bit samples and device tags to the socket of a ``sample_receiver``.
 
-    What arrives within ``interval_s`` is sent together: the processor time of both processes
-    depends on the number of packets. ``accepts_time`` says whether a time in seconds is sent as
-    ``rx_time``. ``sent`` counts samples, ``waiting`` says that the other process is slower than
-    they come, ``ended`` that nothing is sent any more.
+    What arrives within ``interval_s`` is sent together, which saves time. ``accepts_time`` says
+    which seconds are sent; ``waiting`` that the other process is slower, ``ended`` the end.
     """
 
     @typed

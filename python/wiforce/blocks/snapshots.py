@@ -103,14 +103,9 @@ _SATURATED_CODE = 32752
 
 
 class free_fold(Kept, gr.basic_block):
-    """Folds the frames of a transmitter on a sample clock of its own.
+    """Folds the frames of a transmitter on a clock of its own (:class:`.FrameFollower`).
 
-    ``preamble_fold`` expects frames of a constant length. Here the length follows the transmitter
-    (:class:`.FrameFollower`), and both antennas keep the same frames. Connect the outputs to an
-    ``antenna_ratio``.
-
-    Input 0 and 1: complex 16-bit samples of two antennas, from the first frame on, with the tags of
-    input 0. Output 0 and 1: vectors of a symbol's samples, as ``preamble_fold`` gives them.
+    In: 16-bit samples of two antennas from the first frame on; out: vectors of the same frames.
     """
 
     @typed

@@ -37,9 +37,8 @@ def time_value(seconds: int, fraction: float) -> Any:
 
 
 class Timeline:
-    """Position of a stream's items on the device's count of samples, from its ``rx_time`` tags.
-
-    ``lost`` counts samples lost so far.
+    """Position of items on the device's count of samples, by ``rx_time``, of which some are
+    ``lost``.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -49,9 +48,8 @@ class Timeline:
     def note(self, offset: int, value: Any) -> int:
         """Take the tag of an item, of a rising index; give the samples lost just before it.
 
-        A value that is not a time is ignored. So is an implausible time, one that goes back or
-        jumps ahead by more than any gap, unless the next tag continues from it. This is the rule of
-        ``preamble_fold``.
+        As in ``preamble_fold``, times that are malformed or implausible are ignored, unless the
+        next continues from one.
         """
         time = rx_time_value(value)
         if time is None:
@@ -61,9 +59,7 @@ class Timeline:
         return lost
 
     def time_at(self, offset: int) -> tuple[int, float] | None:
-        """Device time (whole seconds, fraction) of an item not before the last tag; None
-        without.
-        """
+        """Device time (whole seconds, fraction) of an item not before the last tag, or None."""
         return self._timeline.time_at(offset)
 
 
@@ -78,11 +74,7 @@ _NO_GROUPS = (
 
 
 class Folded(NamedTuple):
-    """Frames that a block has made of all samples, and groups since the flowgraph began.
-
-    ``rate_hz`` and ``carrier_hz`` are those that the source reports, and for which samples are
-    discarded; 0 otherwise.
-    """
+    """Frames made of all samples, and groups; the rate and carrier that discards them, or 0."""
 
     frames: int
     groups: int
@@ -91,10 +83,7 @@ class Folded(NamedTuple):
 
 
 class SearchWatch:
-    """Watches samples in which no frames have been found, and reports once why.
-
-    Frames are searched in ``searched`` samples.
-    """
+    """Watches ``searched`` samples in which no frames have been found, and reports once why."""
 
     def __init__(self, waveform: Waveform, report: Callable[[str], None], searched: int) -> None:
         self._waveform, self._report, self._searched = waveform, report, searched
@@ -137,13 +126,9 @@ class SearchWatch:
 class StreamWatch:
     """Watches what passes a reader, and says once what is wrong with it.
 
-    The first cause that lasts for a second is said, and nothing more until readings have been clear
-    again: what follows from it would hide it. ``name`` is the block that speaks, ``report`` takes
-    every sentence (by default GNU Radio's log), ``frame_offset`` are samples before the first
-    frame, ``sampled`` says that groups are those of samples, and not of ratios of two antennas.
-    ``said`` holds the sentences so far; ``mean_frame`` returns the mean of the first frames (see
-    ``StreamReader``), ``folded`` what samples were cut into, before any of it is read, and
-    ``survey`` the latest survey of the room.
+    The first cause that lasts for a second is ``said``, then nothing until readings are clear: what
+    follows from it would hide it. ``report`` is GNU Radio's log by default, ``sampled`` excludes
+    ratios; ``folded`` is what samples were cut into, before it is read.
     """
 
     def __init__(
@@ -202,9 +187,7 @@ class StreamWatch:
             self.say(self._problem)
 
     def read(self, readings: Sequence[Reading], problem: Callable[[str], str]) -> None:
-        """Look at readings; ``problem`` says why a sensor's untouched phases were not known for a
-        second.
-        """
+        """Look at readings; ``problem``: why untouched phases were not known for a second."""
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
@@ -303,10 +286,7 @@ class StreamWatch:
         self._stopped.set()
 
     def end(self, problem: Callable[[str], str], final: Callable[[str], str]) -> None:
-        """Say why a stream that has ended was not read, or is in doubt.
-
-        ``problem`` is as for :meth:`read`, ``final`` the same where no reading was clear.
-        """
+        """Say why a stream was not read, or is in doubt; ``final`` where no reading was clear."""
         self.stop()
         plan, group_s = self._plan, self._plan.group_period_s
         self.say(self._problem)

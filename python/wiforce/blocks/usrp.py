@@ -231,11 +231,7 @@ def _begin_together(transmitter: Any, receiver: Any) -> DeviceTime:
 
 
 class DeviceWatch:
-    """Asks a device for its time once per second, and says once that it is lost.
-
-    ``ask`` raises a RuntimeError, as UHD does, where there is no answer; two in a row are none by
-    chance.
-    """
+    """Asks a device for its time once a second; two RuntimeErrors in a row say that it is lost."""
 
     def __init__(self, ask: Callable[[], object]) -> None:
         self._ask = ask
@@ -277,16 +273,11 @@ _SENT_TOGETHER = _TOGETHER // 2
 
 
 class timed_frames(Kept, gr.sync_block):
-    """Gives sounding frames, complex 16-bit, to a transmitter of gr-uhd with their times.
+    """Gives sounding frames (n, 2), complex 16-bit, to a transmitter of gr-uhd with their times.
 
-    With a time on the first sample, gr-uhd puts one on every packet. After an underflow they are
-    all late, and a device discards late packets (UHD manual, "Error Codes"): a machine that cannot
-    send faster than time goes on would never be heard again. Times begin anew here, later by whole
-    frames, so that receivers find the frames where they were.
-
-    ``begin``: returns the time of the first sample, in each run; ``device_time``: returns that of
-    the device; ``frame`` are its samples (n, 2). ``watch`` looks at the device while the flowgraph
-    runs. ``skipped_s``: how much later frames are since the run began.
+    After an underflow all packets are late and discarded (UHD manual, "Error Codes"), so that times
+    begin anew, later by whole frames, ``skipped_s`` in all. ``begin`` gives the time of a run's
+    first sample, ``device_time`` the present one, ``watch`` looks at the device.
     """
 
     def __init__(

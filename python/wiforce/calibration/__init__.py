@@ -3,6 +3,6 @@
 
 `tables` reads presses that a VNA or a reader measured, `data` checks and arranges them by location
 and port, and `mistakes` names likely errors. `calibrate` makes a model of the curves over force
-(`fit`), with its errors (`validation`). `refine` improves a model by presses over the air, `guided`
-measures press by press, and `gauges` are what forces are compared with.
+(`fit`), with its errors (`validation`), and refines it by presses over the air. `guided` measures
+press by press, and `gauges` are what forces are compared with.
 """
