@@ -70,7 +70,7 @@ def rows_of(cls, leave_out=(), prefix=""):
             if each.type.optional:
                 yield _row(f"{prefix}{name}", each)
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}.")
-        elif isinstance(each.type, ListOf):
+        elif isinstance(each.type, ListOf) and isinstance(each.type.of, type):
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}[].")
         else:
             yield _row(f"{prefix}{name}", each)

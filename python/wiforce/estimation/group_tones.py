@@ -68,24 +68,18 @@ class GroupTones:
             numbers: Sequence[int] = range(count)[rows]
         else:
             numbers = rows.tolist()
-        return GroupTones(
-            self.group[rows],
-            self.center_s[rows],
-            self.tones[rows],
-            self.missing[rows],
-            [self.weights[row] for row in numbers],
-        )
+        arrays = (values[rows] for values in self._arrays)
+        return GroupTones(*arrays, [self.weights[row] for row in numbers])
+
+    @property
+    def _arrays(self) -> tuple[Array, Array, Array, Array]:
+        return self.group, self.center_s, self.tones, self.missing
 
     @staticmethod
     def concatenate(parts: Sequence[GroupTones]) -> GroupTones:
         """Join groups that follow each other."""
-        return GroupTones(
-            np.concatenate([part.group for part in parts]),
-            np.concatenate([part.center_s for part in parts]),
-            np.concatenate([part.tones for part in parts]),
-            np.concatenate([part.missing for part in parts]),
-            [weights for part in parts for weights in part.weights],
-        )
+        arrays = map(np.concatenate, zip(*(part._arrays for part in parts), strict=True))
+        return GroupTones(*arrays, [weights for part in parts for weights in part.weights])
 
     @cached_property
     def _whitened(self) -> tuple[Array, Array]:

@@ -197,10 +197,16 @@ def assess_clocks(
     information = worst_information(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
     ends = []
     for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
-        ideal = _ideal_information(clocks_hz[tag] * waveform.averaging_s)[end - 1]
+        # Power of the switch's averaged waveform about its mean.
+        orders = np.arange(1, 4 * _HIGHEST_HARMONIC)
+        lines = harmonics(orders, clocks_hz[tag] * waveform.averaging_s)[:, end - 1]
+        ideal = 2 * np.sum(np.square(lines))
         loss_db = 10 * np.log10(ideal / max(q, 1e-12))
         ends.append(End(tag, end, float(q), float(loss_db)))
-    margins = tuple(_phase_margin(f * waveform.averaging_s) for f in clocks_hz)
+    every = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
+    margins = tuple(
+        phase_margin(harmonics(every, f * waveform.averaging_s), every) for f in clocks_hz
+    )
     collisions = _collisions(clocks_hz, waveform, group_length, tolerance_ppm)
     return ClockReport(tuple(ends), margins, tuple(sorted(collisions)))
 
@@ -223,12 +229,6 @@ def _collisions(
             yield tag, int(lines[row]), other, int(others[column])
 
 
-def _ideal_information(averaging_cycles: float) -> np.ndarray:
-    """Power (2,) of each switch's averaged waveform about its mean."""
-    lines = harmonics(np.arange(1, 4 * _HIGHEST_HARMONIC), averaging_cycles)
-    return np.asarray(2 * np.sum(np.square(lines), axis=0))
-
-
 def worst_information(
     clocks_hz: Sequence[float],
     waveform: Waveform,
@@ -249,12 +249,6 @@ def worst_information(
         waveforms = end_waveforms(trials_hz[some], starts[some], times_s, averaging_s, clutter)
         worst = np.maximum(worst, variances(waveforms).max(axis=0))
     return 1 / (worst * group_length)
-
-
-def _phase_margin(averaging_cycles: float) -> float:
-    """``phase_margin`` of all lines of a tag."""
-    m = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
-    return phase_margin(harmonics(m, averaging_cycles), m)
 
 
 class LampLines(NamedTuple):

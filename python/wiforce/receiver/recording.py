@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.capture.compression import Compression, measure_compression
+from ..estimation.capture.compression import measure_compression
 from ..estimation.capture.folded_groups import RecordedGroups, RecordedRatio, first_frames
 from ..estimation.capture.frame import samples_needed
 from ..estimation.capture.recorded_frames import (
@@ -31,7 +31,6 @@ from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..planning.room.adaptation import adapted, expecting_snr, survey_reference, surveyed_snapshots
 from ..press.evidence import Suspicion
-from ..signal.waveform import Waveform
 from .receiver import Receiver
 
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
@@ -95,7 +94,10 @@ class RecordingReader:
             if plan.table is not expected.table:
                 self._fold(plan)
             if survey and scene.environment.receive_antennas == 1:
-                found = _compression_of(recording, plan.waveform, frame_offset)
+                # As measured before the first gap.
+                stop = frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
+                samples = recording.read(stop)[frame_offset : recording.segments[0].length]
+                found = measure_compression(samples, plan.waveform)
                 plan = expecting_snr(plan.stating(compression=found), self.survey)
             self.plan = plan
             self.receiver = Receiver(plan, tracked, on_groups=on_groups)
@@ -175,14 +177,6 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     recordings = _recordings(recording, plan)
     frames = first_frames(recordings, plan.waveform, frame_offset, count, plan.group_length)
     return survey_reference(plan, *frames)
-
-
-def _compression_of(
-    recording: Capture, waveform: Waveform, frame_offset: int
-) -> Compression | None:
-    """Compression of the receiver, as measured before the first gap."""
-    samples = recording.read(frame_offset + _COMPRESSION_FRAMES * waveform.frame_length)
-    return measure_compression(samples[frame_offset : recording.segments[0].length], waveform)
 
 
 def groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:

@@ -259,10 +259,6 @@ class PhaseGroup:
     )
 
 
-def _default_clock(scope: Any) -> str:
-    return "free" if scope.get("packets") else "shared"
-
-
 def _default_antennas(scope: Any) -> int:
     return 2 if scope.get("packets") and scope["reader_clock"] == "free" else 1
 
@@ -280,7 +276,10 @@ class Environment:
     )
     reader_clock: str = key(
         Choice(words=("shared", "free")),
-        derived=Derived("`shared`; `free` with `packets`", _default_clock),
+        derived=Derived(
+            "`shared`; `free` with `packets`",
+            lambda scope: "free" if scope.get("packets") else "shared",
+        ),
         doc="`shared`: transmitter and receiver use one clock. `free`: each uses its own.",
     )
     receive_antennas: int = key(

@@ -195,10 +195,6 @@ def _default_duration(scope: Any) -> float:
     return max(_DURATION_S, samples / scope["radio"].sample_rate_hz)
 
 
-def _number_or(value: Any, default: float) -> float:
-    return float(value) if isinstance(value, int | float) else default
-
-
 @declared
 class Press(PressForce):
     """A press on the line of a sensor."""
@@ -276,7 +272,9 @@ class Simulation:
         Number(unit="Hz", low=0, high=10_000),
         derived=Derived(
             f"`environment.moving_clutter_hz`; {_MOVING_HZ:g} where that is not a number",
-            lambda scope: _number_or(scope["environment"].moving_clutter_hz, _MOVING_HZ),
+            lambda scope: (
+                _MOVING_HZ if (hz := scope["environment"].moving_clutter_hz) is None else hz
+            ),
         ),
         doc="Highest Doppler frequency of what moves. Where it differs from a number that "
         "`environment.moving_clutter_hz` states, the reader works with a wrong value.",

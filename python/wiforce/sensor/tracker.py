@@ -193,7 +193,9 @@ class PressTracker:
         self._limit = misfit_limit(self._forward.size, 1 - _LOST)
         self._bank: FilterBank | None = None  # of the press that is followed
         self._lost = 0
-        self._coarse = _coarse_grid(self._forward)
+        first, last = self._forward.location_mm[[0, -1]]
+        count = int(np.ceil((last - first) / _COARSE_MM)) + 1
+        self._coarse = np.linspace(first, last, count)
 
     def reset(self) -> None:
         """Forgets the press."""
@@ -291,11 +293,6 @@ class PressTracker:
             stds = np.sqrt(covariance.diagonal()).tolist()
             codes.append(self._inverter.code_of(force, stds[0], place, stds[1], std[i]))
         return np.array(rows[::-1]), np.array(codes[::-1], np.uint8)
-
-
-def _coarse_grid(forward: ForwardMap) -> Array:
-    first, last = forward.location_mm[[0, -1]]
-    return np.linspace(first, last, int(np.ceil((last - first) / _COARSE_MM)) + 1)
 
 
 def _two_places(location: Array, weight: Array) -> bool:

@@ -112,13 +112,9 @@ def read_truth(path: str | Path) -> list[dict[str, Any]]:
     """Read the truth file of a simulated capture; numbers as float, empty cells as None."""
     with open(path, encoding="utf-8", newline="") as stream:
         return [
-            {key: value if key == "sensor" else _number(value) for key, value in row.items()}
+            {key: x if key == "sensor" else float(x) if x else None for key, x in row.items()}
             for row in csv.DictReader(stream)
         ]
-
-
-def _number(cell: str) -> float | None:
-    return float(cell) if cell else None
 
 
 def steady_rows(rows: Sequence[Mapping]) -> list[Mapping]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri, log_ndtr, logsumexp
 
 from ..signal.carrier import wrap_deg
@@ -35,6 +36,9 @@ class StripProfile:
     log_weight: Array
     location_mm: Array  # (n, k), that explains the phases best at each force, with ``variance_mm2``
     variance_mm2: Array
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> StripProfile:
+        return StripProfile(*(values[rows] for values in vars(self).values()))
 
 
 def strip_profile(
@@ -102,11 +106,7 @@ class SurfaceEvidence:
     other_n: Array  # (n, S), force that something else may add to each strip: a standard deviation
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfaceEvidence:
-        p = self.profiles
-        part = StripProfile(
-            p.force_n[rows], p.log_weight[rows], p.location_mm[rows], p.variance_mm2[rows]
-        )
-        return SurfaceEvidence(part, self.touched[rows], self.untouched[rows], self.other_n[rows])
+        return SurfaceEvidence(*(values[rows] for values in vars(self).values()))
 
     def __len__(self) -> int:
         return len(self.touched)
@@ -127,9 +127,7 @@ class SurfacePress:
     freedom: Array  # (n,), of which so much is expected
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfacePress:
-        return SurfacePress(
-            self.mean[rows], self.covariance[rows], self.misfit[rows], self.freedom[rows]
-        )
+        return SurfacePress(*(values[rows] for values in vars(self).values()))
 
 
 class SurfacePosterior:
@@ -495,23 +493,13 @@ class SurfaceEstimator:
 
     def _places(self, presses: list[Array]) -> list[int]:
         """Which of the rows each press goes on in: that of the nearest press of the last group."""
-        last = self._last
-        if self._presses == 1:
-            places = [0]
-        elif len(presses) == 1:
-            distances = [_distance(presses[0], each) for each in last]
-            places = [int(np.argmin(distances))]
-        else:
-            straight = _distance(presses[0], last[0]) + _distance(presses[1], last[1])
-            crossed = _distance(presses[0], last[1]) + _distance(presses[1], last[0])
-            swap = crossed < straight
-            if crossed == straight:
-                swap = presses[1][0] > presses[0][0]
-            places = [1, 0] if swap else [0, 1]
-        now: list[Array | None] = [None] * self._presses
+        distance = np.array([[_distance(press, each) for each in self._last] for press in presses])
+        # Among equals, the heaviest press comes first.
+        distance[:, 0] -= 1e-9 * np.array([press[0] for press in presses])
+        places: list[int] = linear_sum_assignment(distance)[1].tolist()
+        self._last = [None] * self._presses
         for place, press in zip(places, presses, strict=True):
-            now[place] = press
-        self._last = now
+            self._last[place] = press
         return places
 
     def _evidence(

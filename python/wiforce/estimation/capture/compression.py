@@ -70,12 +70,15 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     for echoes to fade. Only the middle of preamble and guard is used, since filters ring at the
     edges.
     """
-    if not _is_silent_at_zero(waveform):
+    guard = slice(waveform.preamble_length + _ECHOES, waveform.frame_length - _RINGING)
+    size = float(np.sqrt(np.mean(np.abs(waveform.symbol) ** 2)))
+    silent = abs(np.mean(waveform.symbol)) <= _SILENT * size
+    if not silent or guard.stop - guard.start < _QUIET or len(samples) < waveform.frame_length:
         return None
-    frame = _mean_frame(samples, waveform)
-    quiet = None if frame is None else _quiet_part(frame, waveform)
-    if frame is None or quiet is None or not np.isfinite(frame).all():
+    frame = whole_frames(samples, waveform.frame_length).mean(axis=0)
+    if not np.isfinite(frame).all():
         return None
+    quiet = frame[guard]
     offset = complex(np.mean(quiet))
     first, count = waveform.first_averaged, waveform.repetitions
     width = waveform.symbol_length
@@ -103,23 +106,3 @@ def _compression(symbol: Array, offset: complex) -> float:
 def _cubed(symbol: Array, offset: complex) -> complex:
     """What a coefficient of 1 would add to subcarrier 0."""
     return complex(np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset)
-
-
-def _is_silent_at_zero(waveform: Waveform) -> bool:
-    symbol = waveform.symbol
-    return bool(abs(np.mean(symbol)) <= _SILENT * np.sqrt(np.mean(np.abs(symbol) ** 2)))
-
-
-def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
-    length = waveform.frame_length
-    if len(samples) < length:
-        return None
-    frames = whole_frames(samples, length)
-    mean: Array = frames.mean(axis=0)
-    return mean
-
-
-def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
-    """Samples of the guard behind the echoes; None where it is too short."""
-    quiet = slice(waveform.preamble_length + _ECHOES, waveform.frame_length - _RINGING)
-    return None if quiet.stop - quiet.start < _QUIET else frame[quiet]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...signal.lines import Tone, with_mirrors
+from ...signal.lines import with_mirrors
 from ...signal.switching import harmonics
 from ...signal.timed_weights import TimedTable
 from ..groups import Array
@@ -484,7 +484,8 @@ def _beside_tones(
     whole = [(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
     chosen = [(a, b) for a, b in whole if known[a:b].all()] or whole
     lines = [tone for tone in table.tones if tone.frequency_hz > 0]
-    power = np.array([_power(tone) for tone in lines])
+    orders = [[abs(line) for _, line in tone.owners] for tone in lines]
+    power = np.array([np.sum(harmonics(order) ** 2) for order in orders])
     power = np.concatenate([power[::-1], power]) / power.sum()
     found = []
     each = len(_BESIDE) * len(power)
@@ -504,7 +505,3 @@ def _beside_tones(
         if own:
             found.append(np.concatenate(own))
     return found
-
-
-def _power(tone: Tone) -> float:
-    return float(sum(np.sum(harmonics(abs(line)) ** 2) for _, line in tone.owners))
