@@ -32,9 +32,7 @@ TAG_BYTES = _TAG.size
 
 
 class SampleTag(NamedTuple):
-    """A tag of a sample in a packet: a time's fraction in s, samples per second, or a carrier in
-    Hz.
-    """
+    """A tag of a packet's sample: fraction of a time in s, samples per second, or Hz."""
 
     key: str
     sample: int

@@ -37,9 +37,7 @@ def time_value(seconds: int, fraction: float) -> Any:
 
 
 class Timeline:
-    """Position of items on the device's count of samples, by ``rx_time``, of which some are
-    ``lost``.
-    """
+    """Position of items on the device's count of samples, by ``rx_time``; some are ``lost``."""
 
     def __init__(self, sample_rate: float) -> None:
         self._timeline = timeline(sample_rate)

@@ -83,9 +83,7 @@ def _check_places(touched: CalibrationTable) -> None:
 def unwrap_over_force(
     force_n: np.ndarray, phase_deg: np.ndarray, slope: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows (n,) of a press and port by force, phases unwrapped along slope, steps too large (n -
-    1,).
-    """
+    """Rows (n,) of a press and port by force, unwrapped phases, and too large steps (n - 1,)."""
     order = np.argsort(force_n, kind="stable")
     phase = np.unwrap(phase_deg[order], period=360.0)
     steps, gaps = np.abs(np.diff(phase)), np.diff(force_n[order])

@@ -68,8 +68,9 @@ class GroupTones:
             numbers: Sequence[int] = range(count)[rows]
         else:
             numbers = rows.tolist()
-        arrays = (values[rows] for values in self._arrays)
-        return GroupTones(*arrays, [self.weights[row] for row in numbers])
+        group, center_s, tones, missing = (values[rows] for values in self._arrays)
+        weights = [self.weights[row] for row in numbers]
+        return GroupTones(group, center_s, tones, missing, weights)
 
     @property
     def _arrays(self) -> tuple[Array, Array, Array, Array]:
@@ -78,8 +79,10 @@ class GroupTones:
     @staticmethod
     def concatenate(parts: Sequence[GroupTones]) -> GroupTones:
         """Join groups that follow each other."""
-        arrays = map(np.concatenate, zip(*(part._arrays for part in parts), strict=True))
-        return GroupTones(*arrays, [weights for part in parts for weights in part.weights])
+        each = zip(*(part._arrays for part in parts), strict=True)
+        group, center_s, tones, missing = map(np.concatenate, each)
+        weights = [weights for part in parts for weights in part.weights]
+        return GroupTones(group, center_s, tones, missing, weights)
 
     @cached_property
     def _whitened(self) -> tuple[Array, Array]:

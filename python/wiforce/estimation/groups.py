@@ -234,9 +234,7 @@ class Groups:
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
-        """Join batches that follow each other, without empty ones, which lack arrays of their
-        stage.
-        """
+        """Join batches that follow each other, without empty ones, which lack arrays."""
         kept = [batch for batch in batches if len(batch)]
         if len(kept) == 1:
             return kept[0]

@@ -133,9 +133,7 @@ _WORTHWHILE_NOISE, _WORTHWHILE_TIME = 0.97, 0.9
 
 @dataclass(frozen=True)
 class Proposal:
-    """A change to a scene, key and value, and the worst end's noise and resolution before and
-    after.
-    """
+    """A change to a scene, and the worst end's noise and resolution before and after."""
 
     change: str
     reason: str

@@ -32,9 +32,7 @@ _SLOPE_STEP = 0.01
 
 
 def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndarray) -> np.ndarray:
-    """Slope in deg/N, by central differences, of a curve that makes phases from forces (...) above
-    0.
-    """
+    """Slope in deg/N, by central differences, of a curve of phases over forces above 0."""
     step = _SLOPE_STEP * force_n
     change = curve(force_n + step) - curve(force_n - step)
     return change / (2 * step).reshape(step.shape + (1,) * (change.ndim - step.ndim))
@@ -151,9 +149,7 @@ class Carrier:
 
 @dataclass(frozen=True)
 class CurveModel(SensorModel):
-    """A sensor known by its calibration: ``form`` of :data:`FORMS`, and the ``knots_n`` of its
-    basis.
-    """
+    """A sensor known by its calibration: ``form`` of :data:`FORMS`, and its ``knots_n``."""
 
     form: str = "power"
     carriers: tuple[Carrier, ...] = ()

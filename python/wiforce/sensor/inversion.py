@@ -89,9 +89,7 @@ class ForwardMap:
         return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
 
     def table(self) -> Array:
-        """Nodes (forces, locations, P, 5) of ``tabulated_model.h``: phases, slopes by log F, l,
-        both; var.
-        """
+        """Nodes (F, L, P, 5) of ``tabulated_model.h``: phases, slopes by log F, l, both; var."""
         phase = self.phase_deg
         by_force = np.tensordot(node_slopes(self._log_force), phase, 1)
         across = node_slopes(self.location_mm)

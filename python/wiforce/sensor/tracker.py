@@ -202,9 +202,7 @@ class PressTracker:
         self._bank, self._lost = None, 0
 
     def update(self, phases_deg: ArrayLike, std_deg: ArrayLike, touched: bool = True) -> Reported:
-        """Force, its std, location, its std and flags of phases (2,) or (2 C,); NaN if not
-        ``touched``.
-        """
+        """Force, std, location, std and flags of phases (2,) or (2 C,); NaN if untouched."""
         if not touched:
             self.reset()
             return np.nan, np.nan, np.nan, np.nan, ()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple, TypeVar
 
@@ -134,11 +133,24 @@ def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float
     return basis
 
 
-@dataclass(frozen=True, eq=False)
 class RoomNoise:
-    """Autocovariance (N,) of what disturbs a group, over the receiver's white noise (1, 0, ...)."""
+    """Noise c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T) of a room, over white noise.
 
-    autocovariance: np.ndarray = field(repr=False)
+    ``power`` (L,) is the mean at +-f, f at least 0, per subcarrier and snapshot.
+    """
+
+    def __init__(
+        self,
+        frequency_hz: np.ndarray,
+        power: np.ndarray,
+        group_length: int,
+        snapshot_period_s: float,
+    ) -> None:
+        lags_s = np.arange(group_length) * snapshot_period_s
+        self.autocovariance = (
+            2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))
+        )
+        self.autocovariance[0] += 1.0
 
     def covariance(self, mask: np.ndarray | None = None) -> np.ndarray:
         """Covariance matrix (n, n) of the snapshots of a group that are present in ``mask``."""
@@ -146,13 +158,3 @@ class RoomNoise:
         if mask is not None:
             snapshots = snapshots[mask]
         return self.autocovariance[np.abs(snapshots[:, None] - snapshots)]
-
-
-def room_noise(
-    frequency_hz: np.ndarray, power: np.ndarray, group_length: int, snapshot_period_s: float
-) -> RoomNoise:
-    """Noise c[n] = delta[n] + sum_l 2 p_l cos(2 pi f_l n T) of disturbances (L,) over white."""
-    lags_s = np.arange(group_length) * snapshot_period_s
-    values = 2 * np.asarray(power) @ np.cos(2 * np.pi * np.outer(frequency_hz, lags_s))
-    values[0] += 1.0
-    return RoomNoise(values)

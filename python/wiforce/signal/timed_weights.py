@@ -54,9 +54,7 @@ class TimedTable(ToneTable):
         return self.typical_s
 
     def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> TimedWeights | None:
-        """Weights at times (n,) from the centre, with a constant per state (n,); None if
-        undetermined.
-        """
+        """Weights at times (n,) from the centre, a constant per state; None if undetermined."""
         fit = self._fit(times_s, states)
         if fit is None:
             return None
@@ -82,9 +80,7 @@ class TimedTable(ToneTable):
     def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
     ) -> float | None:
-        """Variance of the tones by what is unexplained of a channel (n, K); None where :meth:`at`
-        is.
-        """
+        """Variance of the tones by what is unexplained of a channel (n, K), or None."""
         fit = self._fit(times_s, states)
         if fit is None:
             return None

@@ -157,9 +157,7 @@ class Waveform:
 
     @property
     def channel_noise_gain(self) -> float:
-        """sigma_H^2 / sigma^2: noise in H over that of a sample, the harmonic mean over
-        subcarriers.
-        """
+        """sigma_H^2 / sigma^2: noise in H over a sample's, the harmonic mean over k."""
         used_samples = self.repetitions * self.symbol_length * self.used_share
         return len(self.subcarriers) / used_samples
 
@@ -422,9 +420,7 @@ def packet_waveform(
     spacing_hz: float = 312.5e3,
     channels: int = 1,
 ) -> PacketWaveform:
-    """A :class:`PacketWaveform` of centred subcarriers, or of their frequencies against the
-    carrier.
-    """
+    """A :class:`PacketWaveform` of centred subcarriers, or their frequencies."""
     if isinstance(subcarriers, np.ndarray):
         hertz = subcarriers.astype(float)
     else:

@@ -202,9 +202,7 @@ class ToneTable:
         return parts_of(self.weights)
 
     def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
-        """Factors (M, symbol_length) that undo each line's rotation of 2 pi f / sample_rate a
-        sample.
-        """
+        """Factors (M, symbol_length) that undo each line's 2 pi f / sample_rate per sample."""
         offset_s = centered_times_s(symbol_length, 1 / sample_rate_hz)
         return np.exp(-2j * np.pi * np.outer(self._lines_hz, offset_s))
 

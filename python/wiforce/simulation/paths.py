@@ -24,9 +24,7 @@ MOVING_PATHS = 4
 
 
 def delay_taps(delay: float, count: int) -> np.ndarray:
-    """Taps of a Kaiser-windowed sinc (beta = 5), ``count`` not 0, for a delay of count / 2 - 1 or
-    more.
-    """
+    """Taps of a Kaiser-windowed sinc (beta = 5), for a delay of count / 2 - 1 or more."""
     n = np.arange(int(delay) - count // 2 + 1, int(delay) + count // 2 + 1)
     u = (n - delay) / (count / 2)
     window = np.i0(5.0 * np.sqrt(np.maximum(1 - u**2, 0))) / np.i0(5.0)
@@ -66,9 +64,7 @@ def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
 def tag_taps(
     rng: np.random.Generator, waveform: Waveform, coherence_hz: float | None
 ) -> np.ndarray:
-    """Taps of the path by way of a tag, of unit mean power: one, or Rayleigh fading with rms delay
-    spread 1 / (2 pi coherence_hz).
-    """
+    """Taps of a tag's path, of unit mean power: one, or Rayleigh fading of a bandwidth."""
     if coherence_hz is None:
         taps = np.r_[np.zeros(BASE_DELAY), 1.0]
     else:
@@ -327,9 +323,7 @@ _SWAY_HZ = 0.7
 
 
 class NearHand:
-    """Gain p exp(-j 4 pi d / lambda) of the path by way of a hand, which comes (p to 1) and sways
-    (d).
-    """
+    """Gain p exp(-j 4 pi d / lambda) of a path by way of a hand that comes and sways."""
 
     def __init__(
         self, stated: "Hand", tag: "SwitchedTag", scene: "Scene", rng: np.random.Generator

@@ -100,9 +100,7 @@ class Ramp:
         self._rate = sample_rate_hz
 
     def knots(self, first_sample: int, count: int) -> np.ndarray:
-        """Times in s of the knots around some samples, the last before and the first behind
-        included.
-        """
+        """Times in s of the knots around some samples, one before and one behind included."""
         first = first_sample // self._step
         last = -(-(first_sample + count) // self._step)
         return np.arange(first, last + 1) * (self._step / self._rate)

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri, log_ndtr, logsumexp
 
 from ..signal.carrier import wrap_deg
@@ -405,9 +405,7 @@ class SurfaceEstimator:
     def read(
         self, phases_deg: Array, std_deg: Array, usable: Flags, touched: Flags
     ) -> SurfaceFound:
-        """Presses from phases and noise (G, S, 2), by order of the skin, of ``usable`` strips (G,
-        S).
-        """
+        """Presses from phases and noise (G, S, 2) of ``usable`` strips (G, S), by y."""
         count, presses = len(usable), self._presses
         none_touched = np.where(usable.all(axis=1), 0, -1)
         touch = np.repeat(none_touched[:, None], presses, axis=1)
@@ -491,12 +489,15 @@ class SurfaceEstimator:
         borne: Array = force * self.skin.shares(y)
         return borne
 
-    def _places(self, presses: list[Array]) -> list[int]:
+    def _places(self, presses: list[Array]) -> tuple[int, ...]:
         """Which of the rows each press goes on in: that of the nearest press of the last group."""
-        distance = np.array([[_distance(press, each) for each in self._last] for press in presses])
-        # Among equals, the heaviest press comes first.
-        distance[:, 0] -= 1e-9 * np.array([press[0] for press in presses])
-        places: list[int] = linear_sum_assignment(distance)[1].tolist()
+
+        def cost(order: tuple[int, ...]) -> tuple[float, float]:
+            apart = sum(_distance(p, self._last[i]) for p, i in zip(presses, order, strict=True))
+            # Among equals, the heaviest press comes first.
+            return apart, -presses[order.index(0)][0] if 0 in order else 0.0
+
+        places = min(permutations(range(self._presses), len(presses)), key=cost)
         self._last = [None] * self._presses
         for place, press in zip(places, presses, strict=True):
             self._last[place] = press

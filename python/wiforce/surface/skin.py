@@ -145,9 +145,7 @@ class Skin:
 
     @property
     def untouched_below_n(self) -> Array:
-        """Force below which each strip is untouched, (S,): the onset, or where that is assumed the
-        least calibrated force, as too low an onset would exclude presses.
-        """
+        """Force below which strips are untouched: onset, or least calibrated if assumed."""
         bounds = []
         for strip in self.strips:
             onset, least = strip.model.onset_force_n, strip.model.force_span_n[0]

@@ -18,7 +18,7 @@ from gnuradio.wiforce.planning.room.adaptation import (
     without_slip,
 )
 from gnuradio.wiforce.planning.room.findings import findings, level_reference, other_clock_hz
-from gnuradio.wiforce.signal.lines import room_noise
+from gnuradio.wiforce.signal.lines import RoomNoise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights
 
@@ -300,7 +300,7 @@ def generalised(basis, cov, tones):
 
 @pytest.fixture(scope="module")
 def disturbed():
-    noise = room_noise(LINES, POWER, 400, T)
+    noise = RoomNoise(LINES, POWER, 400, T)
     return noise, design_weights([1040.0], 400, T, 100.0, room=noise)
 
 
@@ -337,7 +337,7 @@ def test_added_noise_equals_that_of_covariance():
     expected = np.einsum("mn,nk,mk->m", table.weights, covariance(400), table.weights.conj()).real
     expected = expected / np.sum(np.abs(table.weights) ** 2, axis=1) - 1
     assert added_noise(table, lines) == pytest.approx(expected, rel=1e-6)
-    whole = room_noise_of_tones(table, room_noise(LINES, POWER, 400, T))
+    whole = room_noise_of_tones(table, RoomNoise(LINES, POWER, 400, T))
     assert whole == pytest.approx(expected, rel=1e-6)
 
 

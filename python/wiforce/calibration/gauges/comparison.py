@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TimedForces:
-    """Readings of one sensor (n,): centres of groups, force (0 untouched, NaN unknown), and whether
-    touched and clear of flags.
-    """
+    """Readings of one sensor (n,), by centres of groups; force 0 untouched, NaN unknown."""
 
     time_s: np.ndarray
     force_n: np.ndarray

@@ -36,9 +36,7 @@ def channel_ratio(first: Array, second: Array) -> Array:
 
 
 def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
-    """Ratio of two antennas times the symbol, like folded frames of one antenna, (n,
-    symbol_length).
-    """
+    """Ratio of antennas times the symbol, like one's folded frames, (n, symbol_length)."""
     bins = waveform.bins
     channels = [np.fft.fft(folded.astype(complex), axis=1)[:, bins] for folded in (first, second)]
     spectrum = np.zeros((len(first), waveform.symbol_length), complex)
@@ -166,9 +164,7 @@ class FoldedGroups:
         return tone_transform(weights, self._waveform.equalizer(), rotation, self._bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array, Array]:
-        """Tones (M, K), static path (K,), and weights (N,), all 0 where the snapshots do not
-        suffice.
-        """
+        """Tones (M, K), static path (K,), and weights (N,), 0 where snapshots are too few."""
         if len(folded) == len(present):
             rows = self._kernel.transform(folded)
             return rows[:-1], rows[-1], present

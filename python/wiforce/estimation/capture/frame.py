@@ -45,9 +45,7 @@ def searched_samples(waveform: Waveform) -> int:
 
 
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
-    """Sample below a frame at which the first frame begins, by the mean frame; None without
-    preamble.
-    """
+    """Sample at which the first frame begins, by the mean frame; None without a preamble."""
     found = _search(samples, waveform)
     return None if found is None else (found.begin - MARGIN) % len(found.mean)
 
@@ -99,9 +97,7 @@ def _match(mean: Array, waveform: Waveform) -> Array:
 
 
 def _noise(mean: Array, match: float, waveform: Waveform) -> float:
-    """Log likelihood of noise against a preamble with this match: (1 - share of power)^(samples -
-    1).
-    """
+    """Log likelihood of noise against a preamble: (1 - share of power)^(samples - 1)."""
     power = float(np.vdot(mean, mean).real) * float(np.sum(np.abs(waveform.preamble) ** 2))
     share = max(1 - match**2 / max(power, 1e-30), 1e-30)
     return (len(mean) - 1) * math.log(share)
@@ -121,9 +117,7 @@ def has_quiet_samples(waveform: Waveform) -> bool:
 
 
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
-    """Whether frames cut from sample 0 hold the averaged repetitions of one beginning at
-    ``offset``.
-    """
+    """Whether frames cut from sample 0 hold averaged repetitions of one at ``offset``."""
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
 
@@ -360,9 +354,7 @@ def _fast_length(least: int) -> int:
 
 
 def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
-    """Whether each expected frame holds a preamble where the one before has it, beside other
-    signals.
-    """
+    """Whether expected frames hold preambles where those before do, beside other signals."""
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
     match = _correlation(finite, waveform.symbol)
@@ -552,9 +544,7 @@ def _limit(averaged: Array) -> float:
 
 
 def _phase_noise_dbc_hz(averaged: Array, waveform: Waveform) -> float | None:
-    """Phase noise from projections (n,) on the mean: imaginary less real part, by medians over
-    lines.
-    """
+    """Phase noise of projections (n,) on the mean: imaginary less real part, medians of f."""
     count = len(averaged)
     mean = averaged.mean(axis=0)
     energy = np.vdot(mean, mean).real

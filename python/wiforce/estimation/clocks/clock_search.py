@@ -214,9 +214,7 @@ class ClockSearch:
         self._noise.set(self._noise.variance, groups.level.max(), len(groups))
 
     def late_s(self, groups: GroupTones, first: int) -> float:
-        """By how much later groups from ``first`` on are, in s, by the clocks: a slip's whole
-        frames.
-        """
+        """By how much later groups from ``first`` on are, in s, by clocks: slips of frames."""
         groups = without_loud(groups)
         behind, tags = groups.group >= first, self._model.tags
         self._noise.set(groups.power().mean(axis=0), groups.level.max())
@@ -245,9 +243,7 @@ class ClockSearch:
         return _best_of(late_s, np.array(found))
 
     def _late_s(self) -> Array:
-        """Times by which groups may be late: whole frames, up to half a period of the slowest
-        clock.
-        """
+        """Times by which groups may be late: whole frames, up to half the slowest period."""
         period_s = self._model.table.snapshot_period_s
         half_s = np.pi / min(tag.rate for tag in self._model.tags)
         most = int(half_s / period_s)

@@ -118,9 +118,7 @@ class PhaseLikelihood:
 
     @cached_property
     def _sorted(self) -> tuple[Array, Array, Array]:
-        """Elements of an (L, L) matrix by difference d >= 0 of lines: indices, starts, whether d
-        exists.
-        """
+        """Elements of (L, L) by difference d >= 0 of lines: indices, starts, whether d exists."""
         steps = self._steps.ravel()
         places = np.argsort(steps, kind="stable")
         places = places[steps[places] >= 0]
@@ -129,9 +127,7 @@ class PhaseLikelihood:
         return places, starts, np.isin(orders, steps).astype(float)
 
     def covariance(self, tones: Array, noise: Array) -> Array:
-        """sum_k conj(P_i) P_j / sigma_k^2, (..., L, L), of scaled lines (..., L, K); trace: their
-        energy.
-        """
+        """sum_k conj(P_i) P_j / sigma_k^2, (..., L, L), of lines (..., L, K); trace: energy."""
         scaled = tones * self.scale[:, None]
         return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
 
@@ -147,9 +143,7 @@ class PhaseLikelihood:
         return delays, self.projections(delays)
 
     def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
-        """q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta), from a
-        :meth:`covariance`.
-        """
+        """q (..., D + 1) of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta), of a covariance."""
         places, starts, exists = self._sorted
         terms = covariance * (self.projection if projection is None else projection)
         terms = terms.reshape(*terms.shape[:-2], -1)
@@ -157,9 +151,7 @@ class PhaseLikelihood:
 
 
 def phase_margin(spectra: Array, lines: Array) -> float:
-    """Least share of the ends' signals, spectra (L, 2), that changes an eighth of a cycle away or
-    more.
-    """
+    """Least share of the ends' signals (L, 2) that changes an eighth of a cycle away."""
     norms = np.linalg.norm(spectra, axis=0)
     if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
         return 0.0

@@ -71,9 +71,7 @@ class ClockTracker(clock_tracker):
         return other
 
     def place(self, at_s: float, tolerance_ppm: float = 0.0) -> None:
-        """Set the clock to the most likely one of the latest groups, near the rate or within a
-        tolerance.
-        """
+        """Set the clock to the most likely one of the latest groups, near rate or tolerance."""
         times_s, coefficients = (np.array(each) for each in zip(*self.latest, strict=True))
         elapsed, former = times_s - at_s, 0.0 if tolerance_ppm else self.rate
         near = elapsed, self.nominal_rate + former, tolerance_ppm
@@ -144,9 +142,7 @@ class TrackedTag:
         self.waiting: list[GroupTones] = []
 
     def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
-        """Track the clock of a fit to groups at ``times_s`` whose likelihoods ``noise_level``
-        scales.
-        """
+        """Track the clock of a fit to groups at ``times_s``, scaled by a ``noise_level``."""
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
         self.overlapping = fit.overlapping
 
@@ -181,9 +177,7 @@ class TrackedTag:
         return self.likelihood.duty
 
     def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
-        """s_1 and s_2 averaged over snapshots at ``times_s`` (n,), and their slopes by phase, (G,
-        n, 2).
-        """
+        """s_1 and s_2 averaged over snapshots at ``times_s`` (n,), and slopes; (G, n, 2)."""
         phases = np.multiply.outer(self.rate + clock.rate, times_s)
         phases += clock.phase[:, None]
         half_window = (self.rate + clock.rate) * self.averaging_s / 2

@@ -170,9 +170,7 @@ class ToneModel:
         noise: noise_estimate,
         update: bool,
     ) -> dict[str, Array]:
-        """Ends, clocks and noise of the first of usable groups; noise from ``complete`` ones (G,)
-        only.
-        """
+        """Ends, clocks and noise of the first usable groups; noise of ``complete`` ones (G,)."""
         locked = self.locked
 
         def one(row: int, phase: Array, rate: Array) -> tuple[GroupTones, ClockPath]:

@@ -82,9 +82,7 @@ class EndSeparator:
         return self._search.groups
 
     def process(self, groups: Groups) -> Groups:
-        """Replace ``tones`` by ends, noise and clocks; empty while groups are held back for
-        acquisition.
-        """
+        """Replace ``tones`` by ends, noise and clocks; empty while groups are held back."""
         if self._started:
             return self._separate(groups)
         wanted = self._search.groups - sum(map(len, self._held))

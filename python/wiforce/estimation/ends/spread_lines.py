@@ -65,9 +65,7 @@ class SpreadLines:
         return white
 
     def of_ends(self, mixing: Array, ends: Array) -> Array:
-        """What V (E, K) spread, (M, K), by ``mixing`` (N, E, M): M_i[n] less its mean over the
-        symbol.
-        """
+        """What V (E, K) spread, (M, K); ``mixing`` (N, E, M) is M_i[n] less its mean."""
         channel = np.empty((len(ends), self._length), complex)
         channel[:, self._bins] = ends
         channel[:, self._unused] = ends[:, self._below] + self._upper_share * (

@@ -212,9 +212,7 @@ def _middle(ranked: Array) -> float:
 
 
 def _merged(against: Array, label: Array, step: float) -> Array:
-    """Labels without states nearer than a step: a tag may divide one far from the middle of
-    several.
-    """
+    """Labels without states nearer than a step: tags may divide one far from the middle."""
     while True:
         states = np.unique(label)
         means = np.array([against[label == state].mean(axis=0) for state in states])

@@ -207,16 +207,12 @@ class AntennaCombination:
         self._hertz = self._hertz.astype(np.float32)
 
     def direct(self, channel: Array) -> Array:
-        """x (1 + r U), (n, K): packets (n, K, A) along the static paths, U being a tag's part
-        there.
-        """
+        """x (1 + r U), (n, K): packets (n, K, A) along static paths, U a tag's part there."""
         unit = self.static / np.abs(self._profile)[:, None] ** 2
         return np.asarray(np.einsum("nka,ka->nk", channel, unit.conj()))
 
     def process(self, channel: Array, tag: Array | None = None) -> Array:
-        """Packets (n, K, A) to (n, K (A - 1)), or (n, K) of one antenna, with the tags' r U if
-        known.
-        """
+        """Packets (n, K, A) to (n, K (A - 1)), or (n, K) of one, with the tags' r U if known."""
         level = np.abs(self._profile)
         direct = self.direct(channel) * level
         static = level if tag is None else level * (1 + tag)

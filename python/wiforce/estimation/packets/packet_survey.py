@@ -77,9 +77,7 @@ def phase_std_deg(channel: Array, states: AntennaStates) -> float:
 
 
 def find_tag(channel: Array, time_s: Array, states: AntennaStates) -> TagLines | None:
-    """Clock of the strongest tag in packets (n, K, A) by its harmonics' power over their floor, or
-    None.
-    """
+    """Clock of the strongest tag in packets (n, K, A), by harmonics over their floor."""
     own = states.label >= 0
     time_s, label = time_s[own], states.label[own]
     values = _relative(channel[own], states, label)

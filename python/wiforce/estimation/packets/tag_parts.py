@@ -235,9 +235,7 @@ class _Solution:
         return False
 
     def _missing(self) -> tuple[Array, Array]:
-        """Magnitudes of steady groups that U does not explain: by subcarrier (G, 2, K), common (G,
-        2).
-        """
+        """Steady magnitudes that U does not explain: (G, 2, K), and in common (G, 2)."""
         missing = (self._rises - np.log(np.abs(1 + self._part())))[self._steady]
         precise = self._precise[self._steady]
         return missing, np.sum(precise * missing, axis=2) / np.sum(precise, axis=2)

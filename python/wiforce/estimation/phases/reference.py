@@ -390,9 +390,7 @@ class SubcarrierAverage:
     """
 
     def process(self, groups: Groups) -> Groups:
-        """Replace ``changes`` by ``ratios`` and ``phase_std_deg``, infinite for ends without a
-        reference.
-        """
+        """Replace ``changes`` by ``ratios`` and ``phase_std_deg``, infinite without reference."""
         if not len(groups):
             return groups
         ratios, std = subcarrier_average(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...signal.lines import RoomNoise, aliased_hz, room_noise
+from ...signal.lines import RoomNoise, aliased_hz
 from ...signal.switching import line_envelope
 from ...signal.waveform import Waveform
 from ...wiforce_kernels import chi_squared_limit
@@ -128,9 +128,7 @@ class Survey:
         without: Sequence[Source] = (),
         averaged: bool = True,
     ) -> RoomNoise:
-        """Noise of the room beyond the clutter, ``without`` some sources; ``averaged`` by their
-        weight.
-        """
+        """Noise of the room beyond clutter, ``without`` some sources; ``averaged`` by weight."""
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
             (
@@ -145,7 +143,7 @@ class Survey:
         ]
         frequency_hz, power, share = np.array(lines).reshape(-1, 3).T
         width_hz = np.maximum(_LINE_WIDTH_HZ, share * frequency_hz)
-        return room_noise(
+        return RoomNoise(
             np.concatenate(
                 [self.frequency_hz[rows], frequency_hz - width_hz, frequency_hz + width_hz]
             ),
@@ -289,9 +287,7 @@ def survey_folded(
 
 
 def _significant(spectrum: Array, subcarriers: int) -> float:
-    """Power over the floor that noise does not reach, by the lower half of the spectrum: phase
-    noise within a frame is alike on all subcarriers.
-    """
+    """Power over the floor that noise does not reach, by the lower half of the spectrum."""
     low, middle = np.quantile(spectrum, (0.159, 0.5))
     looks = (middle / max(middle - low, 1e-9)) ** 2
     if looks > subcarriers:

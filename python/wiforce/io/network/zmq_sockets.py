@@ -167,9 +167,7 @@ Answer = str | Future[str]
 
 
 class Replies(_Endpoint):
-    """Requests of REQ sockets, each answered with a string, or later: a ROUTER, which no stray
-    message blocks.
-    """
+    """Requests of REQ sockets, answered with a string, or later, by a ROUTER."""
 
     kind = "ROUTER"
 

@@ -14,7 +14,7 @@ from ...estimation.groups import Array
 from ...estimation.room.clock_lines import measured
 from ...estimation.room.sources import RoomLine, Source
 from ...estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
-from ...signal.lines import CLUTTER_MARGIN, RoomNoise, room_noise
+from ...signal.lines import CLUTTER_MARGIN, RoomNoise
 from ...signal.switching import harmonics
 from ...signal.weights import ToneTable
 from ..plan import Plan
@@ -216,7 +216,7 @@ def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
     """Noise (M,) by lines in tones over white: sum p (|w(f)|^2 + |w(-f)|^2) / |w|^2."""
     hertz = np.array([line.frequency_hz for line in lines])
     power = np.array([line.power for line in lines])
-    noise = room_noise(hertz, power, table.group_length, table.snapshot_period_s)
+    noise = RoomNoise(hertz, power, table.group_length, table.snapshot_period_s)
     return room_noise_of_tones(table, noise)
 
 
