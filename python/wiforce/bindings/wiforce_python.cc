@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <pybind11/complex.h>
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
-#include <pybind11/stl.h>
+#include "kernels/kernels.h"
 
 #include <gnuradio/block_detail.h>
 #include <gnuradio/buffer_reader.h>
@@ -19,18 +16,7 @@
 #include <algorithm>
 #include <utility>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce;
-
-// Any array of numbers, row by row.
-using complex_array =
-    py::array_t<std::complex<double>, py::array::c_style | py::array::forcecast>;
-
-static std::vector<std::complex<double>> flat(const complex_array& values)
-{
-    return { values.data(), values.data() + values.size() };
-}
 
 // A table of weights, row by row; its columns are the snapshots of a group.
 static std::vector<std::complex<double>> rows_of(const complex_array& weights,

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <pybind11/stl.h>
-
 #include <kernel/inversion/press_posterior.h>
 
 #include <array>
@@ -11,8 +9,6 @@
 #include <stdexcept>
 #include <vector>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 // Values (n, 6), force, location and their covariance, and sums of flags (n,) of n

@@ -6,6 +6,7 @@
 #include <pybind11/complex.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <cstring>
 #include <stdexcept>
@@ -13,19 +14,22 @@
 #include <type_traits>
 #include <vector>
 
-void bind_inversion(pybind11::module& m);
-void bind_phases(pybind11::module& m);
-void bind_press(pybind11::module& m);
-void bind_recordings(pybind11::module& m);
-void bind_separation(pybind11::module& m);
-void bind_tones(pybind11::module& m);
+namespace py = pybind11;
+using namespace py::literals;
+
+void bind_inversion(py::module& m);
+void bind_phases(py::module& m);
+void bind_press(py::module& m);
+void bind_recordings(py::module& m);
+void bind_separation(py::module& m);
+void bind_tones(py::module& m);
 
 // Any array of numbers, row by row.
 template <class T>
-using array = pybind11::array_t<T, pybind11::array::c_style | pybind11::array::forcecast>;
+using array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 using complex_array = array<std::complex<double>>;
-using shape = std::vector<pybind11::ssize_t>;
+using shape = std::vector<py::ssize_t>;
 
 template <class T>
 void require_shape(const array<T>& values, const shape& wanted, const char* rule)
@@ -35,9 +39,9 @@ void require_shape(const array<T>& values, const shape& wanted, const char* rule
 }
 
 template <class T>
-pybind11::array_t<T> copy(const std::vector<T>& values, const shape& of)
+py::array_t<T> copy(const std::vector<T>& values, const shape& of)
 {
-    return pybind11::array_t<T>(of, values.data());
+    return py::array_t<T>(of, values.data());
 }
 
 template <class T>
@@ -58,4 +62,14 @@ std::vector<Row> structures(const array<T>& values)
     if (!rows.empty())
         std::memcpy(rows.data(), values.data(), rows.size() * sizeof(Row));
     return rows;
+}
+
+// Snapshots of the weights of tones.
+inline int columns_of(const complex_array& weights)
+{
+    if (weights.ndim() != 2)
+        throw std::invalid_argument(
+            "weights must have 2 dimensions, tones x snapshots, got " +
+            std::to_string(weights.ndim()));
+    return weights.shape(1);
 }

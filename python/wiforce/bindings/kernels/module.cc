@@ -8,7 +8,6 @@
 #include <exception>
 #include <unistd.h>
 
-namespace py = pybind11;
 using namespace gr::wiforce::kernel;
 
 static int exit_status = 0;

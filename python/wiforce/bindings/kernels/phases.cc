@@ -4,12 +4,8 @@
 #include <kernel/phases/conjugate_difference.h>
 #include <kernel/phases/receiver_steps.h>
 
-#include <pybind11/stl.h>
-
 #include <optional>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 namespace {

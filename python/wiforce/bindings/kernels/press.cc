@@ -5,16 +5,12 @@
 #include <kernel/phases/sensor_groups.h>
 #include <kernel/press/press_filter.h>
 
-#include <pybind11/stl.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <list>
 #include <memory>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 namespace {

@@ -3,12 +3,8 @@
 
 #include <kernel/recording/readers.h>
 
-#include <pybind11/stl.h>
-
 #include <array>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 using segment_list = std::vector<std::array<std::uint64_t, 3>>;
@@ -46,13 +42,9 @@ static std::unique_ptr<tone_reader> reader_of(std::unique_ptr<recorded_frames> f
                                               const complex_array& rotation,
                                               const std::vector<int>& bins)
 {
-    if (weights.ndim() != 2)
-        throw std::invalid_argument(
-            "tone_reader: weights must have 2 dimensions, tones x snapshots, got " +
-            std::to_string(weights.ndim()));
     return std::make_unique<tone_reader>(std::move(frames),
                                          flat(weights),
-                                         weights.shape(1),
+                                         columns_of(weights),
                                          flat(factors),
                                          flat(rotation),
                                          bins);

@@ -9,15 +9,11 @@
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_expansion.h>
 
-#include <pybind11/stl.h>
-
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <optional>
 
-namespace py = pybind11;
-using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
 namespace {

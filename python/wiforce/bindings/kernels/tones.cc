@@ -7,23 +7,11 @@
 #include <kernel/fourier/channel_equalizer.h>
 #include <kernel/screening/interference_screen.h>
 
-#include <pybind11/stl.h>
-
 #include <algorithm>
 
-namespace py = pybind11;
 using namespace gr::wiforce::kernel;
 
 namespace {
-
-int columns_of(const complex_array& weights)
-{
-    if (weights.ndim() != 2)
-        throw std::invalid_argument(
-            "tone_transform: weights must have 2 dimensions, tones x snapshots, got " +
-            std::to_string(weights.ndim()));
-    return weights.shape(1);
-}
 
 class tone_transform
 {
