@@ -293,42 +293,37 @@ class SwitchedTag:
         """Reflection r / rho during ``count`` samples, complex64."""
         if not self.on:
             return np.zeros(count, np.complex64)
-        first_on, second_on = switch_states(
+        states = switch_states(
             self.clock, self._switches, self._delay_s, first, count, self._rate, self._rise_s
         )
-        both_on = first_on * second_on
-        times = self._ramp.knots(first, count)
-        ends = self.pressed.reflections(times)
-        if self._drifts:
-            ends = ends * np.exp(1j * np.stack([walk.at(times) for walk in self._drifts], axis=1))
-        path = self._rotation * self.pressed.motion(times)
-        # Relative to the off state, which is added for the whole time.
-        states = [first_on, second_on]
-        values = [ends[:, 0] - self._off[0], ends[:, 1] - self._off[1]]
-        if both_on.any():
-            states.append(both_on)
-            values.append(self.pressed.through(times) + self._off.mean())
-        if self._off.any():
-            states.append(np.ones_like(first_on))
-            values.append(self._off.mean())
-        values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
+        states, values = self._terms(states, self._ramp.knots(first, count))
+        values = [np.atleast_1d(value).astype(np.complex64) for value in values]
         return self._sum(states, values, first, count)
 
     def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
         """Reflection r / rho at rising times (n,), as of packets, averaged over ``window_s``."""
-        first_on, second_on = (
-            switch.T
-            for switch in states_at(self.clock, self._switches, self._delay_s, times_s, window_s)
-        )
+        switches = states_at(self.clock, self._switches, self._delay_s, times_s, window_s)
+        terms = zip(*self._terms(switches, times_s), strict=True)
+        return np.sum([state * value for state, value in terms], axis=0)
+
+    def _terms(
+        self, switches: list[np.ndarray], times_s: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """States of both switches, and of both at once, and what each adds at some times."""
         ends = self.pressed.reflections(times_s)
         if self._drifts:
             ends = ends * np.exp(1j * np.stack([walk.at(times_s) for walk in self._drifts], axis=1))
-        both_on = first_on * second_on
-        off = self._off.mean()
-        total = first_on * (ends[:, 0] - self._off[0]) + second_on * (ends[:, 1] - self._off[1])
-        total = total + off + both_on * (self.pressed.through(times_s) + off)
-        reflected: np.ndarray = total * self._rotation * self.pressed.motion(times_s)
-        return reflected
+        # Relative to the off state, which is added for the whole time.
+        states, values = list(switches), list((ends - self._off).T)
+        both_on = switches[0] * switches[1]
+        if both_on.any():
+            states.append(both_on)
+            values.append(self.pressed.through(times_s) + self._off.mean())
+        if self._off.any():
+            states.append(np.ones_like(both_on))
+            values.append(self._off.mean())
+        path = self._rotation * self.pressed.motion(times_s)
+        return states, [value * path for value in values]
 
     def _sum(
         self, states: Sequence[np.ndarray], values: Sequence[np.ndarray], first: int, count: int
