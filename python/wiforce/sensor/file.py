@@ -23,7 +23,7 @@ from ..io.text.schema import (
     plain,
     read,
 )
-from ..io.text.textfile import read_yaml, write_yaml
+from ..io.text.textfile import MAX_BYTES, parse_yaml, read_bytes, write_yaml
 from ..io.text.values import (
     LARGEST,
     AnyMapping,
@@ -477,19 +477,20 @@ def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None
     if text.lower().endswith((".yaml", ".yml")):
         path = Path(relative_to or ".") / text
     elif text in shipped_sensors():
-        return _shipped(_shipped_folder() / f"{text}.yaml")
+        path = _shipped_folder() / f"{text}.yaml"
     else:
         raise InputError("sensor", name_rule("sensor", shipped_sensors(), text), text)
-    content = read_yaml(path)
+    return _model_in(path, read_bytes(path, MAX_BYTES))
+
+
+# The models of a file share one object, and with it the table of its inversion.
+@lru_cache(maxsize=8)
+def _model_in(path: Path, data: bytes) -> SensorModel:
+    """The model of a file that holds ``data``."""
+    content = parse_yaml(path, data)
     if "sensors" in content and "kind" not in content:
         raise InputError(path, "is a scene; a sensor model is needed, such as those it lists")
     return sensor_from_dict(content, path)
-
-
-# The models of a shipped sensor share one object, and with it the table of its inversion.
-@lru_cache(maxsize=8)
-def _shipped(path: Path) -> SensorModel:
-    return sensor_from_dict(read_yaml(path), path)
 
 
 def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> SensorModel:

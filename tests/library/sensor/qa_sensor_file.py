@@ -71,6 +71,16 @@ def test_sensor_written_to_file_reads_back_equal(tmp_path, name):
     assert again.provenance == model.provenance
 
 
+def test_sensor_file_is_parsed_once_until_it_changes(tmp_path):
+    """A start reads a sensor file three times; a file that was replaced must count at once."""
+    path = tmp_path / "own.yaml"
+    model = load_sensor("line-900mhz")
+    write_sensor(model, path)
+    assert load_sensor(path) is load_sensor(path)
+    write_sensor(dataclasses.replace(model, onset_force_n=0.7), path)
+    assert load_sensor(path).onset_force_n == 0.7
+
+
 def test_wiforce_sensors_have_measured_movement_and_line_steps():
     # published movement at 20 mm, 900 MHz: phase of port 1 rises by 10.9 deg from 3 to 6 N
     for name, two_beta in (("wiforce-900mhz", 2.1614), ("wiforce-2400mhz", 5.7638)):

@@ -193,8 +193,12 @@ def _check_structure(data: bytes) -> None:
 
 
 def read_yaml(path: str | Path) -> dict[Any, Any]:
-    """Read the mapping of a YAML file; refuses 2 MB, 16 levels, aliases and repeated keys."""
-    data = read_bytes(path, MAX_BYTES)
+    """Read the mapping of a YAML file of at most 2 MB (:func:`parse_yaml`)."""
+    return parse_yaml(path, read_bytes(path, MAX_BYTES))
+
+
+def parse_yaml(path: str | Path, data: bytes) -> dict[Any, Any]:
+    """The mapping in the bytes of a YAML file; refuses 16 levels, aliases and repeated keys."""
     try:
         _check_structure(data)
         content = yaml.load(data, _Loader)
