@@ -78,7 +78,9 @@ class Readout:
     ) -> list[Reading]:
         sensors = self.sensors.values()
         each = zip(sensors, found, stages, strict=True)
-        read = np.stack([sensor.read(of, known, begin) for sensor, of, known in each], axis=1)
+        rows = [sensor.read(of, known, begin) for sensor, of, known in each]
+        # As bytes: NumPy would copy them field by field.
+        read = np.stack([own.view(np.void) for own in rows], axis=1).view(rows[0].dtype)
         if self.on_groups is not None or self._surface is not None:
             groups = groups.having(**{name: read[name] for name in ARRAYS})
         if self.on_groups is not None:
