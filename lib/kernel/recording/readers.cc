@@ -228,7 +228,7 @@ void tone_reader::fold(worker& by)
         by.reader.begin(run);
         for (int added = 1; added > 0 && by.reader.rest().count > 0;) {
             added = by.collector.add(by.reader.rest().frame,
-                                     by.collector.BATCH,
+                                     by.reader.rest().count,
                                      [&](int most, fc32* folded, snapshot_noise* noise) {
                                          return by.reader.fold(most, folded, noise);
                                      });

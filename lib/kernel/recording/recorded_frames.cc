@@ -7,10 +7,8 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// A read of half a megabyte costs little more than its copy, and leaves the samples in
-// the second cache. Guards are read as well: leaving them out takes a call per frame,
-// which doubles the time (frames of 720 samples, page cache).
-constexpr std::uint64_t READ_BYTES = 1 << 19;
+// Frames that are folded, and looked through for limited samples, at a time.
+constexpr std::uint64_t BYTES_AT_ONCE = 1 << 19;
 
 } // namespace
 
@@ -24,7 +22,7 @@ recorded_frames::recorded_frames(const std::string& path,
     : d_folder(folder),
       d_recording(path, datatype, segments, header_bytes),
       d_walk(folder, frame_offset),
-      d_watched(READ_BYTES),
+      d_watched(d_recording.part()),
       d_on_slip(std::move(on_slip))
 {
 }
@@ -56,17 +54,16 @@ void recorded_frames::pass(std::uint64_t samples)
     const std::uint64_t unwatched = std::min(samples, d_walk.until_watched());
     d_walk.pass_unwatched(unwatched);
     d_recording.pass(unwatched);
-    for (std::uint64_t left = samples - unwatched; left > 0;) {
-        const std::uint64_t count = std::min(left, read_at_once());
-        const std::uint64_t read =
-            d_recording.read(d_recording.sample(), count, d_watched.data());
-        d_recording.visit(d_watched.data(),
-                          [&](const auto* in) { d_walk.pass(in, read); });
-        if (read < count)
-            d_walk.skip(count - read);
-        d_recording.pass(count);
-        left -= count;
-    }
+    const std::uint64_t watched = samples - unwatched;
+    if (watched == 0)
+        return;
+    const std::uint64_t held =
+        d_recording.look(*d_watched, d_recording.sample(), watched, [&](const auto* in) {
+            d_walk.pass(in, watched);
+        });
+    if (held < watched)
+        d_walk.skip(0); // forgets the zeros
+    d_recording.pass(watched);
 }
 
 void recorded_frames::follow_frames()
@@ -93,45 +90,35 @@ bool recorded_frames::start_segment()
 
 std::uint64_t recorded_frames::read_at_once() const
 {
-    return READ_BYTES / d_recording.sample_bytes();
+    return BYTES_AT_ONCE / d_recording.sample_bytes();
 }
 
 frame_reader::frame_reader(recorded_frames& frames)
     : d_frames(frames),
+      d_part(frames.d_recording.part()),
       d_at_once(std::max<std::uint64_t>(
           frames.read_at_once() / frames.d_folder.frame_length(), 1))
 {
 }
 
-void frame_reader::read_on()
-{
-    const std::uint64_t frames = std::min(d_run.count, d_at_once);
-    const std::uint64_t wanted = d_frames.span(frames);
-    d_buffer.resize(
-        std::max(d_buffer.size(), wanted * d_frames.d_recording.sample_bytes()));
-    const std::uint64_t read =
-        d_frames.d_recording.read(d_run.sample, wanted, d_buffer.data());
-    d_held = frames;
-    while (d_held > 0 && d_frames.span(d_held) > read)
-        d_held--;
-    d_first = 0;
-    if (d_held < frames)
-        d_run.count = d_held;
-}
-
 std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_noise* noise)
 {
-    if (d_held == 0 && d_run.count > 0)
-        read_on();
-    const std::uint64_t count = std::min(most, d_held);
-    const std::uint64_t stride = d_frames.d_folder.frame_length();
-    d_frames.d_recording.visit(d_buffer.data(), [&](const auto* samples) {
-        d_frames.d_folder.fold(
-            samples + d_first * stride, count, folded, noise, &d_saturated);
-    });
-    d_first += count;
-    d_held -= count;
-    d_run.sample += count * stride;
+    std::uint64_t count = std::min({ most, d_run.count, d_at_once });
+    d_saturated.clear();
+    while (count > 0) {
+        const std::uint64_t wanted = d_frames.span(count);
+        const std::uint64_t held = d_frames.d_recording.look(
+            *d_part, d_run.sample, wanted, [&](const auto* samples) {
+                d_frames.d_folder.fold(samples, count, folded, noise, &d_saturated);
+            });
+        if (held == wanted)
+            break;
+        // The file was cut short: those that are whole are folded again, by themselves.
+        while (count > 0 && d_frames.span(count) > held)
+            count--;
+        d_run.count = count;
+    }
+    d_run.sample += count * d_frames.d_folder.frame_length();
     d_run.frame += count;
     d_run.count -= count;
     d_frames.d_folded += count;

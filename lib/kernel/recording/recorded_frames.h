@@ -6,6 +6,7 @@
 #include "recording.h"
 
 #include <functional>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -53,7 +54,7 @@ public:
         return (count - 1) * d_folder.frame_length() + d_folder.averaged_length();
     }
 
-    // Samples that are read at a time.
+    // Samples that are folded at a time.
     std::uint64_t read_at_once() const;
 
     std::uint64_t folded() const { return d_folded; } // frames
@@ -72,24 +73,20 @@ private:
     const preamble_folder d_folder;
     recording d_recording;
     frame_walk d_walk;
-    std::vector<char> d_watched; // samples
+    const std::unique_ptr<mapped_part> d_watched;
     const std::function<void(std::uint64_t)> d_on_slip;
     counter d_folded;
     counter d_frames_moved;
     std::vector<frame_range> d_misplaced;
 };
 
-// Reads runs of frames, a part of their samples in memory at a time, and folds them.
+// Folds runs of frames where the file lies in memory.
 class frame_reader
 {
 public:
     explicit frame_reader(recorded_frames& frames);
 
-    void begin(const frame_run& run)
-    {
-        d_run = run;
-        d_held = 0;
-    }
+    void begin(const frame_run& run) { d_run = run; }
     // The frames of the run that are not folded yet.
     const frame_run& rest() const { return d_run; }
     // Folds the next ones; returns how many. 0 at the end of the run, which is where the
@@ -99,14 +96,10 @@ public:
     const std::vector<int>& saturated() const { return d_saturated; }
 
 private:
-    void read_on();
-
     recorded_frames& d_frames;
+    const std::unique_ptr<mapped_part> d_part;
+    const std::uint64_t d_at_once; // frames
     frame_run d_run = {};
-    std::vector<char> d_buffer;
-    std::uint64_t d_at_once;  // frames that it holds
-    std::uint64_t d_held = 0; // in the buffer
-    std::uint64_t d_first = 0;
     std::vector<int> d_saturated;
 };
 

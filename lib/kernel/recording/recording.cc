@@ -85,11 +85,15 @@ void recording::open(const std::string& path)
 
 std::uint64_t recording::samples_in_file() const
 {
-    struct stat status;
-    if (fstat(d_file, &status) != 0)
-        return 0;
-    const auto size = static_cast<std::uint64_t>(status.st_size);
-    return (size - std::min(size, d_header_bytes)) / d_sample_bytes;
+    // Half the time of fstat, which is noticed: frames are folded in as many pieces.
+    const off_t size = lseek(d_file, 0, SEEK_END);
+    return size < 0 ? 0 : samples_before(size);
+}
+
+// A place in the file.
+std::uint64_t recording::samples_before(std::uint64_t byte) const
+{
+    return (byte - std::min(byte, d_header_bytes)) / d_sample_bytes;
 }
 
 void recording::note_end(std::uint64_t sample) const
@@ -136,22 +140,16 @@ std::uint64_t recording::ahead()
     return d_unread;
 }
 
+// Of samples that were looked at. A page that was cut meanwhile holds zeros: the size
+// afterwards says what counts.
 std::uint64_t
-recording::read(std::uint64_t sample, std::uint64_t count, char* samples) const
+recording::held(std::uint64_t sample, std::uint64_t count, std::uint64_t unreadable) const
 {
-    const std::uint64_t first = d_header_bytes + sample * d_sample_bytes;
-    const std::uint64_t wanted = count * d_sample_bytes;
-    std::uint64_t bytes = 0;
-    for (ssize_t more = 1; more > 0 && bytes < wanted;
-         bytes += std::max<ssize_t>(more, 0))
-        more = pread(d_file, samples + bytes, wanted - bytes, first + bytes);
-    // A page that was cut meanwhile reads as zeros: the size afterwards says what counts.
-    const std::uint64_t in_file = samples_in_file();
-    const std::uint64_t got =
-        std::min(bytes / d_sample_bytes, in_file - std::min(in_file, sample));
-    if (got < count)
-        note_end(sample + got);
-    return got;
+    const std::uint64_t end = std::min(samples_in_file(), samples_before(unreadable));
+    const std::uint64_t held = std::min(count, end - std::min(end, sample));
+    if (held < count)
+        note_end(sample + held);
+    return held;
 }
 
 } // namespace gr::wiforce::kernel

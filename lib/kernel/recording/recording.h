@@ -2,10 +2,12 @@
 #pragma once
 
 #include "../types.h"
+#include "mapped_part.h"
 
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -56,22 +58,37 @@ public:
     }
 
     std::uint64_t sample_bytes() const { return d_sample_bytes; }
-    // Reads samples from a place in the file on; returns how many it held.
-    std::uint64_t read(std::uint64_t sample, std::uint64_t count, char* samples) const;
-    // Calls the visitor with samples that were read, in their type.
-    template <class Visitor>
-    void visit(const char* samples, const Visitor& visitor) const
+    // What looks at samples, a thread at a time.
+    std::unique_ptr<mapped_part> part() const
     {
-        if (d_is_integer)
-            visitor(reinterpret_cast<const sc16*>(samples));
-        else
-            visitor(reinterpret_cast<const fc32*>(samples));
+        return std::make_unique<mapped_part>(d_file);
+    }
+    // Calls the visitor with samples from a place in the file on, in their type; returns
+    // how many of them the file held: the others were zeros.
+    template <class Visitor>
+    std::uint64_t look(mapped_part& part,
+                       std::uint64_t sample,
+                       std::uint64_t count,
+                       const Visitor& visitor) const
+    {
+        const std::uint64_t first = d_header_bytes + sample * d_sample_bytes;
+        return held(sample,
+                    count,
+                    part.look(first, count * d_sample_bytes, [&](const char* samples) {
+                        if (d_is_integer)
+                            visitor(reinterpret_cast<const sc16*>(samples));
+                        else
+                            visitor(reinterpret_cast<const fc32*>(samples));
+                    }));
     }
 
 private:
     void open(const std::string& path);
     std::uint64_t samples_in_file() const;
+    std::uint64_t samples_before(std::uint64_t byte) const;
     void note_end(std::uint64_t sample) const;
+    std::uint64_t
+    held(std::uint64_t sample, std::uint64_t count, std::uint64_t unreadable) const;
 
     const bool d_is_integer;
     const std::uint64_t d_sample_bytes;
