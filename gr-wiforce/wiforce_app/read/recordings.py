@@ -79,8 +79,6 @@ def warn_of_end(capture, reader):
     touched = reader.counts.touched_reference()
     receiver = getattr(reader, "receiver", None)  # a followed file's block has said the rest
     if receiver is None:
-        for text in touched.values():
-            warn(capture, text)
         return
     unread = reader.counts.groups and not reader.counts.clear
     if unread and isinstance(reader, RecordingReader):

@@ -130,6 +130,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
         sampled = environment.receive_antennas == 1 and environment.reader_clock == "shared"
         self.watch = StreamWatch(plan, "reader", self._warn, frame_offset, sampled)
         self.watch.survey = lambda: self.stream.survey
+        self.watch.touched = self.stream.counts.touched_reference
         SnapshotSink.__init__(self, "group_reader", plan.group_length, plan.waveform.symbol_length)
         self.open_port(on_reading)
         self.open_tare_port(self.stream.tares)

@@ -126,7 +126,8 @@ class StreamWatch:
 
     The first cause that lasts for a second is ``said``, then nothing until readings are clear: what
     follows from it would hide it. ``report`` is GNU Radio's log by default, ``sampled`` excludes
-    ratios; ``folded`` is what samples were cut into, before it is read.
+    ratios; ``folded`` is what samples were cut into, before it is read, ``touched`` what to say of
+    sensors that were touched in the reference.
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class StreamWatch:
         self.mean_frame: Callable[[], Array] | None = None
         self.folded: Callable[[], Folded] | None = None
         self.survey: Callable[[], Survey | None] = lambda: None
+        self.touched: Callable[[], dict[str, str]] = dict
         self.said: list[str] = []
         self._quiet = False  # after a sentence, until readings are clear
         self._problem = self._level = ""
@@ -150,6 +152,7 @@ class StreamWatch:
         self._groups = 0
         self._readings: dict[str, list[Reading]] = {}
         self._clear: set[str] = set()
+        self._begun: set[str] = set()  # sensors whose reference is over
         self._received_s: dict[str, float] = {}
         self._stopped = threading.Event()
 
@@ -194,6 +197,10 @@ class StreamWatch:
                 self._received_s[reading.sensor] = reading.time_s
             if "reference" in reading.flags and "saturated" not in reading.flags:
                 continue
+            if reading.touch is not None and reading.sensor not in self._begun:
+                self._begun.add(reading.sensor)
+                if "ambiguous" not in reading.flags:  # a doubt is said when it lasts
+                    self.say(self.touched().get(reading.sensor, ""))
             if "transition" in reading.flags:
                 continue  # is part of what is before it and of what follows
             waiting = self._readings.setdefault(reading.sensor, [])

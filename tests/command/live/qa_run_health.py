@@ -66,7 +66,9 @@ class Run:
         for _ in range(round(10 * seconds)):
             self.now_s += 0.1
             self.session.samples_received += 1
-            self.health.note(Reading(round(self.now_s, 3), "arm", touch, flags=flags))
+            reading = Reading(round(self.now_s, 3), "arm", touch, flags=flags)
+            self.session.reader.counts.note([reading])
+            self.health.note(reading)
             self.health.look()
         return self.health.state
 
@@ -119,6 +121,18 @@ def test_health_says_once_why_readings_stay_ambiguous(run):
     assert not run.said
     run.read(2.0, flags=("ambiguous",))
     assert run.said == ["arm: it may have been touched; begin untouched, or release it and tare"]
+
+
+def test_health_says_once_that_the_reference_was_touched(run):
+    """It was said of a file only; a tare that is touched fails, and says so itself."""
+    run.read(0.2, flags=("reference",))
+    run.read(0.3, touch=1, flags=("reference",))
+    assert not run.said
+    run.read(0.5, touch=1)
+    run.read(0.2, touch=1, flags=("reference",))
+    run.read(0.5, touch=1)
+    (said,) = run.said
+    assert said.startswith("arm: was touched in 3 groups of the reference; its readings rest on")
 
 
 def test_health_names_a_suspicion_once(run):

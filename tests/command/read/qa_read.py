@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import run_command
-from gnuradio import wiforce
+from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
 from machine import rows_in, wait_until
@@ -286,6 +286,13 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
     warnings = [line for line in done.stderr.splitlines() if "warning" in line]
     assert len(warnings) == 1 and " of the reference; its readings rest on" in warnings[0]
     assert "begun.bin: arm: was touched in " in warnings[0]
+    # A stream is told the same, whose groups come one after the other.
+    reader = wiforce.reader(str(tmp_path / "scene.yaml"), input_type="sc16")
+    said, reader.groups.on_warning = [], lambda sentence: said.append(sentence)
+    flowgraph = gr.top_block()
+    flowgraph.connect(blocks.file_source(4, str(tmp_path / "begun.bin")), reader)
+    flowgraph.run()
+    assert said == [warnings[0].replace(f"gr-wiforce: warning: {tmp_path}/begun.bin", "reader")]
 
 
 def test_read_names_a_saturated_receiver(demo, tmp_path):
