@@ -293,11 +293,6 @@ def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
     "change, cause",
     [
         (bytes_of, "the samples are ci8, but are read as ci16_le"),
-        (
-            lambda codes: as_floats(codes).view(np.int16).reshape(-1, 2),
-            "the samples are cf32_le, but are read as ci16_le",
-        ),
-        (noise, "only noise or another signal"),
         (lambda codes: resampled(as_floats(codes), 0.8), "0.8 times that of the transmitter"),
     ],
 )

@@ -93,21 +93,11 @@ def test_readings_of_a_surface_are_refused_with_the_alternative(folder, tmp_path
     assert "holds readings of a surface" in done.stderr and "`gr-wiforce read`" in done.stderr
 
 
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        (("900,40", "900,41x"), "location_mm"),
-        (("900,40", "900,95"), "location_mm"),
-        (("phase_deg", "angle"), "phase_deg"),
-    ],
-)
-def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(
-    folder, tmp_path, change, message
-):
-    text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace(*change)
+def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_path):
+    text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace("900,40", "900,95")
     (tmp_path / "vna.csv").write_text(text)
     done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
-    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert done.returncode == 2 and "location_mm" in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
 
 

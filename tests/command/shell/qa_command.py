@@ -236,10 +236,8 @@ def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
 @pytest.mark.parametrize(
     "arguments, status",
     [
-        (("list", "sensors"), 0),
         (("simulate", "same.yaml", "x"), 0),
         (("plan", "bad.yaml"), 2),
-        (("--nonsense",), 2),
     ],
 )
 def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, status):

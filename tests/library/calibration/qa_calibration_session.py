@@ -19,7 +19,6 @@ from gnuradio.wiforce.calibration.guided.session import (
 from gnuradio.wiforce.calibration.tables import read_tap_csv
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.sensor import load_sensor
-from long_cases import cases
 
 PLAN = SessionPlan("arm", 900e6)
 LINE = load_sensor("line-900mhz")
@@ -297,19 +296,12 @@ def test_press_that_slipped_in_mid_sweep_causes_a_warning_at_once(name, slip_mm)
         taken.append(measured(force_n, 40.0))
 
 
-@pytest.mark.parametrize(
-    ("place", "error_mm"),
-    cases(
-        (50.0, -3.0),
-        long=((30.0, 3.0), (30.0, -3.0), (40.0, 3.0), (40.0, -3.0), (50.0, 3.0)),
-    ),
-)
-def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path, place, error_mm):
+def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path):
     """Each location has curves of its own, so residuals cannot show it.
 
     Its neighbours, which it predicts wrongly, were named as well.
     """
-    path = tmp_path / "arm.taps.csv"
+    path, place, error_mm = tmp_path / "arm.taps.csv", 50.0, -3.0
     with CalibrationSession(PLAN, path, {"ruler_std_mm": 0.3}) as session:
         session.add(untouched())
         while target := session.next_target():

@@ -24,7 +24,6 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
-from long_cases import cases
 from scipy.optimize import brentq
 
 PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
@@ -255,7 +254,6 @@ def exchanged(values, chosen, first, second):
     [
         ("line-900mhz", (30.0, 50.0)),
         ("line-2400mhz", (20.0, 50.0)),
-        ("fingertip-900mhz", (40.0, 50.0)),
         ("wiforce-900mhz", (20.0, 30.0)),
     ],
 )
@@ -297,15 +295,14 @@ def test_calibration_of_a_logged_press_needs_memory_by_its_rows():
     assert most < 1500 * len(logged.row)
 
 
-@pytest.mark.parametrize("noise_n", cases(0.05, long=(0.0,)))
-@pytest.mark.parametrize("name", MODELS)
-def test_calibration_of_noisy_forces_and_repeats_is_not_suspected(name, noise_n):
+@pytest.mark.parametrize("name", ["line-2400mhz", "wiforce-900mhz"])
+def test_calibration_of_noisy_forces_and_repeats_is_not_suspected(name):
     """Neighbouring forces and phases change their order with the noise of gauge and phases."""
     model, forces = load_sensor(name), np.linspace(1.5, 6.0, 23)
     for seed, places in enumerate([(20.0, 40.0, 60.0), (20.0, 23.0, 34.0, 50.0)]):
         sweeps = [measure_vna(model, places, forces, 0.5, seed=3 * seed + k) for k in range(2)]
         table = CalibrationTable.joined(sweeps)
-        noise = noise_n * np.random.default_rng(seed).standard_normal(len(table.row))
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(len(table.row))
         press = np.repeat(["1", "2"], len(sweeps[0].row))
         table = replace(table, press=press, force_n=table.force_n + noise * ~table.untouched)
         assert calibrate(table, "arm").provenance.get("suspicions", []) == []
@@ -326,19 +323,10 @@ def at_location(place, **change):
 
 @pytest.mark.parametrize(
     ("change", "name", "said"),
-    cases(
+    [
         (lambda t: {}, "", ""),
         (at_location(15.0, location_mm=lambda mm: mm + 3), "18", "see such phases at 15 mm"),
-        long=(
-            (
-                at_location(35.0, phase_deg=np.radians),
-                "35",
-                "pressed while they were measured, in degrees?",
-            ),
-            (at_location(35.0, location_mm=lambda mm: mm + 3), "38", "see such phases at 35 mm"),
-            (at_location(35.0, location_mm=lambda mm: mm / 10), "3.5", "see such phases at 35 mm"),
-        ),
-    ),
+    ],
 )
 def test_a_wrong_location_is_named_and_its_effect_stated(tmp_path, change, name, said):
     """Readings up to 12 of their standard deviations off came without a word from such sensors."""

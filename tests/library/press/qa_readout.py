@@ -216,8 +216,8 @@ def test_readout_steps_of_the_paper_add_up():
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
 
 
-@pytest.mark.parametrize("location_mm", [36, 38, 40, 41, 42, 44])
-@pytest.mark.parametrize("wider_mm", [8, 12, 20, 30, 40])
+@pytest.mark.parametrize("location_mm", [36, 40, 41, 44])
+@pytest.mark.parametrize("wider_mm", [8, 20, 40])
 def test_readout_contact_wider_than_calibrated_is_flagged_as_long_as_it_is_held(
     wider_mm, location_mm
 ):

@@ -13,11 +13,9 @@ from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.wiforce_kernels import end_separation
-from long_cases import cases
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
 
-LONG = pytest.mark.long
 CLOCKS_HZ = (1000.0, 1400.0)
 FORCE_N, LOCATIONS_MM = 4.0, (35.0, 55.0)
 
@@ -129,7 +127,7 @@ def faulty_groups(plan):
 
 @pytest.fixture(
     scope="module",
-    params=[(1, 625), (2, 125), *(pytest.param(case, marks=LONG) for case in ((2, 625), (1, 125)))],
+    params=[(1, 625), (2, 125)],
     ids=str,
 )
 def run(request):
@@ -139,7 +137,7 @@ def run(request):
     return plan, groups, tare_at, readings_of(plan, groups, 1, tare_at)
 
 
-@pytest.mark.parametrize("size", cases(7, None, long=(64,)), ids=["7", "all", "64"])
+@pytest.mark.parametrize("size", [7, None], ids=["7", "all"])
 def test_receiver_batches_of_any_size_give_equal_readings(run, size):
     plan, groups, tare_at, expected = run
     assert_equal(readings_of(plan, groups, size, tare_at), expected)

@@ -75,13 +75,7 @@ def slip(capture, name, at_s, lost):
 
 @pytest.mark.parametrize(
     ("at_s", "lost"),
-    cases(
-        (0.1, 1),
-        long=(
-            *((0.4, 17), (0.02, -150), (0.02, 150), (0.25, 1), (0.25, -1)),
-            *((0.25, 150), (0.1, 1000), (0.25, -1250)),
-        ),
-    ),
+    cases((0.1, 1), long=((0.4, 17), (0.02, -150), (0.25, -1250))),
 )
 def test_samples_lost_within_the_reference_cost_their_groups_only(
     press, whole, tmp_path, at_s, lost
@@ -101,9 +95,7 @@ def test_samples_lost_within_the_reference_cost_their_groups_only(
     assert len(touched) > 5 and (np.abs(touched["force_n"] - 4.0) < 0.2).all()
 
 
-@pytest.mark.parametrize(
-    ("lost", "antennas"), cases((-1, (1, 2)), long=((150, (1, 2)), (-150, (1, 2)), (1, (1,))))
-)
+@pytest.mark.parametrize(("lost", "antennas"), cases((-1, (1, 2)), long=((1, (1,)),)))
 def test_samples_lost_at_two_antennas_cost_their_groups_only(
     press_of_two, whole_of_two, tmp_path, lost, antennas
 ):
@@ -144,10 +136,7 @@ def read_as_a_stream(capture, scene, input_type):
     ("antennas", "input_type", "at_s", "lost"),
     cases(
         *((1, "sc16", 0.25, -1), (2, "folded", 0.25, -1)),
-        long=(
-            *((1, "sc16", 0.4, 17), (1, "sc16", 0.02, 150)),
-            *((1, "folded", 0.1, 1), (2, "folded", 0.1, 1)),
-        ),
+        long=((1, "sc16", 0.02, 150), (1, "folded", 0.1, 1)),
     ),
 )
 def test_slip_within_the_reference_reads_alike_from_file_and_stream(

@@ -114,9 +114,7 @@ def loss_through_db(layers):
     ("name", "to_tag_m", "from_tag_m", "tag_dbi", "layers", "plate_db"),
     [
         ("distance_20cm", 3.8, 0.2, 0, [], 0),
-        ("distance_50cm", 3.5, 0.5, 0, [], 0),
         ("distance_1m", 3.0, 1.0, 0, [], 0),
-        ("distance_2m", 2.0, 2.0, 0, [], 0),
         ("phantom", 0.5, 0.5, -17, PHANTOM, 28.5),
         ("phantom_no_plate", 0.5, 0.5, -17, PHANTOM, 0),
     ],
