@@ -13,9 +13,10 @@ namespace {
 
 constexpr int DEFAULT_WIDTH = 2 * DEFAULT_SYMBOL_LENGTH;
 
-// Frames lie apart, so the processor's own prefetcher meets each one anew. Two frames
-// ahead cover the latency of memory.
-constexpr int FRAMES_AHEAD = 2;
+// Frames lie apart, so the processor's own prefetcher meets each one anew. More lines can
+// be on their way from memory to the second cache than to the first.
+constexpr int FRAMES_TO_FIRST = 1;
+constexpr int FRAMES_TO_SECOND = 4;
 constexpr int CACHE_LINE = 64; // bytes
 
 constexpr int LANES = 8;
@@ -230,8 +231,11 @@ fold(Frames of, int repetitions, int width, float scale, float* folded, float* n
         int n = 0;
         for (; n + Samples::STEP <= width; n += Samples::STEP) {
             if (n % LINE == 0)
-                for (int r = 0; r < repetitions; r++)
-                    __builtin_prefetch(x + FRAMES_AHEAD * of.stride + r * width + n);
+                for (int r = 0; r < repetitions; r++) {
+                    const auto* const line = x + r * width + n;
+                    __builtin_prefetch(line + FRAMES_TO_SECOND * of.stride, 0, 2);
+                    __builtin_prefetch(line + FRAMES_TO_FIRST * of.stride);
+                }
             samples.step(x + n, width, repetitions, scale, out + n, levels);
         }
         for (; n < width; n++) {
