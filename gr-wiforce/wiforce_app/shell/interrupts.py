@@ -57,9 +57,19 @@ class _Signals:
 _signals = _Signals()
 
 
+def _hang_up(number, _):
+    signal.signal(number, signal.SIG_IGN)  # the shell sends it, and then the kernel
+    signal.raise_signal(signal.SIGTERM)
+
+
 def interrupt_by_exception():
-    """Let Ctrl-C, unless a shell ignores it, and SIGTERM raise exceptions in the main thread."""
+    """Let Ctrl-C, unless a shell ignores it, and SIGTERM raise exceptions in the main thread.
+
+    A terminal that is closed ends the command as SIGTERM does, unless it runs under nohup.
+    """
     signal.signal(signal.SIGTERM, _signals.receive)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, _hang_up)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _signals.receive)
 

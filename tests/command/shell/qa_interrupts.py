@@ -17,8 +17,10 @@ INTERRUPTIONS = [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated
 @pytest.fixture(autouse=True)
 def handlers():
     """Those of the command; afterwards those of pytest."""
-    kept = {number: signal.getsignal(number) for number, _ in INTERRUPTIONS}
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    kept = {number: signal.getsignal(number) for number in numbers}
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     interrupt_by_exception()
     yield
     for number, handler in kept.items():
@@ -51,6 +53,20 @@ def test_interruption_of_a_row_waits_until_it_is_in_all_files(number, expected):
         outputs.write_all([])
     assert found.type is expected
     assert (first.rows, second.rows) == (1, 1) and first.closed and second.closed
+
+
+def test_closed_terminal_ends_a_command_once_as_sigterm_does():
+    """It left half a simulation in a hidden folder, and a Parquet file without its end."""
+    first = Rows(signal.SIGHUP, signal.SIGHUP)
+    with pytest.raises(Terminated), FileOutputs(first) as outputs:
+        outputs.write_all([])
+    assert first.rows == 1 and first.closed
+
+
+def test_command_under_nohup_outlives_its_terminal():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    interrupt_by_exception()
+    os.kill(os.getpid(), signal.SIGHUP)
 
 
 def test_interruption_does_not_hide_that_a_file_is_full():
