@@ -150,9 +150,9 @@ class Radio(ABC):
     def start_together(self, lead_s: float) -> float:
         """Schedule the start of both streams `lead_s` from now, where the driver can; its time."""
 
-    @abstractmethod
-    def collect(self, samples: int, timeout_s: float) -> None:
-        """Say how many samples are handed over together, 0 for packets, and how long to wait."""
+    def collect(self, samples: int, timeout_s: float) -> bool:
+        """Say how many samples to hand over together, and how long to wait; whether it does."""
+        return False
 
     @property
     def _ends(self) -> dict[str, End]:

@@ -115,9 +115,6 @@ class SoapyRadio(Radio):
     def start_together(self, lead_s):
         return self.time_s
 
-    def collect(self, samples, timeout_s):
-        pass  # the block hands over single packets, after half a second at the latest
-
 
 class _SoapyEnd(End):
     """Source or sink of gr-soapy."""

@@ -142,7 +142,6 @@ _TRANSMIT_AHEAD_S = 0.5
 _BUFFER_SAMPLES = 1 << 18
 _MOST_RECEIVE_SAMPLES = _BUFFER_SAMPLES // 2
 _RECEIVE_TIMEOUT_S = 0.1
-_COLLECTED_S = 10e-3  # pieces of this length or more are collected by the driver
 _UNTIMED_S = 0.1  # a bound of the time that samples take until they are counted
 # A shorter silence, of a network that restarts for example, is a gap: the device keeps its phases.
 _SILENCE_S = 5.0
@@ -155,9 +154,10 @@ class RadioStreams:
         # GNU Radio reports failures of blocks itself; the reader gets them from here.
         gr.logging().set_default_level(gr.log_levels.off)
         self._radio, self._request = radio, request
-        # Short pieces are collected by the sender from single packets, long ones by the driver.
-        packets = request.receive_s < _COLLECTED_S
-        interval_s = request.receive_s if packets else 0.0
+        together = min(int(request.receive_s * request.sample_rate_hz), _MOST_RECEIVE_SAMPLES)
+        # The sender collects what a driver hands over in single packets.
+        collected = radio.collect(together, _RECEIVE_TIMEOUT_S)
+        interval_s = 0.0 if collected else together / request.sample_rate_hz
         antennas = request.antennas
         self._sender = sample_sender(samples, interval_s, radio.accepts_time, antennas)
         self._reception = gr.top_block("gr-wiforce receiver", catch_exceptions=True)
@@ -165,8 +165,6 @@ class RadioStreams:
         if not radio.starts_together:
             self._transmission = gr.top_block("gr-wiforce transmitter", catch_exceptions=True)
         exit_on_terminate(LOST_STATUS)  # instead of the handler that the flowgraph has installed
-        together = min(int(request.receive_s * request.sample_rate_hz), _MOST_RECEIVE_SAMPLES)
-        radio.collect(0 if packets else together, _RECEIVE_TIMEOUT_S)
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self._start_s, self._frames = [0.0], None
         if radio.sink is not None:

@@ -57,9 +57,9 @@ class UhdRadio(Radio):
         return start_s
 
     def collect(self, samples, timeout_s):
-        self.source.set_recv_timeout(timeout_s, samples == 0)
-        if samples:
-            self.source.set_max_noutput_items(samples)
+        self.source.set_recv_timeout(timeout_s, False)
+        self.source.set_max_noutput_items(samples)
+        return True
 
 
 class _UhdEnd(End):
