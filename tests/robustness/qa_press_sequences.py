@@ -91,7 +91,7 @@ def test_a_force_that_changes_goes_on_while_the_supply_fails():
 def test_a_line_that_is_doubted_reads_no_press_confidently(family, seed):
     """A supply that fails, a line that was not seen again, and one that a finger warms."""
     found = score([seed], 2500, family)
-    assert not found.wrong and found.counts["unflagged"] > 30, str(found)
+    assert not found.wrong and found.counts["unflagged"] > 20, str(found)
 
 
 def test_a_sudden_turn_after_a_silence_is_followed():

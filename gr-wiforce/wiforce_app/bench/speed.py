@@ -35,8 +35,6 @@ class Row:
     bursts: bool = False  # of other transmitters, in every group
 
 
-# Of the quiet recording.
-_BURSTS_SHARE = 0.25
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (
     ("stream-fc32", 16, 1.0),
@@ -100,13 +98,13 @@ def speed(as_json, runs, megabytes, only, cpu_time):
     lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-") as place:
         samples = megabytes * 10**6 // _FC32_BYTES
-        size = round(samples * (_FC32_BYTES + _SC16_BYTES) * (1 + _BURSTS_SHARE))
+        size = 2 * samples * (_FC32_BYTES + _SC16_BYTES)
         if size > (free := shutil.disk_usage(place).free):
             rule = f"both recordings must fit on the disk, which has {free // 10**6} MB free"
             raise click.BadParameter(f"{rule}, got {megabytes}", param_hint="--megabytes")
         recordings = [
             write_recording(place, samples),
-            write_recording(place, round(samples * _BURSTS_SHARE), bursts=True),
+            write_recording(place, samples, bursts=True),
         ]
         rows = _rows(lines, _run_in_turns(lines, recordings, runs, "cpu" if cpu_time else "wall"))
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))

@@ -117,7 +117,7 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.clear = !found.flags;
         return found;
     }
-    double by_state[4] = {}, doubtful = 0, turning = 0;
+    double by_state[4] = {}, doubtful = 0, turning = 0, in_part = 0;
     for (std::size_t i = 0; i < of.count; i++) {
         const auto& each = of.first[i];
         by_state[each.is] += each.weight;
@@ -125,11 +125,13 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
             doubtful += each.weight;
         if (each.turns)
             turning += each.weight;
+        if (each.in_part)
+            in_part += each.weight;
     }
     const double either =
         std::min(by_state[untouched], 1 - by_state[untouched] - by_state[mixed]);
     found.touch = by_state[untouched] <= 0.5;
-    const bool changes = by_state[mixed] > d_limits.doubt;
+    const bool changes = by_state[mixed] + in_part > d_limits.doubt;
     if (changes)
         found.flags |= d_bits.transition;
     if (by_state[unexplained] > d_limits.doubt)

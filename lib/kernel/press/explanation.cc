@@ -129,8 +129,12 @@ void both_amplitudes::grow(const pair_of_ends& by)
 
 double both_amplitudes::update(double seen_mean, double seen_difference, double noise)
 {
-    return update_mean(seen_mean, noise) +
-           take(difference, difference_variance, seen_difference, 4 * noise);
+    return update_mean(seen_mean, noise) + update_difference(seen_difference, 4 * noise);
+}
+
+double both_amplitudes::update_difference(double seen, double noise)
+{
+    return take(difference, difference_variance, seen, noise);
 }
 
 double both_amplitudes::update_mean(double seen, double noise)
@@ -203,6 +207,7 @@ void explanation::merge(const explanation& other, double share)
     mean(turn.velocity, other.turn.velocity);
     mean(turn.seen, other.turn.seen);
     mean(turn.moved, other.turn.moved);
+    mean(turn.failed, other.turn.failed);
     mean(turn.watched_s, other.turn.watched_s);
     mean(hand.quiet_amplitude, other.hand.quiet_amplitude);
     mean(hand.quiet_phase,

@@ -37,6 +37,7 @@ struct press_outcome {
     bool known = true;
     bool turns =
         false; // the tag turns faster than a finger warms the line, or a cable moves
+    bool in_part = false;    // the tag was received in a part of the group only
     pair_of_ends baseline{}; // phases of the untouched line, rad
     double common_variance = 0, difference_variance = 0; // of their mean and difference
     double amplitude = 0;                                // of both ends, Np
@@ -84,6 +85,7 @@ struct both_amplitudes {
     //! give the log density that was expected.
     double update(double seen_mean, double seen_difference, double noise);
     double update_mean(double seen, double noise);
+    double update_difference(double seen, double noise);
 };
 
 /*!
@@ -110,11 +112,13 @@ struct explanation {
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
         // Turns seen where nothing looks alike, in this time, and cables that moved.
         double seen = 0, moved = 0, watched_s = 0;
+        double failed = 0; // how often the tag's supply has
     } turn;
 
-    //! A hand nearby adds a phasor: the line without it, and the phasor's square.
+    //! A hand nearby adds a phasor: the line without it, the squares of the phasor and,
+    //! in 1/s, of its speed where it moves.
     struct nearby_hand {
-        double quiet_amplitude = 0, quiet_phase = 0, square = 0;
+        double quiet_amplitude = 0, quiet_phase = 0, square = 0, speed2 = 0;
     } hand;
 
     //! Both phases and amplitudes of the press, or of the line while the tag turns it.
@@ -135,11 +139,11 @@ struct explanation {
         double age_s = 0; // of the state before
         both_ends start{}, seen{};
         double seen_variance = 0;
-        double log_density = 0;     // over that of any mixture
-        bool single = true;         // one group so far
-        bool after_silence = false; // the first of them
+        double log_density = 0; // over that of any mixture
+        bool single = true;     // one group so far
     } mixture;
 
+    bool in_part = false; // was received in a part of this group only
     bool claimed = false; // nothing has changed since the user said that it is untouched
     average_of_groups mean;
     press_outcome now, last;

@@ -17,12 +17,6 @@ double log_normal(double x, double variance)
     return -0.5 * (x * x / variance + std::log(two_pi * variance));
 }
 
-double log_normals(double x, double of_x, double y, double of_y)
-{
-    return -0.5 * (x * x / of_x + y * y / of_y + std::log(of_x * of_y)) -
-           std::log(two_pi);
-}
-
 phase_covariance
 covariance_along(const pair_of_ends& direction, double along, double across)
 {

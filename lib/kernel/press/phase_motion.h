@@ -3,7 +3,6 @@
 
 #include "press_image.h"
 
-#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -27,8 +26,6 @@ covariance_along(const pair_of_ends& direction, double along, double across);
 
 //! log N(x; 0, variance).
 double log_normal(double x, double variance);
-//! log N(x; 0, of_x) + log N(y; 0, of_y).
-double log_normals(double x, double of_x, double y, double of_y);
 
 /*!
  * \brief Both phases of a press: held, or changing steadily.
@@ -57,12 +54,6 @@ public:
     void move(double velocity);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
-    //! Mean of both velocities, and its variance.
-    std::pair<double, double> common_velocity() const
-    {
-        return { (d_state[2] + d_state[3]) / 2,
-                 (d_covariance[2][2] + d_covariance[3][3] + 2 * d_covariance[2][3]) / 4 };
-    }
     void widen_velocity(const phase_covariance& by);
     //! A steady change ended somewhere in the last `seconds`.
     void stop(double seconds);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What may follow in a group, and how well each predicts it.
 #include "press_filter.h"
-#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -99,10 +98,16 @@ double press_filter::follow_turn(explanation& to,
     // that show turns have shown that as well.
     if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s && !shows_turns(from))
         to.line.common.widen(squared(by / 2));
-    to.line.amplitude.mean += to.press.strength.mean - before;
-    if (!to.turn.by_hand)
-        to.hand.quiet_amplitude += to.press.strength.mean - before;
-    to.turn.velocity = to.press.motion.common_velocity().first;
+    const double grown = to.press.strength.mean - before;
+    to.line.amplitude.mean += grown;
+    if (to.turn.by_hand)
+        to.hand.speed2 =
+            std::max(squared(by) + squared(grown) - d_common_noise - d_amplitude_noise,
+                     0.0) /
+            squared(d_elapsed_s);
+    else
+        to.hand.quiet_amplitude += grown;
+    to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
         const auto sure = to.press.motion.covariance();
         to.line.common.reset(to.line.common.estimate().mean,
@@ -130,7 +135,7 @@ void press_filter::release(const explanation& from, double probability)
         likelihood = std::log(d_image->density({ was[0] - d_group.phase[0],
                                                  was[1] - d_group.phase[1] }) +
                               1e-12) +
-                     compare_contact(from, any_amplitude);
+                     find_strength(*next, any_amplitude);
         reset_baseline(*next);
         next->line.known = true;
     }
@@ -156,7 +161,15 @@ void press_filter::touch(const explanation& from, double probability, state is)
     if (shows_turns(*next))
         touch_with_strength(from, *next, spread);
     else
-        give(*next, contact_phases(*next) + compare_contact(from, spread));
+        give(*next, contact_phases(*next) + find_strength(*next, spread));
+}
+
+// Beside a contact that the model does not contain, another one is as likely as a press.
+void press_filter::exchange(const explanation& from, double probability, state was)
+{
+    const double other = was == unexplained ? probability / 2 : 0;
+    touch(from, other, unexplained);
+    touch(from, probability - other, pressed);
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
@@ -173,7 +186,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
     next->is = untouched;
     next->turn.goes_on = next->press.steady = false;
     next->turn.sudden = true;
-    next->turn.moved++;
+    next->turn.moved += sees_turns(from, from.state_before_change());
     next->hand.quiet_amplitude = d_amplitude;
     const double variance = squared(d_set.turn_deg * deg);
     next->line.common.widen(variance / 2);
@@ -198,7 +211,13 @@ void press_filter::stop_changing(const explanation& from, double probability)
         return;
     next->press.motion.predict(d_elapsed_s);
     next->press.motion.stop(d_elapsed_s);
-    give(*next, rest_pressed(*next, from));
+    next->age_s = 0;
+    next->press.steady = false;
+    drift(*next);
+    const double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    next->hold_level();
+    doubt_off_states(*next, from);
+    give(*next, likelihood + update_strength(*next));
 }
 
 void press_filter::hold(const explanation& from, double probability)
@@ -209,10 +228,15 @@ void press_filter::hold(const explanation& from, double probability)
     next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and with it.
     auto& held = next->press.held;
+    const auto was = held.phase();
+    const drift_bank::moments turned{
+        (wrapped(d_group.phase[0] - was[0]) + wrapped(d_group.phase[1] - was[1])) / 2,
+        held.common.estimate().variance + d_common_noise
+    };
     const double likelihood =
         held.carry(next->line, d_group.phase, d_noise, rate_memory());
     next->press.motion.hold(held.phase(), held.covariance());
-    give(*next, likelihood + update_strength(*next), true);
+    give(*next, likelihood + update_strength(*next, &turned), true);
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -287,39 +311,6 @@ void press_filter::turn_unseen(explanation& to, double part) const
     to.press.motion.turn(part * by);
 }
 
-void press_filter::jump(const explanation& from, double probability)
-{
-    // What hardly differs is no jump.
-    const auto was = from.press.motion.phase();
-    double jumped = 0;
-    for (int e = 0; e < 2; e++)
-        jumped += squared(wrapped(d_group.phase[e] - was[e]));
-    const double log_differs =
-        std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
-    auto next = follow(from, probability);
-    if (!next)
-        return;
-    next->press.motion.rest();
-    if (next->turn.goes_on)
-        next->press.motion.move(next->turn.velocity);
-    const double along = squared(jump_deg * deg);
-    next->press.motion.widen(
-        covariance_along(press_direction(from), along, direction_variance(from) * along));
-    give(*next, rest_pressed(*next, from) + log_differs);
-}
-
-// Whatever the press did has ended, or a press is another one.
-double press_filter::rest_pressed(explanation& to, const explanation& from) const
-{
-    to.age_s = 0;
-    to.press.steady = false;
-    drift(to);
-    const double likelihood = to.press.motion.update(d_group.phase, d_noise);
-    to.hold_level();
-    doubt_off_states(to, from);
-    return likelihood + update_strength(to);
-}
-
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
     const auto mixture = mixture_after(from, ends);
@@ -349,26 +340,29 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     if (from.is == mixed) {
         found.single = false;
         // Two groups that a press fills in part show the same press.
-        if (from.mixture.single && found.before == untouched && from.line.known &&
-            !found.after_silence) {
+        if (from.mixture.single && found.before == untouched && from.line.known) {
             auto parts = found;
             parts.start = from.mixture.seen;
             const auto line = untouched_ratio(from);
             const auto changed = [&](const both_ends& seen) {
                 return std::norm(seen[0] - line[0]) + std::norm(seen[1] - line[1]);
             };
-            if (changed(parts.start) < changed(parts.seen))
+            const double first = changed(parts.start), second = changed(parts.seen);
+            if (first < second)
                 std::swap(parts.start, parts.seen);
             parts.before = pressed;
-            found.log_density =
-                chord(parts, line, untouched, from.line.common.estimate().variance);
+            // Where the second lies farther out, the first says so much less where it is.
+            found.log_density = log_sum(
+                std::log(any_share),
+                1.5 * std::log(std::min(first / second, 1.0)) +
+                    chord(
+                        parts, line, untouched, from.line.common.estimate().variance, 0));
         }
         return found;
     }
     found.before = from.is;
     found.age_s = from.age_s;
     found.single = true;
-    found.after_silence = d_silent;
     if (from.is == untouched) {
         found.start = untouched_ratio(from);
         if (from.line.known)
@@ -380,8 +374,6 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
             found.start[e] = std::polar(
                 std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
     }
-    if (d_silent)
-        found.log_density = chord(found, {}, untouched, 0);
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
         found.log_density =

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What may have happened, and which of it is kept.
 #include "press_filter.h"
-#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -49,7 +48,8 @@ private:
 // What readings cannot tell apart.
 bool reads_alike(const press_outcome& a, const press_outcome& b)
 {
-    if (a.is != b.is || a.known != b.known || a.turns != b.turns)
+    if (a.is != b.is || a.known != b.known || a.turns != b.turns ||
+        a.in_part != b.in_part)
         return false;
     const auto& noise = a.mean.variance;
     const double both = noise[0] + noise[1];
@@ -90,6 +90,7 @@ void press_filter::take(const press_observation& group)
 {
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
+    d_lasted_s += d_elapsed_s;
     follow_receiver(group);
     d_group = group;
     d_group.receiver_phase = d_passed.receiver_phase;
@@ -124,6 +125,7 @@ void press_filter::take(const press_observation& group)
         }
         from.age_s += d_elapsed_s;
         from.turn.sudden = false;
+        from.turn.failed += d_silent;
         from.turn.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
         const double log_weight = from.log_weight;
         if (steps < 1) {
@@ -172,16 +174,7 @@ void press_filter::start(const press_observation& group)
 
 void press_filter::branch(explanation& from)
 {
-    const bool changed = from.is == mixed;
-    if (d_silent || (changed && from.mixture.after_silence)) {
-        // The tag may have been received for a part of the group.
-        if (changed)
-            resume(from, part_silent);
-        else
-            mix(from, part_silent);
-        from.log_weight += std::log1p(-part_silent);
-    }
-    if (changed)
+    if (from.is == mixed)
         branch_mixed(from);
     else if (from.is == untouched)
         branch_untouched(from);
@@ -189,24 +182,11 @@ void press_filter::branch(explanation& from)
         branch_touched(from);
 }
 
-// Nothing has changed but that the tag was silent in a part of the group before.
-void press_filter::resume(const explanation& from, double probability)
-{
-    const auto& mixture = from.mixture;
-    auto next = from;
-    next.is = mixture.before;
-    next.age_s = mixture.age_s;
-    next.log_weight += std::log(probability);
-    if (mixture.single)
-        next.log_weight += chord(mixture, {}, untouched, 0, 1e-12) - mixture.log_density;
-    branch(next);
-}
-
 namespace {
 
 // Probabilities of the changes of a state of this age, in the time of a group.
 struct changes {
-    double all, unexplained, press, release, exchange, jump, steadily;
+    double all, unexplained, press, release, exchange, steadily;
 
     changes(double age_s, double elapsed_s, double doubt, const press_parameters& set)
     {
@@ -215,8 +195,7 @@ struct changes {
         press = all - unexplained;
         release = set.release * all;
         exchange = set.exchange * all;
-        jump = set.jump * all;
-        steadily = std::max(all - release - exchange - jump - unexplained, 0.0);
+        steadily = std::max(all - release - exchange - unexplained, 0.0);
     }
 };
 
@@ -341,11 +320,10 @@ void press_filter::branch_touched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
     move_line(from, between * moves);
-    const double ends = may.release + may.exchange + may.jump;
+    const double ends = may.release + may.exchange;
     with_courses(from, between * ends, [&](const explanation& tag, double probability) {
         release(tag, probability * may.release / ends);
-        touch(tag, probability * may.exchange / ends, pressed);
-        jump(tag, probability * may.jump / ends);
+        exchange(tag, probability * may.exchange / ends, from.is);
     });
     mix(from, (1 - between) * sudden, may.release / sudden);
 }
@@ -353,14 +331,11 @@ void press_filter::branch_touched(const explanation& from)
 void press_filter::branch_mixed(const explanation& from)
 {
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from), moves = move_probability(from);
-    const double lasts = lasting();
     const bool touched = from.mixture.before != untouched;
-    // The supply of the tag fails as rarely as its level steps.
-    const double fails = happens(d_set.steps);
+    const double turns = turn_probability(from), moves = move_probability(from),
+                 lasts = lasting();
     const double all =
-        (may.all - (touched ? may.steadily : 0) + turns + moves + fails) / (1 - lasts);
-    resume(from, fails / all);
+        (may.all - (touched ? may.steadily : 0) + turns + moves) / (1 - lasts);
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.mixture.single;
@@ -391,9 +366,9 @@ void press_filter::branch_mixed(const explanation& from)
         // Without a press before it was a tap.
         release(next, (touched ? may.release : 0.1 * may.press) * share / all);
         next.log_weight = tag.log_weight + to_this;
-        touch(next, (touched ? may.exchange : 0.9 * may.press) * share / all, pressed);
-        if (touched)
-            jump(next, may.jump * share / all);
+        exchange(next,
+                 (touched ? may.exchange : 0.9 * may.press) * share / all,
+                 mixture.before);
     });
     mix(from, lasts);
 }
@@ -460,18 +435,25 @@ double press_filter::happens(double rate) const
 // Half of the turns are sudden.
 double press_filter::turn_probability(const explanation& of) const
 {
-    return happens(learned(d_set.turns, of.turn.seen, of) / 2);
+    return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
 }
 
 double press_filter::move_probability(const explanation& of) const
 {
-    return happens(learned(d_set.steps, of.turn.moved, of));
+    return happens(learned(d_set.steps, of.turn.moved, of.turn.watched_s));
 }
 
-// Rate of what was expected at a rate of its own, and was seen so often.
-double press_filter::learned(double per_s, double seen, const explanation& of) const
+// That the tag was received in a part of the group only.
+double press_filter::fail_probability(const explanation& of) const
 {
-    return (per_s * d_set.turns_s + seen) / (d_set.turns_s + of.turn.watched_s);
+    return d_silent ? part_silent
+                    : happens(learned(d_set.steps, of.turn.failed, d_lasted_s));
+}
+
+// Rate of what was expected at a rate of its own, and was seen so often in this time.
+double press_filter::learned(double per_s, double seen, double time_s) const
+{
+    return (per_s * d_set.turns_s + seen) / (d_set.turns_s + time_s);
 }
 
 // Of a sudden change that began at any time in a group, that the group ends before it.
@@ -564,8 +546,7 @@ bool press_filter::one_kind(const explanation& a, const explanation& b)
             (a.press.speed == b.press.speed && a.press.slides == b.press.slides)) &&
            a.last.is == b.last.is && a.last.known == b.last.known &&
            (a.is != mixed || (a.mixture.before == b.mixture.before &&
-                              a.mixture.single == b.mixture.single &&
-                              a.mixture.after_silence == b.mixture.after_silence));
+                              a.mixture.single == b.mixture.single));
 }
 
 // Of one explanation in place of both; `most` where that is no less.

@@ -5,6 +5,7 @@
 #include "off_states.h"
 #include "press_image.h"
 #include "press_parameters.h"
+#include "press_terms.h"
 
 #include <array>
 #include <complex>
@@ -77,7 +78,6 @@ private:
     void start(const press_observation& group);
     void follow_receiver(const press_observation& group);
     void branch(explanation& from);
-    void resume(const explanation& from, double probability);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
@@ -88,8 +88,9 @@ private:
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
-    double learned(double per_s, double seen, const explanation& of) const;
+    double learned(double per_s, double seen, double time_s) const;
     double move_probability(const explanation& of) const;
+    double fail_probability(const explanation& of) const;
     double turn_probability(const explanation& of) const;
     double going_on() const;
     double lasting() const;
@@ -103,13 +104,13 @@ private:
     // press_events.cc: each event adds what follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
     void touch(const explanation& from, double probability, state is);
+    void exchange(const explanation& from, double probability, state was);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
                          double probability,
                          bool slides,
                          std::size_t speed);
     void stop_changing(const explanation& from, double probability);
-    void jump(const explanation& from, double probability);
     void release(const explanation& from, double probability);
     void move_line(const explanation& from, double probability, bool inside = false);
     void turn_suddenly(const explanation& from, double probability);
@@ -127,7 +128,6 @@ private:
                    const pair_of_ends& was,
                    const pair_of_ends& direction) const;
     void turn_unseen(explanation& to, double part) const;
-    double rest_pressed(explanation& to, const explanation& from) const;
     mixture mixture_after(const explanation& from, double ends) const;
 
     // press_likelihood.cc: what events share.
@@ -144,7 +144,7 @@ private:
     void reset_baseline(explanation& to) const;
     double update_baseline(explanation& to) const;
     double rate_memory() const;
-    double update_amplitude(both_amplitudes& own) const;
+    double update_amplitude(explanation& of, both_amplitudes& own) const;
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
     pair_of_ends press_direction(const explanation& of) const;
@@ -157,9 +157,13 @@ private:
     void lose_sight_of_hand(explanation& to) const;
     double turning_speed(std::size_t speed) const;
     double hand_variance(std::size_t speed) const;
-    double compare_contact(const explanation& with, double spread) const;
-    double update_strength(explanation& to) const;
+    double find_strength(explanation& to, double spread) const;
+    double update_strength(explanation& to,
+                           const drift_bank::moments* turned = nullptr) const;
+    double follow_hands(explanation& to, const drift_bank::moments* turned) const;
+    double update_turn(explanation& to) const;
     void touch_with_strength(const explanation& from, explanation& next, double spread);
+    double update_mean(explanation& of, both_amplitudes& own, double seen) const;
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of, state is) const;
     void doubt_off_states(explanation& to, const explanation& from) const;
@@ -191,6 +195,7 @@ private:
     press_observation d_passed; // what the receiver has done since
     bool d_silent = false;      // the tag was not received just before the group
     double d_elapsed_s = 0;     // since the group before
+    double d_lasted_s = 0;      // since the first
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parts of the events: how phases and amplitudes of a line and of a press are predicted.
 #include "press_filter.h"
-#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -40,7 +39,7 @@ std::optional<explanation> press_filter::follow(const explanation& from,
         return std::nullopt;
     auto next = from;
     next.log_weight = from.log_weight + std::log(probability);
-    next.claimed = false;
+    next.claimed = next.in_part = false;
     return next;
 }
 
@@ -50,6 +49,7 @@ void press_filter::give(explanation& next, double log_likelihood, bool lasts)
     if (!(next.log_weight > d_best + negligible))
         return;
     d_best = std::max(d_best, next.log_weight);
+    next.turn.failed += next.in_part;
     average(next, lasts);
     next.last = next.now;
     next.now = describe(next);
@@ -60,6 +60,11 @@ void press_filter::give(explanation& next, double log_likelihood, bool lasts)
 void press_filter::average(explanation& to, bool lasts) const
 {
     auto& mean = to.mean;
+    auto amplitude = d_group.amplitude;
+    if (to.in_part) {
+        const auto own = to.is == untouched ? to.line.amplitude : seen_strength(to);
+        amplitude = { own.mean + own.difference / 2, own.mean - own.difference / 2 };
+    }
     const double x = d_set.smoothing_s > 0 ? d_elapsed_s / d_set.smoothing_s : 1;
     const double kept = lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
     for (int e = 0; e < 2; e++) {
@@ -67,7 +72,7 @@ void press_filter::average(explanation& to, bool lasts) const
                      gain = 1 / (1 + weight * noise);
         mean.phase[e] =
             d_group.phase[e] + (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
-        mean.amplitude[e] += gain * (d_group.amplitude[e] - mean.amplitude[e]);
+        mean.amplitude[e] += gain * (amplitude[e] - mean.amplitude[e]);
         mean.variance[e] = squared(gain) * noise + squared(1 - gain) * mean.variance[e];
         mean.weight[e] = weight + 1 / noise;
     }
@@ -153,17 +158,16 @@ double press_filter::rate_memory() const
 double press_filter::update_baseline(explanation& to) const
 {
     double likelihood = to.line.update(d_group.phase, d_noise, rate_memory());
-    likelihood += update_amplitude(to.line.amplitude);
+    likelihood += update_amplitude(to, to.line.amplitude);
     notice_hand(to);
     return likelihood;
 }
 
-// It goes on to where it presses, at its velocity as far as that is no noise.
+// It goes on to where it presses.
 void press_filter::lose_sight_of_hand(explanation& to) const
 {
-    const auto [velocity, variance] = to.press.motion.common_velocity();
     to.turn.goes_on = false;
-    to.hand.square += std::max(squared(velocity) - variance, 0.0) * squared(d_set.near_s);
+    to.hand.square += to.hand.speed2 * squared(d_set.near_s);
 }
 
 // A hand that comes near adds a phasor. While it moves the untouched line shows how large
@@ -198,19 +202,25 @@ double press_filter::contact_phases(const explanation& of) const
     return log_any_phases - std::log1p(explained / outside) + std::log1p(-near);
 }
 
-double press_filter::compare_contact(const explanation& with, double spread) const
+// Amplitudes of a contact that begins in this group.
+double press_filter::find_strength(explanation& to, double spread) const
 {
-    const double known =
-        with.line.amplitude.mean_variance + with.hand.square / 2 + d_amplitude_noise;
-    const auto density = [&](double loss) {
-        return log_normals(d_amplitude - with.line.amplitude.mean,
-                           known + squared(loss) / 2,
-                           d_amplitude_difference - with.line.amplitude.difference,
-                           with.line.amplitude.difference_variance +
-                               4 * d_amplitude_noise + 2 * squared(loss));
+    const auto with_loss = [&](double loss, both_amplitudes& own) {
+        own = to.line.amplitude;
+        own.mean_variance += to.hand.square / 2 + squared(loss) / 2;
+        own.difference_variance += 2 * squared(loss);
+        return update_amplitude(to, own);
     };
+    const double some = with_loss(spread, to.press.strength);
     // Good contacts lose nothing.
-    return log_sum(density(spread), density(0)) - std::log(2.0);
+    const bool in_part = to.in_part;
+    both_amplitudes good;
+    const double none = with_loss(0, good);
+    if (none > some)
+        to.press.strength = good;
+    else
+        to.in_part = in_part;
+    return log_sum(some, none) - std::log(2.0);
 }
 
 // What turns, turns by no more in a group than a sudden turn does.
@@ -226,9 +236,27 @@ double press_filter::hand_variance(std::size_t speed) const
            std::max(d_elapsed_s, least_turn_s);
 }
 
-double press_filter::update_amplitude(both_amplitudes& own) const
+// Of both, as far as the tag was received: where its supply has failed, they are those of
+// any share of the group.
+double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
 {
-    return own.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
+    const double likelihood = update_mean(of, own, d_amplitude);
+    return likelihood +
+           own.update_difference(d_amplitude_difference, 4 * d_amplitude_noise);
+}
+
+double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
+{
+    const double fails = fail_probability(of), off = seen - own.mean,
+                 above = std::max(off, 0.0);
+    const double part = std::log(fails) + off - above -
+                        squared(above) / 2 / (own.mean_variance + d_amplitude_noise);
+    auto taken = own;
+    const double all = std::log1p(-fails) + taken.update_mean(seen, d_amplitude_noise);
+    of.in_part = part > all;
+    if (!of.in_part)
+        own = taken;
+    return log_sum(all, part);
 }
 
 // Whether the amplitudes show how far both ends have turned.
@@ -244,35 +272,54 @@ bool press_filter::sees_turns(const explanation& of, state is) const
            (d_off_differ && of.line.known && (is == pressed || is == unexplained));
 }
 
-// Takes the amplitudes of a press. Where the off states differ they show the common
-// phase, as far as is known what the contact loses: a Kalman filter of both, which are
-// correlated from then on, iterated because the amplitudes are no linear function of the
-// phase.
-double press_filter::update_strength(explanation& to) const
+// Takes the amplitudes of a press; where it is held, both ends have turned by this.
+double press_filter::update_strength(explanation& to,
+                                     const drift_bank::moments* turned) const
+{
+    return shows_turns(to) ? update_turn(to) : follow_hands(to, turned);
+}
+
+// Amplitudes change beside a press as often as hands move beside the untouched line:
+// otherwise they would speak for the latter. A hand turns both ends by as much, and by
+// that the line is doubted, as far as what is held has turned.
+double press_filter::follow_hands(explanation& to,
+                                  const drift_bank::moments* turned) const
 {
     auto& own = to.press.strength;
-    if (!shows_turns(to)) {
-        // Hands move beside a press as often as beside the untouched line. Otherwise a
-        // change of amplitude would speak for the latter.
-        const double log_moves = std::log(happens(d_set.hands) / near_speeds);
-        const auto before = own;
-        std::array<double, near_speeds + 1> each{ update_amplitude(own) -
-                                                  d_set.hands * d_elapsed_s };
-        double best = each[0];
-        for (std::size_t i = 0; i < near_speeds; i++) {
-            auto moved = before;
-            moved.mean_variance += hand_variance(i);
-            each[i + 1] = log_moves + update_amplitude(moved);
-            if (each[i + 1] > best) {
-                best = each[i + 1];
-                own = moved;
-            }
+    const auto before = own;
+    double all = update_amplitude(to, own) - d_set.hands * d_elapsed_s, best = all,
+           turns = -1e300;
+    for (std::size_t i = 0; i < near_speeds; i++) {
+        const double by = hand_variance(i);
+        auto moved = before;
+        moved.mean_variance += by;
+        const double moves =
+            std::log(happens(d_set.hands) / near_speeds) +
+            moved.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
+        if (moves > best) {
+            best = moves;
+            own = moved;
+            to.in_part = false;
         }
-        double all = 0;
-        for (const double likelihood : each)
-            all += std::exp(likelihood - best);
-        return best + std::log(all);
+        all = log_sum(all, moves);
+        if (turned)
+            turns =
+                log_sum(turns,
+                        moves + std::min(log_normal(turned->mean, turned->variance + by) -
+                                             log_normal(turned->mean, turned->variance),
+                                         0.0));
     }
+    if (turned)
+        to.line.common.widen(std::exp(turns - all) * squared(d_amplitude - before.mean));
+    return all;
+}
+
+// Where the off states differ the amplitudes show the common phase, as far as is known
+// what the contact loses: a Kalman filter of both, which are correlated from then on,
+// iterated because the amplitudes are no linear function of the phase.
+double press_filter::update_turn(explanation& to) const
+{
+    auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
     pair_of_ends expected;
@@ -297,8 +344,8 @@ double press_filter::update_strength(explanation& to) const
     to.press.with_common -= by_turn * by_loss * variance;
     to.line.common.turn(turn);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    return likelihood + own.update_mean(d_amplitude - (expected[0] + expected[1]) / 2,
-                                        d_amplitude_noise);
+    return likelihood +
+           update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
 }
 
 // Begins a contact that loses something, or nothing. A press is one resistance that both
@@ -469,6 +516,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
              of.is,
              of.line.known,
              (of.turn.sudden || turns) && !shows_turns(of),
+             of.in_part,
              of.line.phase(),
              common.variance + (of.is == pressed ? of.hand.square / 2 : 0),
              apart.variance,

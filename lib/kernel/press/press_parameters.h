@@ -14,8 +14,7 @@ struct press_parameters {
     double period_s = 0.036; // length of a group
     double settling_s = 0.3; // s: see above
     double release = 0.4;    // shares of the changes of a press: it ends,
-    double exchange = 0.1;   // becomes another one at once,
-    double jump = 0.1;       // has another force at once (the rest changes steadily),
+    double exchange = 0.1;   // becomes another one at once (the rest changes steadily),
     double unexplained =
         0.02; // or a contact that the model does not contain; of all changes
     double change_s = 0.03; // mean time that a sudden change takes

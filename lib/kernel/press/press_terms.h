@@ -32,8 +32,6 @@ constexpr double unseen_s = 0.004;
 constexpr double part_silent = 0.5;
 // deg: what changes both phases by less is no contact that the model does not contain.
 constexpr double least_contact_deg = 10;
-// deg: standard deviation of a jump of the force, and what is hardly one.
-constexpr double jump_deg = 10, least_jump_deg = 2;
 // Share of steady changes that slide, across the direction of more force.
 constexpr double sliding = 0.2;
 // deg: change of the phases by the force in a group in which a press begins or ends.

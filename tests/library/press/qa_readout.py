@@ -197,7 +197,7 @@ def test_readout_after_a_tare_counts_groups_as_untouched():
 
 
 def test_readout_motion_of_the_tag_is_flagged_moved():
-    turned = np.exp(1j * np.radians([25.0, 25.0]))
+    turned = np.exp(1j * np.radians([10.0, 10.0]))
     groups = [group_of(g, turned if g >= 20 else 1.0, reference=g < 5) for g in range(30)]
     readings = readings_of(make_readout(), groups)
     assert [g for g, r in enumerate(readings) if "moved" in r.flags] == [20]
