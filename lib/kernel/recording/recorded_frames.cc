@@ -104,7 +104,6 @@ frame_reader::frame_reader(recorded_frames& frames)
 std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_noise* noise)
 {
     std::uint64_t count = std::min({ most, d_run.count, d_at_once });
-    d_saturated.clear();
     while (count > 0) {
         const std::uint64_t wanted = d_frames.span(count);
         const std::uint64_t held = d_frames.d_recording.look(
@@ -118,6 +117,8 @@ std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_nois
             count--;
         d_run.count = count;
     }
+    if (count == 0)
+        d_saturated.clear(); // of frames that were cut off while they were folded
     d_run.sample += count * d_frames.d_folder.frame_length();
     d_run.frame += count;
     d_run.count -= count;

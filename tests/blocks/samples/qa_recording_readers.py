@@ -232,6 +232,16 @@ def test_groups_of_a_file_cut_short_meanwhile_end_there(long_groups, tmp_path, s
     assert index.tolist() == list(range(len(index)))
 
 
+def test_a_frame_cut_off_behind_a_sample_at_full_scale_is_none(tmp_path):
+    path = tmp_path / "x"
+    np.full((3 * FRAME, 2), 32767, "<i2").tofile(path)
+    reader = folded_reader(str(path), "ci16_le", [(0, 0, 3 * FRAME)], FRAME, 64, 4, 0, 64)
+    assert reader.read(1)["saturated"].tolist() == [True]
+    os.truncate(path, 4 * (FRAME + 64 + 10))
+    assert len(reader.read(1)["saturated"]) == 0
+    assert reader.snapshots() == 1
+
+
 def test_kernels_do_not_load_gnu_radio():
     linked = subprocess.run(
         ["ldd", wiforce_kernels.__file__], capture_output=True, text=True, check=True
