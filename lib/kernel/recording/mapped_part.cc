@@ -7,8 +7,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
+#include <cstring>
 #include <mutex>
-#include <system_error>
+#include <stdexcept>
 
 namespace gr::wiforce::kernel {
 
@@ -17,24 +18,27 @@ namespace {
 // To map a part costs as much as to map some tens of its pages.
 constexpr std::uint64_t PART_BYTES = 1 << 25;
 
-thread_local mapped_part* looked_at = nullptr;
+// The handler must not allocate it, which it would in a library that is loaded late.
+__attribute__((tls_model("initial-exec"))) thread_local mapped_part* looked_at = nullptr;
 
 struct sigaction former;
 
-void replace_page(int signal, siginfo_t* info, void* context)
+// Whoever else handles the signal takes over for other pages: the access that fails is
+// made again. A handler that comes back to this one has had its turn.
+void replace_page(int signal, siginfo_t* info, void*)
 {
     const int error = errno;
-    if (looked_at && looked_at->replace(info->si_addr))
-        errno = error;
-    else if (former.sa_flags & SA_SIGINFO)
-        former.sa_sigaction(signal, info, context);
-    else if (former.sa_handler != SIG_DFL && former.sa_handler != SIG_IGN)
-        former.sa_handler(signal);
-    else
-        sigaction(signal, &former, nullptr); // the access that fails is made again
+    const bool is_sent = info->si_code <= 0; // by a process, without an access
+    if (is_sent || !looked_at || !looked_at->replace(info->si_addr)) {
+        sigaction(signal, &former, nullptr);
+        former = {};
+        if (is_sent)
+            raise(signal);
+    }
+    errno = error;
 }
 
-// Whoever else handles the signal, now or later, is called for other pages.
+// Before each part, as somebody may have handled the signal since the last one.
 void handle_missing_pages()
 {
     static std::mutex mutex;
@@ -72,8 +76,10 @@ void mapped_part::map(std::uint64_t first, std::uint64_t count)
     void* const memory = mmap(
         nullptr, d_bytes, PROT_READ, MAP_PRIVATE, d_file, static_cast<off_t>(d_first));
     if (memory == MAP_FAILED) {
+        const std::string reason = std::strerror(errno);
         d_memory = nullptr;
-        throw std::system_error(errno, std::generic_category(), "recording: mmap");
+        throw std::invalid_argument("recording: " + d_path + " cannot be mapped (" +
+                                    reason + ')');
     }
     d_memory = static_cast<char*>(memory);
     madvise(d_memory, d_bytes, MADV_SEQUENTIAL);

@@ -4,6 +4,8 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <string>
+#include <utility>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -17,14 +19,15 @@ namespace gr::wiforce::kernel {
 class mapped_part
 {
 public:
-    explicit mapped_part(int file) : d_file(file) {}
+    // The path is for messages.
+    mapped_part(int file, std::string path) : d_file(file), d_path(std::move(path)) {}
     ~mapped_part();
     mapped_part(const mapped_part&) = delete;
     mapped_part& operator=(const mapped_part&) = delete;
 
     // Calls look(bytes) with `count` bytes from a place in the file on; returns the place
-    // of the first byte so far that could not be read. Throws std::system_error where the
-    // file cannot be mapped.
+    // of the first byte so far that could not be read. Throws std::invalid_argument where
+    // the file cannot be mapped.
     template <class Look>
     std::uint64_t look(std::uint64_t first, std::uint64_t count, const Look& look)
     {
@@ -47,6 +50,7 @@ private:
     void map(std::uint64_t first, std::uint64_t count);
 
     const int d_file;
+    const std::string d_path;
     char* d_memory = nullptr;
     std::size_t d_bytes = 0;
     std::uint64_t d_first = 0; // of the bytes, in the file

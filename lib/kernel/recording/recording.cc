@@ -53,13 +53,14 @@ recording::recording(const std::string& path,
                      const std::string& datatype,
                      const std::vector<segment>& segments,
                      std::uint64_t header_bytes)
-    : d_is_integer(is_integer(datatype)),
+    : d_path(path),
+      d_is_integer(is_integer(datatype)),
       d_sample_bytes(d_is_integer ? sizeof(sc16) : sizeof(fc32)),
       d_header_bytes(header_bytes),
       d_segments(segments)
 {
     check_order(segments);
-    open(path);
+    open();
     note_end(samples_in_file());
     if (d_end == 0) {
         close(d_file);
@@ -69,16 +70,16 @@ recording::recording(const std::string& path,
 
 recording::~recording() { close(d_file); }
 
-void recording::open(const std::string& path)
+void recording::open()
 {
     // A pipe without a writer must not keep us waiting.
-    d_file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    d_file = ::open(d_path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (d_file < 0)
-        refuse(path, std::string("cannot be opened (") + std::strerror(errno) + ')');
+        refuse(d_path, std::string("cannot be opened (") + std::strerror(errno) + ')');
     struct stat status;
     if (fstat(d_file, &status) != 0 || !S_ISREG(status.st_mode)) {
         close(d_file);
-        refuse(path, "must be a regular file");
+        refuse(d_path, "must be a regular file");
     }
     posix_fadvise(d_file, 0, 0, POSIX_FADV_SEQUENTIAL);
 }

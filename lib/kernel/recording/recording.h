@@ -4,7 +4,6 @@
 #include "../types.h"
 #include "mapped_part.h"
 
-#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -61,7 +60,7 @@ public:
     // What looks at samples, a thread at a time.
     std::unique_ptr<mapped_part> part() const
     {
-        return std::make_unique<mapped_part>(d_file);
+        return std::make_unique<mapped_part>(d_file, d_path);
     }
     // Calls the visitor with samples from a place in the file on, in their type; returns
     // how many of them the file held: the others were zeros.
@@ -83,13 +82,14 @@ public:
     }
 
 private:
-    void open(const std::string& path);
+    void open();
     std::uint64_t samples_in_file() const;
     std::uint64_t samples_before(std::uint64_t byte) const;
     void note_end(std::uint64_t sample) const;
     std::uint64_t
     held(std::uint64_t sample, std::uint64_t count, std::uint64_t unreadable) const;
 
+    const std::string d_path;
     const bool d_is_integer;
     const std::uint64_t d_sample_bytes;
     const std::uint64_t d_header_bytes;
