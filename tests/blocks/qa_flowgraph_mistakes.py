@@ -271,6 +271,19 @@ def test_watch_says_what_all_readings_say_of_a_second_tag_or_another_file():
     ]
 
 
+@pytest.mark.parametrize("doubtful, said_first", [(5, "was touched in 3"), (20, "it moved")])
+def test_watch_says_one_sentence_of_a_reference_in_doubt_and_what_follows(doubtful, said_first):
+    """A doubt of half a second hid that the reference was touched, which hid the cause behind."""
+    watch, said = watched()
+    watch.touched = lambda: {"arm": "arm: was touched in 3 groups"}
+    flags = [("reference",)] * 3 + [("ambiguous",)] * doubtful + [("weak",)] * 12
+    for i, each in enumerate(flags):
+        doubt = "it moved" if doubtful > 10 and i >= 13 else ""
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _, doubt=doubt: doubt)
+    first, second = said if doubtful < 10 else (*said, "")
+    assert f"arm: {said_first}" in first and ("no tag is found" in second) == (doubtful < 10)
+
+
 def press_codes_of(scene, folder):
     wiforce.simulate(scene, folder / "press")
     return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)

@@ -63,7 +63,7 @@ class _Tag:
     noted_s: float = 0.0
     lost_s: float = 0.0  # of groups that were not received since the tag was
     silent: bool = False
-    begun: bool = False  # its reference is over
+    begun: bool = False  # its reference is over, and no doubt about it lasts
     doubted_s: float | None = None  # since when it is not known which phases are those untouched
     doubt_said: bool = False
 
@@ -101,10 +101,10 @@ class RunHealth:
                 self._events.append(self._returns(reading, tag))
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
             tag.lost_s = 0.0
-            if not tag.begun and "reference" not in reading.flags:
+            if not tag.begun and not {"reference", "ambiguous"}.intersection(reading.flags):
                 tag.begun = True
                 text = self._session.reader.counts.touched_reference().get(reading.sensor)
-                if text and "ambiguous" not in reading.flags:  # a doubt is said when it lasts
+                if text and not tag.doubt_said:  # a doubt that lasted said as much
                     self._events.append(text)
             self._note_doubt(reading, tag, "ambiguous")
             return

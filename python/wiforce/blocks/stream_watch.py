@@ -152,17 +152,23 @@ class StreamWatch:
         self._groups = 0
         self._readings: dict[str, list[Reading]] = {}
         self._clear: set[str] = set()
-        self._begun: set[str] = set()  # sensors whose reference is over
+        self._begun: set[str] = set()  # sensors of whose reference was said what there is to say
         self._received_s: dict[str, float] = {}
         self._stopped = threading.Event()
 
     def say(self, sentence: str) -> None:
         """Report a sentence, unless one was reported and nothing is well since."""
+        if not self._quiet:
+            self._quiet = self._say_once(sentence)
+
+    def _say_once(self, sentence: str) -> bool:
+        """Report a sentence that was not reported before, and say whether it was."""
         sentence = f"{self._name}: {sentence}" if sentence else ""
-        if sentence and not self._quiet and sentence not in self.said:
-            self._quiet = True
-            self.said.append(sentence)
-            self._report(sentence)
+        if not sentence or sentence in self.said:
+            return False
+        self.said.append(sentence)
+        self._report(sentence)
+        return True
 
     def take(self, groups: Sequence[SnapshotGroup]) -> None:
         """Look at groups that have arrived."""
@@ -197,12 +203,13 @@ class StreamWatch:
                 self._received_s[reading.sensor] = reading.time_s
             if "reference" in reading.flags and "saturated" not in reading.flags:
                 continue
-            if reading.touch is not None and reading.sensor not in self._begun:
-                self._begun.add(reading.sensor)
-                if "ambiguous" not in reading.flags:  # a doubt is said when it lasts
-                    self.say(self.touched().get(reading.sensor, ""))
             if "transition" in reading.flags:
                 continue  # is part of what is before it and of what follows
+            known = reading.touch is not None and "ambiguous" not in reading.flags
+            if known and reading.sensor not in self._begun:
+                self._begun.add(reading.sensor)
+                if not problem(reading.sensor):  # a doubt that lasted says as much
+                    self._say_once(self.touched().get(reading.sensor, ""))  # is no cause of others
             waiting = self._readings.setdefault(reading.sensor, [])
             if waiting and not _CAUSES.intersection(waiting[0].flags, reading.flags):
                 waiting.clear()  # a cause that lasts for a second begins here, if there is one

@@ -135,6 +135,18 @@ def test_health_says_once_that_the_reference_was_touched(run):
     assert said.startswith("arm: was touched in 3 groups of the reference; its readings rest on")
 
 
+@pytest.mark.parametrize("doubtful_s, said", [(0.5, "was touched in 3 groups"), (1.5, "it moved")])
+def test_health_says_one_sentence_of_a_reference_in_doubt(run, doubtful_s, said):
+    """A doubt of half a second hid that the reference was touched."""
+    run.read(0.3, touch=1, flags=("reference",))
+    run.problem = "it moved"
+    run.read(doubtful_s, flags=("ambiguous",))
+    run.problem = ""
+    run.read(0.5)
+    (sentence,) = run.said
+    assert sentence.startswith(f"arm: {said}")
+
+
 def test_health_names_a_suspicion_once(run):
     """The numbers in it change with every press."""
     run.suspicions = [Suspicion("off state", "the amplitude changes by 4 %")]
