@@ -153,6 +153,22 @@ def test_live_device_started_again_is_found_and_its_clock_does_not_matter(
     assert begun_s < firsts_s[0] < lost_s < firsts_s[1] < ended_s
 
 
+@pytest.mark.long
+def test_live_driver_killed_is_started_again(slow_scene, slow_device, tmp_path):
+    """A driver may crash or be killed for its memory, with a packet half sent."""
+    output = tmp_path / "out.csv"
+    with live(slow_device.args, slow_scene, *GAINS, "--reconnect", "-o", output) as process:
+        wait_until(lambda: streaming_s(slow_device) > 0.8)
+        (driver,) = children(process)
+        os.kill(driver, signal.SIGKILL)
+        wait_until(lambda: streaming_s(slow_device) < 0.8)
+        wait_until(lambda: streaming_s(slow_device) > 0.8)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=300)
+    assert process.returncode == 0 and said.count("SIGKILL") == 1
+    check_times(rows_of(output), 1)
+
+
 def test_live_waits_for_an_absent_device_and_keeps_the_file_until_then(
     software_usrp, slow_scene, tmp_path
 ):
