@@ -22,7 +22,8 @@ class Flag(enum.Flag):
 
     REFERENCE = enum.auto()  # The group is part of the untouched reference.
     GAP = enum.auto()  # Snapshots of the group are missing.
-    TRANSITION = enum.auto()  # The press changed inside the group.
+    # The press changed inside the group, or the tag was received in a part of it only.
+    TRANSITION = enum.auto()
     WEAK = enum.auto()  # Standard deviation of a phase above 3 deg, or of the force above 1.5 N.
     AMBIGUOUS = enum.auto()  # Another press, or none, explains the phases too.
     FORCE_UNOBSERVABLE = enum.auto()  # The phases do not determine the force.
@@ -186,7 +187,7 @@ def outcome_words(counts: Mapping[str, int], doubts: str = "") -> str:
     """Numbers of groups by outcome in words, with ``doubts`` behind the doubtful ones."""
     parts = (
         (counts["reference"], "reference"),
-        (counts["changing"], "while pressing or releasing"),
+        (counts["changing"], "while pressing, releasing or received in part"),
         (counts["flagged"] - counts["reference"] - counts["changing"], f"doubtful{doubts}"),
         (counts["dropped"], "lost"),
     )
@@ -201,7 +202,8 @@ class GroupCounts:
     flagged: int = 0  # the next two included
     dropped: int = 0  # of which nothing was received
     reference: int = 0
-    changing: int = 0  # in which something began, ended or changed
+    # In which something began, ended or changed, or the tag was received in a part only.
+    changing: int = 0
     interfered: int = 0  # that lack snapshots because of interference
     # Of the other flagged groups and the saturated ones, by word.
     flags: Counter[str] = field(default_factory=Counter)
