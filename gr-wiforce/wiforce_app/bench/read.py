@@ -335,7 +335,7 @@ def _time_samples(recording, settings):
 
 
 def _time_groups(settings, piece, length, count):
-    """Processor time until clocks and reference are known, and of a group then, two ways."""
+    """Processor time until clocks and reference are known, then of a group in a batch and alone."""
     together, alone, took, acquisition_s = Receiver(settings), Receiver(settings), [], 0.0
     for first in itertools.count(0, length):
         index = first + np.arange(length)

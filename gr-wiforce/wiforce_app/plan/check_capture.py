@@ -42,7 +42,7 @@ def advice_on_levels(levels):
 
 
 def _excess_db(clipped):
-    """How far a level is too high by clipped samples of Gaussian I and Q; 99 % if all are."""
+    """How many dB a level is too high, by the share of samples of Gaussian I and Q that clip."""
     whole = math.sqrt(1 - min(clipped, _MOST_CLIPPED))  # share of I, and of Q
     deviation = 1 / NormalDist().inv_cdf((1 + whole) / 2)
     return 20 * math.log10(4 * deviation) + 6

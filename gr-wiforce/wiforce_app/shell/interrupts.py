@@ -75,8 +75,9 @@ def interrupt_by_exception():
 
 
 def uninterrupted():
-    """A block that Ctrl-C and SIGTERM do not interrupt, as a context manager of the main thread.
+    """A context in the main thread that Ctrl-C and SIGTERM do not interrupt.
 
-    Libraries would lose rows. The exception is raised at the end, unless another is.
+    An exception within a library would lose rows. It is raised as the context ends instead, unless
+    another exception ends it.
     """
     return _signals.hold()

@@ -37,7 +37,8 @@ _WORDS: dict[Any, tuple[str, str]] = {
 def typed(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Let a constructor or method refuse arguments whose type is not the annotated one.
 
-    Numbers may be NumPy's, integers floats without a fraction. Python would fail somewhere inside.
+    Without it, Python would fail somewhere inside the function. NumPy's numbers are accepted, and
+    floats without a fraction where an integer is asked for.
     """
     signature = inspect.signature(function)
     hints = cache(lambda: get_type_hints(function))
@@ -110,7 +111,11 @@ def _words(kind: Any) -> tuple[str, str]:
 
 
 class Kept:
-    """Mix-in, before GNU Radio's class, of Python blocks that a flowgraph keeps as a whole."""
+    """Mix-in of Python blocks, before GNU Radio's class: a flowgraph keeps the whole block.
+
+    A flowgraph holds only the C++ part. Without this class, a block to which Python has no other
+    reference is destroyed while it runs.
+    """
 
     def to_basic_block(self) -> Any:
         """The block as a flowgraph connects it."""

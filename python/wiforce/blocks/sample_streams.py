@@ -156,8 +156,8 @@ class sample_receiver(Kept, gr.sync_block):
 
     Between a stream's end and the next one is a gap, tagged with the host's ``rx_time`` and
     ``retuned``. The output begins with the first frame that ``search`` finds, an output per
-    antenna. ``received`` counts samples, ``peak`` is the largest I or Q since it was 0;
-    ``called_s`` is when the scheduler last asked: not while later blocks are busy.
+    antenna. ``received`` counts samples, ``peak`` is the largest I or Q since it was last set to
+    0; ``called_s`` is when the scheduler last asked: not while later blocks are busy.
     """
 
     @typed
@@ -354,7 +354,8 @@ class sample_sender(Kept, gr.sync_block):
     """Writes complex 16-bit samples and device tags to the socket of a ``sample_receiver``.
 
     What arrives within ``interval_s`` is sent together, which saves time. ``accepts_time`` says
-    which seconds are sent; ``waiting`` that the other process is slower, ``ended`` the end.
+    whether a time, in seconds, is sent as rx_time; ``waiting`` that the other process is slower,
+    ``ended`` that the stream has ended.
     """
 
     @typed

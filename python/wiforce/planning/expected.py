@@ -33,7 +33,10 @@ if TYPE_CHECKING:
 def turn_std_deg(
     sensor: PlannedSensor, carrier_hz: float, presses: Array, phase_std_deg: Array
 ) -> Array:
-    """To what amplitudes show, by off states, how far the tag has turned under presses (n, 2)."""
+    """Standard deviation in deg of the tag's rotation, as amplitudes show it, at presses (n, 2).
+
+    It is inf without off states.
+    """
     off = np.asarray(sensor.off_reflection, complex)
     if not off.any():
         return np.full(len(presses), np.inf)

@@ -24,9 +24,9 @@ DUTY = (0.25, 0.25)
 def harmonics(
     m: ArrayLike, averaging_phase: float = 0.0, duty: tuple[float, float] = DUTY
 ) -> np.ndarray:
-    """Fourier coefficients c1[m] and c2[m], (..., 2), of the averaged waveforms, by fs Ta and
-    duties.
+    """Fourier coefficients c1[m] and c2[m], (..., 2), of both switches, averaged over Ta.
 
+    ``averaging_phase`` is fs Ta, ``duty`` holds d1 and d2:
     c1[m] = d1 sinc(m d1) sinc(m fs Ta); c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta), 0 for
     odd m. With duties of 1/4 end 1 is alone at m = +-1, end 2 at m = +-4.
     """

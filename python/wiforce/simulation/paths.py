@@ -77,11 +77,11 @@ def tag_taps(
 
 
 class MovingPath:
-    """A path with gain exp(j phi(t)) and an oscillating Doppler shift, f_c + f_d cos(2 pi nu t +
-    alpha).
+    """A path with gain exp(j phi(t)), whose Doppler shift oscillates.
 
-    |f_c| + |f_d| is 0.8 ``doppler_hz`` at most, so that -60 dB lie beyond; it ``sweeps`` the whole
-    range like an arm, or oscillates about a constant like a person.
+    The shift is f_c + f_d cos(2 pi nu t + alpha). |f_c| + |f_d| is 0.8 ``doppler_hz`` at most, so
+    that what lies beyond ``doppler_hz`` is below -60 dB. A path that ``sweeps`` covers the whole
+    range, like an arm (f_c = 0); another oscillates about a constant shift, like a person.
     """
 
     def __init__(self, rng: np.random.Generator, doppler_hz: float, sweeps: bool) -> None:

@@ -141,10 +141,10 @@ _ALIASES = np.arange(-16, 17)
 
 
 def phase_noise_density(stated: "RadioNoise", offset_hz: np.ndarray) -> np.ndarray:
-    """Two-sided density of the phase in rad^2 per Hz: flat within the loops, -20 dB a decade
-    beyond.
+    """Two-sided density of the phase, in rad^2 per Hz, at offsets from the carrier.
 
-    D. B. Leeson, Proc. IEEE 54 (1966). 0 with one synthesizer, whose phase cancels to -60 dB.
+    It is flat within the loops, and falls by 20 dB a decade beyond: D. B. Leeson, Proc. IEEE 54
+    (1966). With one synthesizer it is 0: the phase cancels to -60 dB.
     """
     if stated.synthesizers == "one":
         return np.zeros(np.shape(offset_hz))

@@ -63,8 +63,10 @@ class Compression:
 
 
 def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
-    """Measure compression on the subcarrier that is never sent, in some hundred frames from a run's
-    start: c sum_n |s[n]|^2 s[n] beside a DC offset, which may be added before or behind it.
+    """Measure compression on the subcarrier that is never sent, in a run's first frames.
+
+    Compression sends c sum_n |s[n]|^2 s[n] there, beside a DC offset, which may be added before or
+    behind it.
 
     None where it is below 0.3 % at the largest sample or not significant, or the guard is too short
     for echoes to fade. Only the middle of preamble and guard is used, since filters ring at the

@@ -76,7 +76,7 @@ class OffCircle(NamedTuple):
 
 
 def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
-    """G_off / rho from touched R (n,) alone, over 40 deg or more; a lossy contact may scale all."""
+    """G_off / rho from touched R (n,) alone; a lossy contact may scale all. None below 40 deg."""
     middle = np.mean(ratios)
     arc = np.ptp(np.degrees(np.angle(ratios / middle))) if middle else 0.0
     if len(ratios) < 6 or arc < _SMALLEST_ARC_DEG:

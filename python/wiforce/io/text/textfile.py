@@ -34,7 +34,8 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
     """Columns of a CSV file of at most 32 MB, and its rows, by column, with line numbers.
 
-    Refuses a file without rows, columns of one name, and rows that are too long.
+    Refuses a file without rows, columns of one name, and rows that are too long. The columns that a
+    short row lacks are None.
     """
     data = read_bytes(path, MAX_CSV_BYTES)
     try:
@@ -198,7 +199,10 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
 
 
 def parse_yaml(path: str | Path, data: bytes) -> dict[Any, Any]:
-    """The mapping in the bytes of a YAML file; refuses 16 levels, aliases and repeated keys."""
+    """The mapping in the bytes of a YAML file; refuses other content.
+
+    Refused are nesting deeper than 16 levels, aliases and repeated keys.
+    """
     try:
         _check_structure(data)
         content = yaml.load(data, _Loader)
