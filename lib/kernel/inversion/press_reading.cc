@@ -125,8 +125,7 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
             doubtful += each.weight;
         if (each.turns)
             turning += each.weight;
-        if (each.in_part)
-            in_part += each.weight;
+        in_part += each.weight * each.in_part;
     }
     const double either =
         std::min(by_state[untouched], 1 - by_state[untouched] - by_state[mixed]);

@@ -184,6 +184,7 @@ void press_outcome::merge(const press_outcome& other, double share)
     baseline[0] += turned + parted / 2;
     baseline[1] += turned - parted / 2;
     amplitude += share * (other.amplitude - amplitude);
+    in_part += share * (other.in_part - in_part);
 }
 
 // By moments: mean and covariance of both.
@@ -213,6 +214,7 @@ void explanation::merge(const explanation& other, double share)
     mean(hand.quiet_phase,
          hand.quiet_phase + wrapped(other.hand.quiet_phase - hand.quiet_phase));
     mean(hand.square, other.hand.square);
+    mean(hand.speed2, other.hand.speed2);
     mean(mixture.age_s, other.mixture.age_s);
     mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +
                                     share * std::exp(-other.mixture.log_density));

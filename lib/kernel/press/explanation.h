@@ -37,7 +37,8 @@ struct press_outcome {
     bool known = true;
     bool turns =
         false; // the tag turns faster than a finger warms the line, or a cable moves
-    bool in_part = false;    // the tag was received in a part of the group only
+    // Probability that the tag was received in a part of the group only.
+    double in_part = 0;
     pair_of_ends baseline{}; // phases of the untouched line, rad
     double common_variance = 0, difference_variance = 0; // of their mean and difference
     double amplitude = 0;                                // of both ends, Np
@@ -143,7 +144,7 @@ struct explanation {
         bool single = true;     // one group so far
     } mixture;
 
-    bool in_part = false; // was received in a part of this group only
+    double in_part = 0;   // probability that a part of this group was received only
     bool claimed = false; // nothing has changed since the user said that it is untouched
     average_of_groups mean;
     press_outcome now, last;

@@ -3,7 +3,6 @@
 
 #include "press_image.h"
 
-
 namespace gr::wiforce::kernel {
 
 //! Mean and variance of what is a mixture from now on: the other part has this share, and

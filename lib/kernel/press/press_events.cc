@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What may follow in a group, and how well each predicts it.
 #include "press_filter.h"
+#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -137,6 +138,7 @@ void press_filter::release(const explanation& from, double probability)
                               1e-12) +
                      find_strength(*next, any_amplitude);
         reset_baseline(*next);
+        next->line.amplitude.mean_variance += next->in_part * squared(any_amplitude);
         next->line.known = true;
     }
     if (next->turn.goes_on) {
@@ -165,9 +167,9 @@ void press_filter::touch(const explanation& from, double probability, state is)
 }
 
 // Beside a contact that the model does not contain, another one is as likely as a press.
-void press_filter::exchange(const explanation& from, double probability, state was)
+void press_filter::exchange(const explanation& from, double probability)
 {
-    const double other = was == unexplained ? probability / 2 : 0;
+    const double other = from.is == unexplained ? probability / 2 : 0;
     touch(from, other, unexplained);
     touch(from, probability - other, pressed);
 }

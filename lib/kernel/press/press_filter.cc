@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What may have happened, and which of it is kept.
 #include "press_filter.h"
+#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -48,8 +49,7 @@ private:
 // What readings cannot tell apart.
 bool reads_alike(const press_outcome& a, const press_outcome& b)
 {
-    if (a.is != b.is || a.known != b.known || a.turns != b.turns ||
-        a.in_part != b.in_part)
+    if (a.is != b.is || a.known != b.known || a.turns != b.turns)
         return false;
     const auto& noise = a.mean.variance;
     const double both = noise[0] + noise[1];
@@ -323,7 +323,7 @@ void press_filter::branch_touched(const explanation& from)
     const double ends = may.release + may.exchange;
     with_courses(from, between * ends, [&](const explanation& tag, double probability) {
         release(tag, probability * may.release / ends);
-        exchange(tag, probability * may.exchange / ends, from.is);
+        exchange(tag, probability * may.exchange / ends);
     });
     mix(from, (1 - between) * sudden, may.release / sudden);
 }
@@ -366,9 +366,7 @@ void press_filter::branch_mixed(const explanation& from)
         // Without a press before it was a tap.
         release(next, (touched ? may.release : 0.1 * may.press) * share / all);
         next.log_weight = tag.log_weight + to_this;
-        exchange(next,
-                 (touched ? may.exchange : 0.9 * may.press) * share / all,
-                 mixture.before);
+        exchange(next, (touched ? may.exchange : 0.9 * may.press) * share / all);
     });
     mix(from, lasts);
 }
@@ -447,7 +445,8 @@ double press_filter::move_probability(const explanation& of) const
 double press_filter::fail_probability(const explanation& of) const
 {
     return d_silent ? part_silent
-                    : happens(learned(d_set.steps, of.turn.failed, d_lasted_s));
+                    : -std::expm1(-learned(d_set.steps, of.turn.failed, d_lasted_s) *
+                                  d_set.period_s);
 }
 
 // Rate of what was expected at a rate of its own, and was seen so often in this time.
@@ -532,7 +531,6 @@ void press_filter::keep_claim()
                 std::log(both * (kept.is == untouched ? d_claimed / untouched_weight
                                                       : (1 - d_claimed) / held_weight));
 }
-
 
 // Whether one explanation may stand for both.
 bool press_filter::one_kind(const explanation& a, const explanation& b)

@@ -5,7 +5,6 @@
 #include "off_states.h"
 #include "press_image.h"
 #include "press_parameters.h"
-#include "press_terms.h"
 
 #include <array>
 #include <complex>
@@ -104,7 +103,7 @@ private:
     // press_events.cc: each event adds what follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
     void touch(const explanation& from, double probability, state is);
-    void exchange(const explanation& from, double probability, state was);
+    void exchange(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,
                          double probability,

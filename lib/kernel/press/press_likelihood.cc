@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parts of the events: how phases and amplitudes of a line and of a press are predicted.
 #include "press_filter.h"
+#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,7 +20,8 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 void press_filter::find_peak()
 {
     const auto [first, second, both] = d_noise;
-    d_peak = log_normal(0, d_amplitude_noise) + log_normal(0, 4 * d_amplitude_noise) +
+    d_peak = std::max(log_normal(0, d_amplitude_noise), 0.0) +
+             log_normal(0, 4 * d_amplitude_noise) +
              std::max({ -std::log(two_pi) - std::log(first * second - both * both) / 2,
                         log_any_phases,
                         std::log(d_image->largest_density() + 1e-12) });
@@ -39,7 +41,8 @@ std::optional<explanation> press_filter::follow(const explanation& from,
         return std::nullopt;
     auto next = from;
     next.log_weight = from.log_weight + std::log(probability);
-    next.claimed = next.in_part = false;
+    next.claimed = false;
+    next.in_part = 0;
     return next;
 }
 
@@ -49,7 +52,7 @@ void press_filter::give(explanation& next, double log_likelihood, bool lasts)
     if (!(next.log_weight > d_best + negligible))
         return;
     d_best = std::max(d_best, next.log_weight);
-    next.turn.failed += next.in_part;
+    next.turn.failed += d_silent ? 0 : next.in_part;
     average(next, lasts);
     next.last = next.now;
     next.now = describe(next);
@@ -61,7 +64,7 @@ void press_filter::average(explanation& to, bool lasts) const
 {
     auto& mean = to.mean;
     auto amplitude = d_group.amplitude;
-    if (to.in_part) {
+    if (to.in_part > 0.5) {
         const auto own = to.is == untouched ? to.line.amplitude : seen_strength(to);
         amplitude = { own.mean + own.difference / 2, own.mean - own.difference / 2 };
     }
@@ -211,16 +214,14 @@ double press_filter::find_strength(explanation& to, double spread) const
         own.difference_variance += 2 * squared(loss);
         return update_amplitude(to, own);
     };
-    const double some = with_loss(spread, to.press.strength);
+    const double some = with_loss(spread, to.press.strength), in_part = to.in_part;
     // Good contacts lose nothing.
-    const bool in_part = to.in_part;
     both_amplitudes good;
-    const double none = with_loss(0, good);
+    const double none = with_loss(0, good), either = log_sum(some, none);
     if (none > some)
         to.press.strength = good;
-    else
-        to.in_part = in_part;
-    return log_sum(some, none) - std::log(2.0);
+    to.in_part += std::exp(some - either) * (in_part - to.in_part);
+    return either - std::log(2.0);
 }
 
 // What turns, turns by no more in a group than a sudden turn does.
@@ -253,9 +254,9 @@ double press_filter::update_mean(explanation& of, both_amplitudes& own, double s
                         squared(above) / 2 / (own.mean_variance + d_amplitude_noise);
     auto taken = own;
     const double all = std::log1p(-fails) + taken.update_mean(seen, d_amplitude_noise);
-    of.in_part = part > all;
-    if (!of.in_part)
+    if (all > part)
         own = taken;
+    of.in_part = 1 / (1 + std::exp(all - part));
     return log_sum(all, part);
 }
 
@@ -287,30 +288,29 @@ double press_filter::follow_hands(explanation& to,
 {
     auto& own = to.press.strength;
     const auto before = own;
-    double all = update_amplitude(to, own) - d_set.hands * d_elapsed_s, best = all,
-           turns = -1e300;
+    const double none = update_amplitude(to, own) - d_set.hands * d_elapsed_s;
+    double all = none, best = none;
+    std::array<double, near_speeds> turns, grown;
     for (std::size_t i = 0; i < near_speeds; i++) {
         const double by = hand_variance(i);
         auto moved = before;
         moved.mean_variance += by;
-        const double moves =
-            std::log(happens(d_set.hands) / near_speeds) +
-            moved.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
-        if (moves > best) {
-            best = moves;
+        turns[i] = std::log(happens(d_set.hands) / near_speeds) +
+                   moved.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
+        grown[i] = moved.mean - before.mean;
+        all = log_sum(all, turns[i]);
+        if (turns[i] > best) {
+            best = turns[i];
             own = moved;
-            to.in_part = false;
         }
-        all = log_sum(all, moves);
         if (turned)
-            turns =
-                log_sum(turns,
-                        moves + std::min(log_normal(turned->mean, turned->variance + by) -
-                                             log_normal(turned->mean, turned->variance),
-                                         0.0));
+            turns[i] += std::min(log_normal(turned->mean, turned->variance + by) -
+                                     log_normal(turned->mean, turned->variance),
+                                 0.0);
     }
-    if (turned)
-        to.line.common.widen(std::exp(turns - all) * squared(d_amplitude - before.mean));
+    to.in_part *= std::exp(none - all);
+    for (std::size_t i = 0; turned && i < near_speeds; i++)
+        to.line.common.widen(std::exp(turns[i] - all) * squared(grown[i]));
     return all;
 }
 

@@ -27,8 +27,8 @@ constexpr std::size_t turning_speeds = 3, near_speeds = 2;
 constexpr double least_turn_s = 0.05;
 // s: a sudden change that takes no more than this of a group is not seen to be inside it.
 constexpr double unseen_s = 0.004;
-// Share of silences that begin, or end, inside a group that is received: in others whole
-// groups were lost.
+// Probability that the group after a silence was received in part: in others whole groups
+// were lost.
 constexpr double part_silent = 0.5;
 // deg: what changes both phases by less is no contact that the model does not contain.
 constexpr double least_contact_deg = 10;
