@@ -425,9 +425,11 @@ void press_filter::go_on_turning(const explanation& from, double probability)
 }
 
 // Of what has this rate, that it happens in the time of a group.
-double press_filter::happens(double rate) const
+double press_filter::happens(double rate) const { return happens(rate, d_elapsed_s); }
+
+double press_filter::happens(double rate, double seconds)
 {
-    return -std::expm1(-rate * d_elapsed_s);
+    return -std::expm1(-rate * seconds);
 }
 
 // Half of the turns are sudden.
@@ -445,8 +447,8 @@ double press_filter::move_probability(const explanation& of) const
 double press_filter::fail_probability(const explanation& of) const
 {
     return d_silent ? part_silent
-                    : -std::expm1(-learned(d_set.steps, of.turn.failed, d_lasted_s) *
-                                  d_set.period_s);
+                    : happens(learned(d_set.steps, of.turn.failed, d_lasted_s),
+                              d_set.period_s);
 }
 
 // Rate of what was expected at a rate of its own, and was seen so often in this time.

@@ -87,6 +87,7 @@ private:
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
+    static double happens(double rate, double seconds);
     double learned(double per_s, double seen, double time_s) const;
     double move_probability(const explanation& of) const;
     double fail_probability(const explanation& of) const;

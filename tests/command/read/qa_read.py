@@ -286,7 +286,7 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
     warnings = [line for line in done.stderr.splitlines() if "warning" in line]
     assert len(warnings) == 1 and " of the reference; its readings rest on" in warnings[0]
     assert "begun.bin: arm: was touched in " in warnings[0]
-    # A stream is told the same, whose groups come one after the other.
+    # A stream warns of the same, though its groups come one after the other.
     reader = wiforce.reader(str(tmp_path / "scene.yaml"), input_type="sc16")
     said, reader.groups.on_warning = [], lambda sentence: said.append(sentence)
     flowgraph = gr.top_block()
