@@ -4,6 +4,7 @@
 #include <fftw3.h>
 
 #include <cstdlib>
+#include <map>
 #include <mutex>
 
 namespace gr::wiforce::kernel {
@@ -29,8 +30,6 @@ bool share_planner()
 // A plan that GNU Radio makes meanwhile may come between.
 fftwf_plan make_plan(int length, fc32* input, fc32* output)
 {
-    static std::mutex aside;
-    const std::lock_guard lock(aside);
     static const bool is_shared = share_planner();
     static_cast<void>(is_shared);
     char* const wisdom = fftwf_export_wisdom_to_string();
@@ -48,19 +47,31 @@ fftwf_plan make_plan(int length, fc32* input, fc32* output)
     return plan;
 }
 
+// One plan of a length serves all buffers, which FFTW aligns alike, until the process
+// ends: to put the wisdom aside takes longer than to fold a group.
+fftwf_plan plan_of(int length, fc32* input, fc32* output)
+{
+    static std::mutex one_at_a_time;
+    static auto& plans = *new std::map<int, fftwf_plan>;
+    const std::lock_guard lock(one_at_a_time);
+    auto& plan = plans[length];
+    if (!plan)
+        plan = make_plan(length, input, output);
+    return plan;
+}
+
 } // namespace
 
 struct fourier_transform::plan {
     explicit plan(int length)
         : input(allocate(length)),
           output(allocate(length)),
-          transform(make_plan(length, input, output))
+          transform(plan_of(length, input, output))
     {
     }
 
     ~plan()
     {
-        fftwf_destroy_plan(transform);
         fftwf_free(input);
         fftwf_free(output);
     }
@@ -84,7 +95,9 @@ fc32* fourier_transform::input() { return d_plan->input; }
 
 const fc32* fourier_transform::execute()
 {
-    fftwf_execute(d_plan->transform);
+    fftwf_execute_dft(d_plan->transform,
+                      reinterpret_cast<fftwf_complex*>(d_plan->input),
+                      reinterpret_cast<fftwf_complex*>(d_plan->output));
     return d_plan->output;
 }
 
