@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A second simulator, written from the signal model alone: captures made by somebody else.
+"""What captures that somebody else made consist of, written from the signal model alone.
 
-It shares no line with the product: own sounding frame, own clocks, own contact law, own writers.
-Each case leaves in its folder what a user would have: a VNA table per sensor, a scene that names
-the sensor model still to be calibrated from it, and a capture.
-
-    python3 tests/models/second_simulator.py CASE FOLDER
+It shares no line with the product: own sounding frame, own contact law, own writers. ``rooms``
+puts tags into rooms and makes captures of it.
 """
 
 import csv
 import json
-import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -63,40 +59,6 @@ class Tag:
     presses: tuple = ((0.7, 0.05, 0.55, 3.0, 5.5, 33.0), (1.65, 0.05, 0.55, 6.0, 4.0, 54.0))
 
 
-@dataclass
-class Case:
-    snr_db: float
-    static_db: float
-    movers_db: float | None = None
-    movers_hz: float = 0.0
-    tags: tuple = field(default_factory=lambda: (Tag(),))
-    duration_s: float = 2.5
-
-
-CASES = {
-    "leaky": Case(10, 50, tags=(Tag(off=0.15 * np.exp(2.1j)),)),
-    "moving": Case(5, 70, 30, 60.0, tags=(Tag(offset_ppm=95, drift_ppm_per_s=-0.5),)),
-    "faint": Case(-15, 40),
-    "pair": Case(
-        10,
-        50,
-        tags=(
-            Tag("left", presses=((0.7, 0.05, 0.9, 3.0, 6.0, 35.0),)),
-            Tag(
-                "right",
-                1400.0,
-                -60.0,
-                0.2,
-                -3.0,
-                port_deg=(-12.0, 55.0),
-                presses=((0.9, 0.05, 0.9, 5.0, 2.5, 47.0),),
-            ),
-        ),
-        duration_s=2.2,
-    ),
-}
-
-
 def frame():
     """Five repetitions of a chirp on 62 subcarriers, unit power, then silence; shape (720,)."""
     n = np.arange(64)
@@ -141,78 +103,6 @@ def pressed(tag, t):
     return force, location
 
 
-def switches(tag, start_phase, t):
-    """How far each switch is on at sample times t: edges are averaged over a sample."""
-    o, d = tag.offset_ppm * 1e-6, tag.drift_ppm_per_s * 1e-6
-    cycles = start_phase + tag.clock_hz * (t * (1 + o) + d * t * t / 2)
-    samples_per_cycle = RATE / tag.clock_hz
-
-    def on(distance_to_centre, half_width):
-        return np.clip(0.5 + (half_width - distance_to_centre) * samples_per_cycle, 0, 1)
-
-    first = np.abs(cycles - np.round(cycles))
-    half = 2 * cycles - 0.5
-    second = np.abs(half - np.round(half)) / 2
-    return on(first, 1 / 8), on(second, 1 / 16)
-
-
-class Mover:
-    """A path that swings: its Doppler goes to and fro within the stated band."""
-
-    def __init__(self, rng, highest_hz, amplitude, sent):
-        self.late = delayed(sent, rng.uniform(0.3e-6, 0.6e-6))
-        self.late *= amplitude / np.sqrt(subcarrier_power(self.late))
-        self.rate = rng.uniform(0.3, 0.6)
-        self.steady = highest_hz * rng.uniform(-0.4, 0.4)
-        self.swing = 0.35 * highest_hz / self.rate
-        self.phase = rng.uniform(0, 2 * np.pi, 2)
-
-    def gain(self, t):
-        swing = self.swing * np.sin(2 * np.pi * self.rate * t + self.phase[0])
-        return np.exp(1j * (2 * np.pi * self.steady * t + swing + self.phase[1]))
-
-
-def simulate(case, rng):
-    """Received samples in blocks of whole groups: float, peak 3 dB below 1.
-
-    Yields arrays of shape (625, 720), one per group.
-    """
-    sent = frame()
-    averaging = np.sinc(case.tags[0].clock_hz * 256 / RATE)
-    line = 0.25 * np.sinc(0.25) * averaging
-    still = np.zeros(FRAME, complex)
-    for delay, level in zip(rng.uniform(5e-8, 5e-7, 6), (1, 0.3, 0.2, 0.2, 0.1, 0.1), strict=True):
-        still += level * np.exp(2j * np.pi * rng.random()) * delayed(sent, delay)
-    still *= line * 10 ** (case.static_db / 20) / np.sqrt(subcarrier_power(still))
-    by_tag = [10 ** (tag.level_db / 20) * delayed(sent, 0.15e-6) for tag in case.tags]
-    start_phases = rng.random(len(case.tags))
-    movers = []
-    if case.movers_db is not None:
-        amplitude = line * 10 ** (case.movers_db / 20) / np.sqrt(3)
-        movers = [Mover(rng, case.movers_hz, amplitude, sent) for _ in range(3)]
-    noise_h = line / 10 ** (case.snr_db / 20)
-    noise = noise_h * np.sqrt(4 * 64 / 62)
-    parts = [still, *by_tag, *(m.late for m in movers)]
-    scale = 10 ** (-3 / 20) / (sum(np.abs(p) for p in parts).max() + 3.5 * noise)
-    inside = np.arange(ACTIVE) / RATE
-    for first in range(0, int(case.duration_s * RATE / FRAME) // GROUP * GROUP, GROUP):
-        start = (first + np.arange(GROUP)) * FRAME / RATE
-        t = start[:, None] + inside
-        received = np.empty((GROUP, FRAME), np.complex128)
-        received[:] = still
-        for tag, late, phase in zip(case.tags, by_tag, start_phases, strict=True):
-            psi = np.deg2rad(phases(tag, *pressed(tag, start + 16e-6)))
-            ends = np.exp(1j * psi)[:, None, :]
-            s1, s2 = switches(tag, phase, t)
-            r = s1 * ends[..., 0] + s2 * ends[..., 1] + (1 - s1 - s2) * tag.off
-            received[:, :ACTIVE] += late[:ACTIVE] * r
-        for mover in movers:
-            received[:, :ACTIVE] += mover.late[:ACTIVE] * mover.gain(t)
-        normal = rng.standard_normal((GROUP, FRAME, 2), dtype=np.float32)
-        received += noise / np.sqrt(2) * normal.view(np.complex64)[..., 0]
-        yield scale * received
-
-
 def write_capture(blocks, path):
     """14-bit codes in the upper bits of ci16, and SigMF metadata."""
     with open(f"{path}.sigmf-data", "wb") as stream:
@@ -244,38 +134,3 @@ def write_vna(tag, path, rng, noise_deg=0.1):
             for port in (1, 2):
                 for force, phase in zip(forces, psi[:, port - 1], strict=True):
                     rows.writerow([CARRIER_HZ / 1e6, location, port, force, round(phase, 4)])
-
-
-def write_scene(case, path):
-    """What a user knows: clocks within 100 ppm, the off state, how fast things move."""
-    lines = ["sensors:"]
-    for tag in case.tags:
-        off = complex(tag.off)
-        lines.append(
-            f"  - {{name: {tag.name}, model: {tag.name}.yaml, clock_hz: {tag.clock_hz:g}, "
-            f"clock_tolerance_ppm: 100, off_reflection: [{off.real!r}, {off.imag!r}]}}"
-        )
-    lines += [
-        f"radio: {{center_frequency_hz: {CARRIER_HZ!r}, sample_rate_hz: {RATE!r}}}",
-        f"environment: {{moving_clutter_hz: {case.movers_hz!r}}}",
-        "reference_s: 0.5",
-    ]
-    Path(path).write_text("\n".join(lines) + "\n")
-
-
-def write_case(name, folder, seed=7):
-    """All files of a case: ``capture.*``, ``scene.yaml``, ``SENSOR.csv`` (VNA).
-
-    The scene names the sensor models ``SENSOR.yaml``, to be calibrated from ``SENSOR.csv``.
-    """
-    case, folder = CASES[name], Path(folder)
-    rng = np.random.default_rng(seed)
-    for tag in case.tags:
-        write_vna(tag, folder / f"{tag.name}.csv", rng)
-    write_scene(case, folder / "scene.yaml")
-    write_capture(simulate(case, rng), folder / "capture")
-    return case
-
-
-if __name__ == "__main__":
-    write_case(sys.argv[1], sys.argv[2])

@@ -5,7 +5,7 @@ Levels in dB are relative to |c1[1] G1|^2 of the tag that is read, as the static
 ``second_simulator``, unless they are said to be relative to the receiver's noise.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from second_simulator import ACTIVE, FRAME, RATE, delayed, phases, pressed, subcarrier_power
@@ -203,6 +203,36 @@ class Declared(Effect):
 
     def alter_scene(self, scene):
         scene["environment"] = {"moving_clutter_hz": self.moving_hz}
+
+
+@dataclass
+class Leak(Effect):
+    """Open switches reflect as well, and the scene states how."""
+
+    off: complex = 0.15 * np.exp(2.1j)
+
+    def alter_scene(self, scene):
+        scene["sensors"][0]["off_reflection"] = [float(self.off.real), float(self.off.imag)]
+
+    def alter_tag(self, tag, rng):
+        tag.tag = replace(tag.tag, off=self.off)
+
+
+@dataclass
+class OtherSensors(Effect):
+    """Further tags that are pressed as their descriptions say."""
+
+    tags: tuple
+
+    def begin(self, air, rng):
+        self.switched = [SwitchedTag(tag, rng) for tag in self.tags]
+        for tag in self.switched:
+            tag.begin(air, rng)
+        self.peak = sum(np.abs(tag.late).max() for tag in self.switched)
+
+    def add(self, block, first):
+        for tag in self.switched:
+            tag.add(block, first)
 
 
 @dataclass

@@ -15,7 +15,6 @@ from rooms import effects as e
 from rooms import radio, reflections
 from rooms.undetectable import CASES
 
-SNR_DB, STATIC_DB = 10.0, 50.0
 PRESSES = ((0.7, 0.05, 0.75, 3.0, 5.5, 33.0), (1.65, 0.05, 0.75, 6.0, 4.0, 54.0))
 FOUR_PRESSES = tuple(
     (0.7 + 0.9 * i, 0.05, 0.5, first, last, place)
@@ -44,6 +43,8 @@ class Room:
     phase_deg: float | None = None
     force_n: float | None = None
     refusable: bool = False
+    snr_db: float = 10.0
+    static_db: float = 50.0
     clock_hz: float = 1000.0
     presses: tuple = PRESSES
     duration_s: float = 2.6
@@ -143,6 +144,11 @@ OTHER_TRANSMITTERS = {
         (radio.Bursts(0.2, 25, (20e-6, 60e-6)),), title="20 %, 25 dB, 20 to 60 us long"
     ),
 }
+# What the scene describes, or what only its levels make difficult.
+DESCRIBED = {
+    "leaky": Room((e.Leak(),), phase_deg=0.06, force_n=0.15),
+    "faint": Room(phase_deg=1.0, force_n=0.5, snr_db=-15.0, static_db=40.0),
+}
 UNDETECTABLE = {
     name: Room((effect,), False, presses=FOUR_PRESSES, duration_s=4.3, line=line, title=title)
     for name, (title, line, effect) in CASES.items()
@@ -185,26 +191,29 @@ def room_named(name):
     """A room of the tables, or ``mixture-SEED``."""
     if name.startswith("mixture-"):
         return mixture(int(name.removeprefix("mixture-")))
-    return (UNDETECTABLE | OTHER_TRANSMITTERS | ROOMS)[name]
+    return (UNDETECTABLE | OTHER_TRANSMITTERS | DESCRIBED | ROOMS)[name]
 
 
 class Capture:
-    """The samples of a room for one seed. Every effect draws from a generator of its own."""
+    """The samples of a room for one seed; ``tag`` in place of the room's.
 
-    def __init__(self, room, seed):
+    Every effect draws from a generator of its own.
+    """
+
+    def __init__(self, room, seed, tag=None):
         self.frames = math.floor(room.duration_s * RATE / FRAME) // GROUP * GROUP
         self.effects = copy.deepcopy(room.effects)
         generators = [np.random.default_rng([seed, 10 + i]) for i in range(len(self.effects))]
         self.noise_rng, rng = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
         averaging = np.sinc(room.clock_hz * 256 / RATE)
         line = 0.25 * np.sinc(0.25) * averaging
-        noise = line / 10 ** (SNR_DB / 20) * np.sqrt(4 * 64 / 62)
+        noise = line / 10 ** (room.snr_db / 20) * np.sqrt(4 * 64 / 62)
         sent = simple.frame()
         for effect, own in zip(self.effects, generators, strict=True):
             sent = effect.transmit(sent, own)
         self.air = e.Air(line, noise, sent, self.frames)
-        self.still = self.static(rng)
-        self.tag = e.SwitchedTag(room.tag, rng)
+        self.still = self.static(rng, room.static_db)
+        self.tag = e.SwitchedTag(tag or room.tag, rng)
         for effect, own in zip(self.effects, generators, strict=True):
             effect.alter_tag(self.tag, own)
         self.tag.begin(self.air, rng)
@@ -213,7 +222,7 @@ class Capture:
         self.peak = np.max(np.abs(self.still) + np.abs(self.tag.late))
         self.peak += 3.5 * noise + sum(effect.peak for effect in self.effects)
 
-    def static(self, rng):
+    def static(self, rng, level_db):
         """The direct path, earlier than by way of the tag, and five reflections."""
         later = [rng.uniform(-30e-9, 0), *rng.uniform(-20e-9, 150e-9, 5)]
         levels = (1, 0.3, 0.2, 0.2, 0.1, 0.1)
@@ -222,7 +231,7 @@ class Capture:
             for delay, level in zip(later, levels, strict=True)
         )
         power = simple.subcarrier_power(still)
-        return still * self.air.line * 10 ** (STATIC_DB / 20) / np.sqrt(power)
+        return still * self.air.line * 10 ** (level_db / 20) / np.sqrt(power)
 
     def blocks(self):
         """Received samples, 3 dB below full scale: arrays (625, 720)."""

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
@@ -138,8 +138,8 @@ def test_one_antenna_over_20_mhz_gives_no_confident_errors(tmp_path):
     capture = capture_of(1, antennas=1, duration_s=8.0, touched_s=(3.5, 7.5))
     capture.save(tmp_path / "one.npz")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(**ONE)))
-    done = run_command("read", "one.npz", "--scene", "scene.yaml", "-o", "a.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "one antenna leaves -" in done.stderr
+    done = succeeded("read", "one.npz", "--scene", "scene.yaml", "-o", "a.csv", cwd=tmp_path)
+    assert "one antenna leaves -" in done.stderr
     readings = pd.read_csv(tmp_path / "a.csv", keep_default_na=False, na_values={"force_n": ""})
     for own, force in zip(touched(readings, capture), (4, 3), strict=True):
         clear = own[own["flags"] == ""]
@@ -214,8 +214,7 @@ def test_reference_with_hardly_a_packet_is_named(tmp_path):
 @pytest.fixture(scope="module")
 def planned():
     """What `plan` reports of the shipped scene."""
-    done = run_command("plan", "wifi_packets", "--json")
-    assert done.returncode == 0
+    done = succeeded("plan", "wifi_packets", "--json")
     return json.loads(done.stdout)
 
 
@@ -231,10 +230,10 @@ def test_simulated_scene_is_read_by_the_command(tmp_path):
     scene["simulation"] |= {"duration_s": 2.5, "presses": []}
     scene["packets"]["subcarriers"] = 8
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene | {"reference_s": 1.5}))
-    done = run_command("simulate", "short.yaml", "a", cwd=tmp_path)
-    assert done.returncode == 0 and (tmp_path / "a.truth.csv").exists()
-    done = run_command("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "repeated packet" in done.stderr
+    succeeded("simulate", "short.yaml", "a", cwd=tmp_path)
+    assert (tmp_path / "a.truth.csv").exists()
+    done = succeeded("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
+    assert "repeated packet" in done.stderr
     rows = (tmp_path / "a.csv").read_text().splitlines()
     truth = (tmp_path / "a.truth.csv").read_text().splitlines()
     assert [r.split(",")[:2] for r in rows] == [t.split(",")[:2] for t in truth]
@@ -265,15 +264,13 @@ def test_a_clock_at_the_mains_is_warned_of(planned):
 def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
     capture = capture_of(duration_s=1.0)
     capture.save(tmp_path / "a.npz")
-    done = run_command("read", "a.npz", "--scene", "demo", cwd=tmp_path)
-    assert done.returncode == 2 and "needs 'packets:'" in done.stderr
+    assert "needs 'packets:'" in refused("read", "a.npz", "--scene", "demo", cwd=tmp_path)
     for option in (("--datatype", "ci16_le"), ("--frame-offset", "0"), ("--follow",)):
-        done = run_command("read", "a.npz", "--scene", "wifi_packets", *option, cwd=tmp_path)
-        assert done.returncode == 2 and "not for channel snapshots" in done.stderr
-    done = run_command("read", "a.npz", "--scene", "wifi_packets", cwd=tmp_path)
-    assert done.returncode == 2 and "must span" in done.stderr
-    done = run_command("emulate", "wifi_packets", cwd=tmp_path)
-    assert done.returncode == 2 and "another device measures the channel" in done.stderr
+        said = refused("read", "a.npz", "--scene", "wifi_packets", *option, cwd=tmp_path)
+        assert "not for channel snapshots" in said
+    assert "must span" in refused("read", "a.npz", "--scene", "wifi_packets", cwd=tmp_path)
+    said = refused("emulate", "wifi_packets", cwd=tmp_path)
+    assert "another device measures the channel" in said
 
 
 @pytest.mark.parametrize("condition", [{"drift_deg": 12.0}, {"change_db": -25.0}])

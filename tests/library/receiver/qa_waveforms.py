@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_runs import run_command
+from command_runs import run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
@@ -32,8 +32,7 @@ def folder(tmp_path_factory):
     """Holds the calibrated model of the sensor."""
     folder = tmp_path_factory.mktemp("waveforms")
     write_vna(Tag(), folder / "finger.csv", np.random.default_rng(1))
-    done = run_command("calibrate", folder / "finger.csv", "-o", folder / "finger.yaml")
-    assert done.returncode == 0, done.stderr
+    succeeded("calibrate", folder / "finger.csv", "-o", folder / "finger.yaml")
     return folder
 
 
@@ -135,7 +134,7 @@ def tiny(tmp_path, **sounding):
 def test_capture_is_read_elsewhere_without_the_file_of_its_symbol(tmp_path):
     """The symbol is part of the metadata: a capture that needs a lost file is lost as well."""
     scene = tiny(tmp_path)
-    assert run_command("simulate", scene, tmp_path / "run").returncode == 0
+    succeeded("simulate", scene, tmp_path / "run")
     here = run_command("read", tmp_path / "run")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 import second_simulator as other
 import yaml
-from command_runs import run_command
+from command_runs import rows_of, succeeded
+from rooms.effects import OtherSensors
+from rooms.rooms import Capture, Room
 from skin_law import ALONG_MM, STRIPS_MM, strip_loads
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
@@ -40,9 +42,10 @@ def tags_under(presses, lost=None):
 
 def write_capture(folder, name, presses, seed, lost=None):
     duration_s = FIRST_S + EACH_S * len(presses)
-    case = other.Case(10, 50, tags=tags_under(presses, lost), duration_s=duration_s)
-    other.write_capture(other.simulate(case, np.random.default_rng(seed)), folder / name)
-    return case
+    first, *others = tags = tags_under(presses, lost)
+    room = Room((OtherSensors(tuple(others)),), duration_s=duration_s)
+    other.write_capture(Capture(room, seed, first).blocks(), folder / name)
+    return tags
 
 
 def held(n):
@@ -58,12 +61,10 @@ def folder(tmp_path_factory):
     across = np.arange(-3.0, 40.0, 3.0)
     y, x = (v.ravel() for v in np.meshgrid(across, [28.0, 52.0]))
     taps = np.column_stack([np.where(np.arange(len(y)) % 2, 5.0, 8.0), x, y])
-    case = write_capture(folder, "taps", taps, 21)
-    for i, tag in enumerate(case.tags):
+    for i, tag in enumerate(write_capture(folder, "taps", taps, 21)):
         vna = replace(tag, presses=())
         other.write_vna(vna, folder / f"{tag.name}.csv", np.random.default_rng(i))
-        done = run_command("calibrate", f"{tag.name}.csv", "-o", f"{tag.name}.yaml", cwd=folder)
-        assert done.returncode == 0, done.stderr
+        succeeded("calibrate", f"{tag.name}.csv", "-o", f"{tag.name}.yaml", cwd=folder)
     scene = {
         "sensors": [
             {"name": n, "model": f"{n}.yaml", "clock_hz": hz}
@@ -82,22 +83,19 @@ def folder(tmp_path_factory):
         rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
         rows.writerows([*held(n), *tap] for n, tap in enumerate(taps.tolist()))
     read(folder, "bare.yaml", "taps")
-    done = run_command(
+    done = succeeded(
         *("calibrate", "taps.csv", "--surface", "bare.yaml", "--readings", "taps-read.csv"),
         *("-o", "skin.yaml"),
         cwd=folder,
     )
-    assert done.returncode == 0, done.stderr
     print(done.stdout)
     (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
     return folder
 
 
 def read(folder, scene, name):
-    done = run_command("read", name, "--scene", scene, "-o", f"{name}-read.csv", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    with open(folder / f"{name}-read.csv", newline="") as stream:
-        return [row for row in csv.DictReader(stream) if row["sensor"] == "skin"]
+    succeeded("read", name, "--scene", scene, "-o", f"{name}-read.csv", cwd=folder)
+    return [row for row in rows_of(folder / f"{name}-read.csv") if row["sensor"] == "skin"]
 
 
 @pytest.fixture(scope="module")
