@@ -5,6 +5,7 @@ A process of its own takes half a second of processor time to import the package
 process start one: of signals, standard streams, limits, imports and live runs.
 """
 
+import csv
 import os
 import subprocess
 import sys
@@ -59,3 +60,24 @@ def run_command(*arguments, cwd="."):
         sys.stdout.flush()
         sys.stderr.flush()
         return subprocess.CompletedProcess(words, status, _text(output), _text(errors))
+
+
+def succeeded(*arguments, cwd="."):
+    """What `run_command` returns of a command that must succeed."""
+    done = run_command(*arguments, cwd=cwd)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def refused(*arguments, cwd="."):
+    """The one line with which the command refuses its input or options, by status 2."""
+    done = run_command(*arguments, cwd=cwd)
+    assert (done.returncode, done.stdout) == (2, ""), done.stdout + done.stderr
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+def rows_of(path):
+    """Rows of a table, as of readings or of the truth, by the names of its columns."""
+    with open(path, newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes, live readers and their outputs for the tests of the live tools."""
 
-import csv
 import json
 import subprocess
 import sys
@@ -10,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import zmq
-from machine import free_ports, wait_until  # noqa: F401  of those who use what is here
+from command_runs import rows_of  # noqa: F401  of those who use what is here
+from machine import free_ports, wait_until  # noqa: F401
 
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
 GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
@@ -79,11 +79,6 @@ def live(args, scene, *options, limit=300, before=None):
         timer.cancel()
         process.kill()
         print(*process.communicate())  # shown when the test fails
-
-
-def rows_of(path):
-    with open(path, newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def streaming_s(device):

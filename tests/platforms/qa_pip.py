@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import tomllib
 import yaml
-from command_runs import run_command
+from command_runs import run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.io.optional import _PACKAGES
 
@@ -226,8 +226,7 @@ def test_package_built_and_installed_by_pip_reads_a_capture(capture, tmp_path):
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     install = [python, "-m", "pip", "install", "--quiet", ROOT]
     subprocess.run(install, check=True, timeout=2900)
-    expected = run_command("read", capture, "-o", tmp_path / "here.csv")
-    assert expected.returncode == 0
+    succeeded("read", capture, "-o", tmp_path / "here.csv")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     command = [tmp_path / "venv" / "bin" / "gr-wiforce", "read", capture]
     command += ["-o", tmp_path / "pip.csv"]

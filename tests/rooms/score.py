@@ -17,7 +17,6 @@ pressed; presses that come and go are not judged. An unflagged reading is wrong
 """
 
 import argparse
-import csv
 import hashlib
 import json
 import math
@@ -32,7 +31,7 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parent.parent
 sys.path[:1] = [str(TESTS), str(TESTS / "helpers"), str(TESTS / "models")]
 
-from command_runs import run_command  # noqa: E402
+from command_runs import rows_of, run_command  # noqa: E402
 
 from rooms.judge import Tally, failures, judge, suspected  # noqa: E402
 from rooms.rooms import ROOMS, room_named, write_room  # noqa: E402
@@ -95,8 +94,7 @@ def score_capture(name, seed, folder, cache, keep, read=read_recording, room=Non
     status, message = read(folder / "capture", folder / "scene.yaml", output)
     tally = Tally(refused=[f"exit {status}: {message.replace(f'{folder}/', '')}"])
     if status == 0:
-        with open(output, newline="") as stream:
-            tally = judge(room, list(csv.DictReader(stream)))
+        tally = judge(room, rows_of(output))
         tally.captures, tally.suspected = 1, suspected(message)
     tally.seconds = time.monotonic() - began
     if not keep:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import run_command, succeeded
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -117,8 +117,7 @@ def press(tmp_path_factory):
     """The folder in which README's lines have run up to its first lines of Python."""
     folder = tmp_path_factory.mktemp("readme")
     for line in readme_commands("simulate", "read"):
-        done = run_command(*line, cwd=folder)
-        assert done.returncode == 0, done.stderr
+        succeeded(*line, cwd=folder)
     return folder
 
 
@@ -315,7 +314,7 @@ def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
     sensor.write_vna_csv(table, line[1])
     (columns,) = re.findall(r"calibrate .*, or yours with (\S+)", README)
     assert (tmp_path / line[1]).read_text().startswith(columns)
-    assert run_command(*line).returncode == 0
+    succeeded(*line)
     assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
 
 

@@ -2,7 +2,6 @@
 """Every example runs as shipped, without a screen, and its result is checked."""
 
 import contextlib
-import csv
 import importlib.util
 import io
 import json
@@ -22,6 +21,7 @@ import pmt
 import pytest
 import zmq
 from chain_runs import assert_equal_readings
+from command_runs import rows_of
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.io.readings import as_reading
 
@@ -285,11 +285,6 @@ def test_chain_simulated_shows_lines_clock_and_phases_of_both_estimators(generat
     found = [as_reading(reading) for reading in collector.readings[:both]]
     expected = [as_reading(reading.row()) for reading in expected[:both]]
     assert_equal_readings(found, expected, last_digit=1)
-
-
-def rows_of(path):
-    with open(path, newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def assert_equal_files(path, other):

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from command_runs import run_command
+from command_runs import succeeded
 from wiforce_app.bench import accuracy
 from wiforce_app.bench.cases import Case, cases, run_case
 
@@ -30,8 +30,7 @@ def test_every_case_stands_in_the_documented_table():
 def test_json_rows_have_the_documented_keys(monkeypatch, long_run):
     runs = 10 if long_run else 2
     monkeypatch.setattr(accuracy, "_QUICK_RUNS", runs)
-    done = run_command("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
-    assert done.returncode == 0, done.stderr
+    done = succeeded("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
     rows = json.loads(done.stdout)["rows"]
     assert [row["estimator"] for row in rows] == [
         "harmonic", "sideband", "paper", "paper, offset removed",

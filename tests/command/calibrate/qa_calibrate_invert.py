@@ -6,7 +6,7 @@ import csv
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, run_command, succeeded
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import write_vna_csv
 from gnuradio.wiforce.scene import load_scene
@@ -24,10 +24,9 @@ def folder(line, tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibration")
     table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.5), 0.1, seed=2)
     write_vna_csv(table, folder / "vna.csv")
-    done = run_command(
+    done = succeeded(
         "calibrate", folder / "vna.csv", "-o", folder / "s.yaml", "--plot", folder / "s.png"
     )
-    assert done.returncode == 0, done.stderr
     (folder / "report.txt").write_text(done.stdout)
     return folder
 
@@ -49,10 +48,9 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
             # As input an angle counts modulo 360; a known location is taken as known.
             rows.writerow([i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else ""])
         rows.writerow([3, "arm", *line.untouched_deg(), ""])
-    done = run_command(
+    done = succeeded(
         "invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1
     )
-    assert done.returncode == 0, done.stderr
     readings = list(csv.DictReader(done.stdout.splitlines()))
     for i in range(3):
         assert float(readings[i]["force_n"]) == pytest.approx(forces[i], abs=0.25)
@@ -79,26 +77,23 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
 )
 def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, message):
     (tmp_path / "p.csv").write_text(content)
-    done = run_command(
+    said = refused(
         "invert", tmp_path / "p.csv", "--sensor", folder / "s.yaml", "-o", tmp_path / "o.csv"
     )
-    assert done.returncode == 2 and message in done.stderr, done.stderr
-    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "o.csv").exists()
+    assert message in said and not (tmp_path / "o.csv").exists()
 
 
 def test_readings_of_a_surface_are_refused_with_the_alternative(folder, tmp_path):
     (tmp_path / "r.csv").write_text("phase1_deg,phase2_deg,y_mm\n10,20,\n")
-    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert "holds readings of a surface" in done.stderr and "`gr-wiforce read`" in done.stderr
+    said = refused("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    assert "holds readings of a surface" in said and "`gr-wiforce read`" in said
 
 
 def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_path):
     text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace("900,40", "900,95")
     (tmp_path / "vna.csv").write_text(text)
-    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
-    assert done.returncode == 2 and "location_mm" in done.stderr, done.stderr
-    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
+    said = refused("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    assert "location_mm" in said and not (tmp_path / "s.yaml").exists()
 
 
 def test_readings_are_inverted_again_without_taking_their_location_as_known(folder, tmp_path, line):
@@ -109,8 +104,7 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
         f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
         f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
     )
-    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
-    assert done.returncode == 0, done.stderr
+    done = succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
     rows = list(csv.DictReader(done.stdout.splitlines()))
     assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
     assert float(rows[0]["location_std_mm"]) > 0
@@ -119,18 +113,17 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
 
 def test_a_table_of_another_kind_is_refused_with_advice(folder, tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
-    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
-    assert done.returncode == 2 and "--frequency-hz: is missing: " in done.stderr
-    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
-    assert done.returncode == 2 and "--kind taps" in done.stderr
+    said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
+    assert "--frequency-hz: is missing: " in said
+    said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
+    assert "--kind taps" in said
 
 
 def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
     sensor = tmp_path / "s.yaml"
     transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
-    done = run_command(*transfer, "--name", "bell\a")
-    assert done.returncode == 2 and "s.yaml: name: must be printable text" in done.stderr
-    assert done.stdout == "" and not sensor.exists()
+    said = refused(*transfer, "--name", "bell\a")
+    assert "s.yaml: name: must be printable text" in said and not sensor.exists()
 
 
 def test_outputs_are_checked_before_any_work(folder, tmp_path):
@@ -167,7 +160,7 @@ def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, presse
     presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
     write_scene(tmp_path / "true.yaml", OFF, presses if pressed else [])
     write_scene(tmp_path / "known.yaml", [0.0, 0.0], [])
-    assert run_command("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
+    succeeded("simulate", tmp_path / "true.yaml", tmp_path / "air")
     done = run_command("off-reflection", tmp_path / "air", "--scene", tmp_path / "known.yaml")
     if not pressed:
         assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
@@ -186,6 +179,6 @@ def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, presse
 def test_the_scene_of_the_capture_is_taken_where_none_is_named(tmp_path):
     presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
     write_scene(tmp_path / "true.yaml", OFF, presses)
-    assert run_command("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
-    done = run_command("off-reflection", tmp_path / "air")
-    assert done.returncode == 0 and "off_reflection_std" in done.stdout, done.stderr
+    succeeded("simulate", tmp_path / "true.yaml", tmp_path / "air")
+    done = succeeded("off-reflection", tmp_path / "air")
+    assert "off_reflection_std" in done.stdout

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from command_runs import run_command
+from command_runs import refused, rows_of, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.calibration.gauges.comparison import (
     TimedForces,
@@ -249,7 +249,7 @@ def test_unit_that_nothing_states_is_named_in_the_comparison(column, unit, state
     assert ("newtons are assumed: state others with --unit" in text) == (not stated)
 
 
-def rows_of(sensor, own, share=1.0, idle_until_s=0.0):
+def rows_from(sensor, own, share=1.0, idle_until_s=0.0):
     """A sensor's readings as rows, with a share of the forces, untouched until a time."""
     for time_s, force, touched, clear in zip(
         own.time_s, own.force_n, own.touched, own.clear, strict=True
@@ -267,7 +267,7 @@ def rows_of(sensor, own, share=1.0, idle_until_s=0.0):
 
 def test_the_sum_of_sensors_is_compared_with_the_gauge_that_bears_them():
     """Two sensors under one plate have one load cell; each alone would read half of it."""
-    left, right = (list(rows_of(name, readings(), 0.5)) for name in ("left", "right"))
+    left, right = (list(rows_from(name, readings(), 0.5)) for name in ("left", "right"))
     summed = timed_forces([*left, *right], ("left", "right"))
     found = compare_with_gauge(summed, gauge())
     alone = compare_with_gauge(timed_forces([*left, *right], "left"), gauge())
@@ -275,7 +275,7 @@ def test_the_sum_of_sensors_is_compared_with_the_gauge_that_bears_them():
     # Errors of two sensors are independent: sqrt(2) of one standard deviation.
     np.testing.assert_allclose(summed.force_std_n[summed.touched], np.sqrt(2) * STD_N)
     # Where one of them is untouched, the other's force and standard deviation are the sum's.
-    late = timed_forces([*left, *rows_of("right", readings(), 0.5, 30.0)], ("left", "right"))
+    late = timed_forces([*left, *rows_from("right", readings(), 0.5, 30.0)], ("left", "right"))
     np.testing.assert_allclose(late.force_std_n[late.touched], STD_N)
     np.testing.assert_allclose(late.force_n, summed.force_n / 2)
 
@@ -290,7 +290,7 @@ def test_the_sum_of_sensors_is_compared_with_the_gauge_that_bears_them():
     ],
 )
 def test_sensors_that_cannot_be_added_are_refused(sensors, message):
-    rows = [*rows_of("left", readings()), *list(rows_of("right", readings()))[1:]]
+    rows = [*rows_from("left", readings()), *list(rows_from("right", readings()))[1:]]
     with pytest.raises(InputError) as refused:
         timed_forces(rows, sensors)
     assert str(refused.value) == message
@@ -317,14 +317,12 @@ def test_score_compares_a_file_of_readings(tmp_path):
         write(writer, readings())
     write_gauge(tmp_path / "cell.csv", gauge(-1, 0.2))
     arguments = ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
-    done = run_command(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
     report = json.loads(done.stdout)
     assert report["offset_s"] == pytest.approx(OFFSET_S, abs=4e-3)
     assert (report["gauge_sign"], report["gauge_zero_n"]) == (-1, pytest.approx(0.2, abs=0.005))
     assert (tmp_path / "p.png").stat().st_size > 10_000
-    with open(tmp_path / "o.csv") as stream:
-        errors = [float(row["error_n"]) for row in csv.DictReader(stream)]
+    errors = [float(row["error_n"]) for row in rows_of(tmp_path / "o.csv")]
     assert len(errors) == report["compared"]
     assert np.median(np.abs(errors)) == pytest.approx(report["median_error_n"], abs=1e-4)
     text = run_command(*arguments)
@@ -336,8 +334,7 @@ def test_score_compares_a_file_of_readings(tmp_path):
         ("--scene", "demo"): "a file of readings needs none",
         ("--unit", "mm"): "--unit: must be one of N, mN, g, kg, lb, oz, got 'mm'",
     }.items():
-        refused = run_command(*arguments, *more)
-        assert refused.returncode == 2 and message in refused.stderr
+        assert message in refused(*arguments, *more)
 
 
 def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
@@ -347,7 +344,7 @@ def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
         write(writer, readings())
     write_gauge(cell, gauge())
     path.write_bytes(path.read_bytes()[:-100])
-    done = run_command("score", path, "--against", cell)
-    assert done.returncode == 0 and f"{path}: ends behind reading " in done.stderr
+    done = succeeded("score", path, "--against", cell)
+    assert f"{path}: ends behind reading " in done.stderr
     with pytest.warns(UserWarning, match="ends behind reading"):
         wiforce.score(path, cell)

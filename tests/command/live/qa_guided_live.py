@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A guided calibration at the software N210, by a scripted person, against one with a VNA."""
 
-import csv
 import json
 import signal
 
@@ -72,14 +71,9 @@ class Calibrated:
             person.follow(prompts=4)
             person.process.send_signal(signal.SIGKILL)
             person.finish()
-        self.rows_before = self.rows()
         with bench.person(self.sensor, locations, forces, seed=2, limit_s=600) as person:
             person.follow()
             self.status, self.shown = person.process.wait(), person.shown
-
-    def rows(self):
-        with open(self.table, newline="") as stream:
-            return list(csv.DictReader(stream))
 
     def errors(self, model, noise_deg=0.15, count=400):
         """Absolute errors of force and location, and how often they lie within two std."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from command_runs import run_command
+from command_runs import succeeded
 from live_runs import (
     FRAMES,
     SLOW,
@@ -148,8 +148,7 @@ def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     samples, rate = tmp_path / "press.sigmf-data", SLOW["radio"]["sample_rate_hz"]
     with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
         wait_until(lambda: samples.exists() and samples.stat().st_size > 1.3 * rate * SAMPLE_BYTES)
-    done = run_command("read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv")
-    assert done.returncode == 0, done.stderr
+    succeeded("read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv")
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
     assert any(row["touch"] == "1" for row in rows)

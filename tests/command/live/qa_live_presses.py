@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 import zmq
-from command_runs import run_command
+from command_runs import succeeded
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import (
@@ -233,6 +233,5 @@ def test_symbol_from_a_file_is_sent_and_read_live(tmp_path, software_usrp):
     assert len(pressed) > 20 and steady.sum() > 0.8 * len(pressed)
     # What was recorded holds the symbol.
     (tmp_path / "own.npy").unlink()
-    done = run_command("read", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+    done = succeeded("read", tmp_path / "run")
     assert done.stdout.count("\n") >= len(rows) - 2

@@ -9,7 +9,7 @@ import socket
 import numpy as np
 import pytest
 import zmq
-from command_runs import run_command
+from command_runs import run_command, succeeded
 from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
@@ -102,7 +102,7 @@ def test_live_interrupted_twice_keeps_its_files(slow_scene, slow_device, tmp_pat
             process.send_signal(signal.SIGINT)
         process.communicate(timeout=300)
     assert process.returncode in (0, 130)
-    assert run_command("export", messages, "-o", tmp_path / "again.csv").returncode == 0
+    succeeded("export", messages, "-o", tmp_path / "again.csv")
     kept = rows_of(tmp_path / "again.csv")
     assert len(kept) > 5 and len(rows_of(rows)) == len(kept)
     assert rows.read_text().endswith("\n")
@@ -143,7 +143,7 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
 ):
     """Beyond loopback, whoever reaches the ports could otherwise stop a robot's reader."""
     keys = tmp_path / "keys"
-    assert run_command("keys", keys).returncode == 0
+    succeeded("keys", keys)
     create_keys(tmp_path / "other")
     readings_port, control_port = free_ports(2)
     options = ["--zmq", readings_port, "--control", f"tcp://0.0.0.0:{control_port}"]

@@ -4,7 +4,7 @@
 import json
 
 import pytest
-from command_runs import run_command
+from command_runs import refused, run_command
 
 
 def test_design_of_the_paper_is_the_default():
@@ -45,11 +45,10 @@ def test_filled_gap_lowers_the_impedance_and_turns_faster():
     ],
 )
 def test_impossible_dimension_is_refused_in_one_line(option, value, words):
-    done = run_command("design", option, value)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and words in done.stderr
+    assert words in refused("design", option, value)
 
 
 def test_line_that_nobody_builds_is_refused():
     """It asked for 728 TiB."""
-    done = run_command("design", "--width-mm", "10000", "--height-mm", "0.001")
-    assert done.returncode == 2 and "--width-mm: must be at most 200 times" in done.stderr
+    said = refused("design", "--width-mm", "10000", "--height-mm", "0.001")
+    assert "--width-mm: must be at most 200 times" in said

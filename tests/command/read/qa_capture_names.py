@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
@@ -34,12 +34,11 @@ def test_simulate_existing_file_is_replaced_with_force_only(scene, tmp_path, suf
     """A measured capture of the same name would be lost."""
     precious = tmp_path / f"press{suffix}"
     precious.write_text("precious")
-    done = run_command("simulate", scene, tmp_path / "press")
-    assert done.returncode == 2
-    assert f"press{suffix}: exists already; --force replaces it" in done.stderr
+    said = refused("simulate", scene, tmp_path / "press")
+    assert f"press{suffix}: exists already; --force replaces it" in said
     assert precious.read_text() == "precious"
     assert names_in(tmp_path) == [precious.name, "scene.yaml"]
-    assert run_command("simulate", scene, tmp_path / "press", "--force").returncode == 0
+    succeeded("simulate", scene, tmp_path / "press", "--force")
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
@@ -69,7 +68,7 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
 
 
 def test_simulate_name_with_suffix_is_that_of_the_capture(scene, tmp_path):
-    assert run_command("simulate", scene, "press.sigmf-meta", cwd=tmp_path).returncode == 0
+    succeeded("simulate", scene, "press.sigmf-meta", cwd=tmp_path)
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
@@ -81,9 +80,7 @@ def test_capture_name_that_no_file_can_have_is_refused(scene, tmp_path, name):
         ["simulate", scene, name],
         ["live", "--scene", scene, "--args", "addr=127.0.0.1", "--record", name],
     ):
-        done = run_command(*command, cwd=tmp_path)
-        assert done.returncode == 2 and "must be the name of a capture" in done.stderr, done.stderr
-        assert len(done.stderr.splitlines()) == 1
+        assert "must be the name of a capture" in refused(*command, cwd=tmp_path)
     with pytest.raises(InputError, match="must be the name of a capture"):
         wiforce.sigmf_recorder(name)
     assert names_in(tmp_path) == ["runs", "scene.yaml"]
@@ -104,5 +101,5 @@ def test_simulation_warnings_name_sensors_read_by_the_model_that_is_pressed(scen
     (found,) = simulation_warnings(load_scene(same))
     assert found.startswith("sensor 'arm': the model that is pressed and the one that reads it")
     scene.write_text(yaml.safe_dump(same))
-    done = run_command("simulate", scene, tmp_path / "press")
-    assert done.returncode == 0 and f"warning: {found}" in done.stderr
+    done = succeeded("simulate", scene, tmp_path / "press")
+    assert f"warning: {found}" in done.stderr

@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
@@ -43,18 +43,6 @@ def press(tmp_path_factory):
     stem = tmp_path_factory.mktemp("capture") / "press"
     wiforce.simulate(load_scene(SCENE), stem)
     return stem
-
-
-def run(*arguments):
-    return run_command("read", *arguments)
-
-
-def refusal(done, output=None):
-    """The one line of a command that was refused, and that has written nothing."""
-    assert done.returncode == 2 and done.stdout == "", done
-    assert done.stderr.count("\n") == 1, done.stderr
-    assert output is None or not output.exists()
-    return done.stderr
 
 
 def written(folder, scene):
@@ -97,8 +85,8 @@ def test_read_scene_that_differs_warns_of_each_key(press, tmp_path):
     off = {"off_reflection": [0.1, 0.0], "clock_tolerance_ppm": 50}
     scene["sensors"] = [SCENE["sensors"][0] | off]
     scene["simulation"] = {"duration_s": 2.0}
-    done = run(press, "--scene", written(tmp_path, scene), "-o", tmp_path / "out.csv")
-    assert done.returncode == 0, done.stderr
+    scene_file = written(tmp_path, scene)
+    done = succeeded("read", press, "--scene", scene_file, "-o", tmp_path / "out.csv")
     data = press.with_suffix(".sigmf-data")
     start = f"gr-wiforce: warning: {data}: "
     assert [line.removeprefix(start) for line in done.stderr.splitlines()[:-1]] == [
@@ -153,13 +141,14 @@ def test_read_wrong_frame_offset_warns_where_frames_begin(tmp_path):
     scene = changed("sounding", frame_length=400)
     scene["sensors"] = [{**SCENE["sensors"][0], "clock_hz": 320}]
     wiforce.simulate(load_scene(scene), tmp_path / "press")
-    done = run(tmp_path / "press", "--frame-offset", 130, "-o", tmp_path / "out.csv")
+    offset = "--frame-offset", 130
+    done = succeeded("read", tmp_path / "press", *offset, "-o", tmp_path / "out.csv")
     warning, *_, last = done.stderr.splitlines()
     assert (
         "press.sigmf-data: frames begin at sample 2 and every 400 from there, not at sample 130"
         in warning
     )
-    assert done.returncode == 0 and last.startswith("gr-wiforce: read ")
+    assert last.startswith("gr-wiforce: read ")
     with pytest.warns(UserWarning, match="begin at sample 2 and every 400 from there, not at "):
         wiforce.read(tmp_path / "press", frame_offset=130)
     with warnings.catch_warnings():
@@ -188,7 +177,7 @@ def test_read_half_frame_length_is_refused_by_command_and_function(tmp_path):
     rule = "long.sigmf-data: frames repeat every 640 samples, but sounding.frame_length is 320"
     half = changed("sounding", frame_length=320)
     half["sensors"] = scene["sensors"]
-    assert rule in refusal(run(tmp_path / "long", "--scene", written(tmp_path, half)))
+    assert rule in refused("read", tmp_path / "long", "--scene", written(tmp_path, half))
     with pytest.raises(InputError, match=rule):
         wiforce.read(tmp_path / "long", half)
     # The frames' place may be stated, but not their length.
@@ -216,11 +205,11 @@ def test_read_without_frames_is_refused_with_a_hint(press, tmp_path, content):
     samples.tofile(tmp_path / "raw.bin")
     output, scene = tmp_path / "out.csv", written(tmp_path, SCENE)
     arguments = tmp_path / "raw.bin", "--datatype", "ci16_le", "--scene", scene, "-o", output
-    line = refusal(run(*arguments), output)
+    line = refused("read", *arguments)
     assert (
         "raw.bin: no sounding frames found (waveform 'repeated', 320 samples per frame at "
         "1.25 Msps); check the datatype (ci16_le), radio.sample_rate_hz and sounding.frame_length"
-    ) in line
+    ) in line and not output.exists()
 
 
 def test_read_integers_as_floats_are_refused(press):
@@ -258,7 +247,7 @@ def test_read_tail_that_is_not_finite_counts_as_dropped(press, tmp_path):
     samples[20 * 40_000 :] = np.nan
     samples.tofile(tmp_path / "tail.cf32")
     scene = written(tmp_path, SCENE)
-    done = run(tmp_path / "tail.cf32", "--datatype", "cf32_le", "--scene", scene)
+    done = succeeded("read", tmp_path / "tail.cf32", "--datatype", "cf32_le", "--scene", scene)
     assert "read 37 groups" in done.stderr and "17 lost" in done.stderr, done.stderr
     rows = done.stdout.splitlines()[1:]
     assert len(rows) == 37 and all(row.split(",")[-3] == "gap" for row in rows[20:])

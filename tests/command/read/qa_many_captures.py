@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, run_command, succeeded
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
@@ -47,8 +47,7 @@ def captures(tmp_path_factory):
         copy(folder / "original", folder / name)
     for file in folder.glob("original*"):
         file.unlink()
-    alone = run_command("read", folder / "day1" / "a")
-    assert alone.returncode == 0, alone.stderr
+    alone = succeeded("read", folder / "day1" / "a")
     return folder, alone.stdout
 
 
@@ -80,8 +79,7 @@ def journal(folder):
 
 def test_folder_of_captures_gives_file_of_each_equal_to_reading_it_alone(captures, tmp_path):
     folder, alone = captures
-    done = run_command("read", folder, "-o", tmp_path / "out", "--jobs", 2)
-    assert done.returncode == 0, done.stderr
+    done = succeeded("read", folder, "-o", tmp_path / "out", "--jobs", 2)
     assert done.stdout == "" and "gr-wiforce: 4 of 4 captures read; " in done.stderr
     for name in ("day1/a", "day1/b", "day2/c", "day2/d"):
         assert (tmp_path / "out" / f"{name}.csv").read_text() == alone
@@ -93,7 +91,7 @@ def test_repeated_run_reads_only_what_is_new_or_changed(in_process, captures, tm
     folder, _ = captures
     shutil.copytree(folder / "day1", tmp_path / "in")
     arguments = ["read", tmp_path / "in", "-o", tmp_path / "out", "--jobs", 1]
-    assert run_command(*arguments).returncode == 0
+    succeeded(*arguments)
     before = journal(tmp_path / "out")
     again = run_command(*arguments)
     assert "0 of 2 captures read, 2 had been read before" in again.stderr
@@ -151,9 +149,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         ],
     }
     for message, arguments in refusals.items():
-        done = run_command("read", *arguments)
-        assert done.returncode == 2 and message in done.stderr, done.stderr
-        assert done.stderr.count("\n") == 1
+        assert message in refused("read", *arguments)
     assert not (tmp_path / "out").exists()
 
 
@@ -197,8 +193,7 @@ def test_one_parquet_file_holds_all_captures_with_their_names(in_process, captur
     pytest.importorskip("pyarrow")
     folder, alone = captures
     whole = tmp_path / "all.parquet"
-    done = run_command("read", folder, "-o", whole, "--jobs", 2)
-    assert done.returncode == 0, done.stderr
+    succeeded("read", folder, "-o", whole, "--jobs", 2)
     frame = pandas.read_parquet(whole)
     expected = pandas.read_csv(io.StringIO(alone), keep_default_na=False, na_values=[""])
     names = frame["capture"].astype(str)
@@ -265,8 +260,7 @@ def test_worker_of_a_former_run_does_not_replace_readings(in_process, captures, 
     assert not output.exists() and Path(report.partial).parent == output.parent
     foreign = output.with_name(".note.txt.csv")
     foreign.touch()
-    done = run_command("read", folder / "day1" / "a", folder / "day1" / "b", "-o", output.parent)
-    assert done.returncode == 0, done.stderr
+    succeeded("read", folder / "day1" / "a", folder / "day1" / "b", "-o", output.parent)
     names = sorted(file.name for file in output.parent.iterdir())
     assert names == [".note.txt.csv", "a.csv", "b.csv", "captures.jsonl"]
 
@@ -297,8 +291,8 @@ def test_outputs_that_are_captures_are_refused(captures, tmp_path):
         (tmp_path / name).write_bytes(samples)
     raw = ["--datatype", "ci16_le", "--scene", "tabletop"]
     for name, output in (("p.csv", tmp_path), ("q.parquet", tmp_path / "q.parquet")):
-        done = run_command("read", tmp_path / "p", tmp_path / name, *raw, "-o", output)
-        assert done.returncode == 2 and "is one of the captures" in done.stderr, done.stderr
+        said = refused("read", tmp_path / "p", tmp_path / name, *raw, "-o", output)
+        assert "is one of the captures" in said
         assert (tmp_path / name).read_bytes() == samples
 
 

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, run_command, succeeded
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
@@ -39,7 +39,7 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
 
 def test_read_csv_on_stdout_and_json_lines_in_file_agree(printed, read_args, tmp_path):
     output = tmp_path / "out.jsonl"
-    assert run_command(*read_args, "-o", output, "--plot", tmp_path / "p.png").returncode == 0
+    succeeded(*read_args, "-o", output, "--plot", tmp_path / "p.png")
     rows = list(csv.DictReader(printed.stdout.splitlines()))
     lines = [json.loads(line) for line in output.read_text().splitlines()]
     assert printed.stderr.startswith("gr-wiforce: read 83 groups: ")
@@ -77,8 +77,7 @@ def cut(demo, tmp_path, size):
 
 def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_args, tmp_path):
     capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
-    done = run_command("read", capture, *read_args[2:])
-    assert done.returncode == 0
+    done = succeeded("read", capture, *read_args[2:])
     (summary,) = done.stderr.splitlines()
     assert "read 20 groups" in summary
     whole = printed.stdout.splitlines()
@@ -93,8 +92,7 @@ def test_read_stream_that_began_in_a_frame_is_not_warned_of(demo, read_args, tmp
     capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
     data = capture.with_suffix(".sigmf-data")
     data.write_bytes(data.read_bytes()[4 * 100 :])
-    done = run_command("read", capture, *read_args[2:])
-    assert done.returncode == 0
+    done = succeeded("read", capture, *read_args[2:])
     place, summary = done.stderr.splitlines()
     assert "begins at sample 614" in place and "read 20 groups" in summary
 
@@ -134,11 +132,8 @@ def test_read_unreported_sample_loss_warns_of_shifted_timing(demo, read_args, tm
     "size, message", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase groups")]
 )
 def test_read_capture_too_short_is_refused(demo, read_args, tmp_path, size, message):
-    done = run_command(
-        "read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv"
-    )
-    assert done.returncode == 2 and message in done.stderr
-    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out.csv").exists()
+    said = refused("read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv")
+    assert message in said and not (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -161,9 +156,7 @@ def test_read_invalid_scene_is_refused_in_one_line(demo, tmp_path, section, chan
         scene[section] = change
     scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
-    done = run_command("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
-    assert done.returncode == 2 and message in done.stderr, done.stderr
-    assert len(done.stderr.splitlines()) == 1 and done.stdout == ""
+    assert message in refused("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
 
 
 def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
@@ -174,8 +167,8 @@ def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
     output = tmp_path / "out.csv"
     output.write_text("precious")
-    done = run_command("read", folder / "demo", "--scene", tmp_path / "scene.yaml", "-o", output)
-    assert done.returncode == 2 and "demo.antenna2.sigmf-meta: no such file" in done.stderr
+    said = refused("read", folder / "demo", "--scene", tmp_path / "scene.yaml", "-o", output)
+    assert "demo.antenna2.sigmf-meta: no such file" in said
     assert output.read_text() == "precious"
 
 
@@ -190,9 +183,8 @@ def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     ],
 )
 def test_read_invalid_option_is_refused_before_reading(read_args, tmp_path, options, message):
-    done = run_command(*read_args, *options, cwd=tmp_path)
-    assert done.returncode == 2 and message in done.stderr
-    assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
+    said = refused(*read_args, *options, cwd=tmp_path)
+    assert message in said and list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("offset", [-1, 1.5, "0"])
@@ -210,25 +202,18 @@ def test_read_function_capture_without_finite_samples_is_refused(tmp_path):
 
 
 def test_read_raw_samples_with_datatype_equals_sigmf(demo, printed, read_args):
-    raw = run_command("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
-    assert raw.returncode == 0
+    raw = succeeded("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
     assert raw.stdout == printed.stdout
 
 
 def test_read_capture_starting_in_frame_is_aligned(demo, read_args, tmp_path):
     whole = (demo[0] / "demo.sigmf-data").read_bytes()
     (tmp_path / "late.bin").write_bytes(whole[4 * 500 : 4 * 450_000 * 30])
-    done = run_command("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
-    assert done.returncode == 0 and "the first frame begins at sample" in done.stderr
+    done = succeeded("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
+    assert "the first frame begins at sample" in done.stderr
     rows = list(csv.DictReader(done.stdout.splitlines()))
     touched = [row for row in rows if row["touch"] == "1" and not row["flags"]]
     assert touched and all(abs(float(row["location_mm"]) - 45) < 0.3 for row in touched)
-
-
-def run(*arguments):
-    done = run_command(*arguments)
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 def readings(folder, phase_group=None, **tag):
@@ -245,8 +230,10 @@ def readings(folder, phase_group=None, **tag):
     }
     path = folder / "scene.yaml"
     path.write_text(yaml.safe_dump(scene))
-    run("simulate", path, folder / "air")
-    return list(csv.DictReader(run("read", folder / "air", "--scene", path).stdout.splitlines()))
+    succeeded("simulate", path, folder / "air")
+    return list(
+        csv.DictReader(succeeded("read", folder / "air", "--scene", path).stdout.splitlines())
+    )
 
 
 def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
@@ -299,7 +286,7 @@ def test_read_names_a_saturated_receiver(demo, tmp_path):
     """It blamed a touch in the reference."""
     codes = np.fromfile(demo[0] / "demo.sigmf-data", "<i2", 2 * 450_000 * 18).astype(int)
     np.clip(8 * codes, -32768, 32767).astype("<i2").tofile(tmp_path / "loud.bin")
-    done = run("read", tmp_path / "loud.bin", "--scene", "demo", "--datatype", "ci16_le")
+    done = succeeded("read", tmp_path / "loud.bin", "--scene", "demo", "--datatype", "ci16_le")
     (warning,) = [line for line in done.stderr.splitlines() if "warning" in line]
     assert warning.endswith(
         "loud.bin: arm: the receiver is saturated; lower its gain until nothing is clipped"
@@ -312,7 +299,7 @@ def test_read_names_a_wrong_frame_offset_and_a_file_that_ends_within_a_sample(de
     (tmp_path / "cut.bin").write_bytes(whole + b"\0")
     arguments = tmp_path / "cut.bin", "--scene", "demo", "--datatype", "ci16_le"
     end, offset = [
-        line for line in run("read", *arguments, "--frame-offset", 300).stderr.splitlines()
+        line for line in succeeded("read", *arguments, "--frame-offset", 300).stderr.splitlines()
         if "warning" in line
     ]  # fmt: skip
     assert end.endswith("cut.bin: ends within a sample, of which 1 byte is left out; is it whole?")

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What `gr-wiforce read` writes: rows that join with the truth, and partial output that says so."""
 
-import csv
 import json
 import re
 import shutil
@@ -12,7 +11,7 @@ import numpy as np
 import pandas
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import refused, rows_of, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases
@@ -38,11 +37,6 @@ SCENE = {
 }
 
 
-def rows_of(path):
-    with open(path, newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     """A short capture with its scene beside it; path without suffix."""
@@ -54,8 +48,7 @@ def capture(tmp_path_factory):
 
 def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
     """Otherwise a user compares readings with the wrong row of the truth, or with none."""
-    done = run_command("read", capture, "-o", tmp_path / "out.csv")
-    assert done.returncode == 0, done.stderr
+    succeeded("read", capture, "-o", tmp_path / "out.csv")
     read, truth = rows_of(tmp_path / "out.csv"), rows_of(f"{capture}.truth.csv")
     assert [row["time_s"] for row in read] == [row["time_s"] for row in truth]
     assert any(len(row["time_s"].partition(".")[2]) > 6 for row in truth)
@@ -65,8 +58,8 @@ def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
 def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp_path):
     """Both describe themselves: a file that is passed on needs no other beside it."""
     table, bag = tmp_path / "out.parquet", tmp_path / "out.mcap"
-    assert run_command("read", capture, "-o", tmp_path / "out.csv").returncode == 0
-    assert run_command("read", capture, "-o", table, "--mcap", bag).returncode == 0
+    succeeded("read", capture, "-o", tmp_path / "out.csv")
+    succeeded("read", capture, "-o", table, "--mcap", bag)
     rows, frame = rows_of(tmp_path / "out.csv"), pandas.read_parquet(table)
     messages = bag_messages(bag)["/wiforce/arm/reading"]
     for name in ("time_s", "force_n", "location_std_mm", "snr_db", "group"):
@@ -104,17 +97,16 @@ def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
     before = target.read_bytes()
     for option, ending in (("-o", ".csv"), ("--plot", ".png")):
         for link in links_of(target, tmp_path, ending):
-            done = run_command("read", capture, option, link)
-            assert done.returncode == 2 and "is the same file as the input" in done.stderr
-            assert len(done.stderr.splitlines()) == 1
+            said = refused("read", capture, option, link)
+            assert "is the same file as the input" in said
     assert target.read_bytes() == before
 
 
 def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
     scene = tmp_path / "scene.csv"
     scene.write_text(yaml.safe_dump(SCENE))
-    done = run_command("read", capture, "--scene", scene, "-o", scene)
-    assert done.returncode == 2 and f"{scene}: cannot be written (is an input)" in done.stderr
+    said = refused("read", capture, "--scene", scene, "-o", scene)
+    assert f"{scene}: cannot be written (is an input)" in said
     raw = tmp_path / "raw.csv"
     raw.symlink_to(f"{capture}.sigmf-data")
     options = ["--datatype", "ci16_le", "--scene", scene, "-o", raw]
@@ -141,16 +133,15 @@ def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments
         shutil.copy(f"{capture}{suffix}", tmp_path / f"press{suffix}")
     before = (tmp_path / target).read_bytes()
     for link in links_of(tmp_path / target, tmp_path, ending):
-        done = run_command(*arguments, link.name, cwd=tmp_path)
-        assert done.returncode == 2 and "is the same file as the input" in done.stderr, done.stderr
+        said = refused(*arguments, link.name, cwd=tmp_path)
+        assert "is the same file as the input" in said
     assert (tmp_path / target).read_bytes() == before
 
 
 def test_simulate_output_that_is_its_scene_is_refused(tmp_path):
     scene = tmp_path / "press.truth.csv"
     scene.write_text(yaml.safe_dump(SCENE))
-    done = run_command("simulate", scene, tmp_path / "press", "--force")
-    assert done.returncode == 2 and "is an input" in done.stderr
+    assert "is an input" in refused("simulate", scene, tmp_path / "press", "--force")
     assert [path.name for path in tmp_path.iterdir()] == ["press.truth.csv"]
 
 

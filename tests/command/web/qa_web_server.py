@@ -15,7 +15,7 @@ from unittest.mock import Mock
 from urllib.parse import urlsplit
 
 import pytest
-from command_runs import run_command
+from command_runs import refused, run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
@@ -124,9 +124,7 @@ def test_watch_port_in_use_is_refused_in_one_line(tmp_path):
     ],
 )
 def test_watch_bad_source_is_refused_in_one_line(arguments, words, tmp_path):
-    done = run_command("watch", "--web", "8080", *arguments, cwd=tmp_path)
-    assert done.returncode == 2 and words in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert words in refused("watch", "--web", "8080", *arguments, cwd=tmp_path)
 
 
 def test_page_with_token_answers_nobody_without_it():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_runs import run_command
+from command_runs import succeeded
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.data import sweep_directions
 from gnuradio.wiforce.calibration.simulated_vna import measure_vna
@@ -122,7 +122,6 @@ def test_an_elastic_beam_shows_no_difference():
 
 def test_calibrate_command_reports_and_stores_the_difference(tmp_path):
     write_vna_csv(table(Beam(hysteresis=0.06, creep=0.0)), tmp_path / "bench.csv")
-    done = run_command("calibrate", "bench.csv", "-o", "soft.yaml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeded("calibrate", "bench.csv", "-o", "soft.yaml", cwd=tmp_path)
     stored = load_sensor(tmp_path / "soft.yaml").carriers[0].hysteresis_n
     assert f"differ by up to {2 * stored:.2f} N" in done.stdout and stored > 0.2

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from command_runs import run_command
+from command_runs import refused, run_command, succeeded
 from csi_files import (
     ESP32_HEADER,
     PACKETS,
@@ -121,8 +121,7 @@ def test_two_esp32_on_one_crystal_are_two_antennas(header, tmp_path):
     values = values_of(64, 2, 100)
     (tmp_path / "a.csv").write_text(crab_file(values[:-4, :, 0], header=header))
     (tmp_path / "b.csv").write_text(crab_file(values[3:, :, 1], 3, header))
-    done = run_command("check", "a.csv", "--second-antenna", "b.csv", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeded("check", "a.csv", "--second-antenna", "b.csv", "--json", cwd=tmp_path)
     report = json.loads(done.stdout)
     assert report["antennas"]["count"] == 2 and report["file"]["packets"] == PACKETS - 7
     assert "left out 7 x packet that one device received" in report["notes"]
@@ -153,10 +152,8 @@ def test_options_that_do_not_suit_a_tool_are_refused(tmp_path):
         check_tool("esp32", mac="nobody")
     with pytest.raises(InputError, match="--second-antenna: must not be given"):
         check_tool("nexmon/4358/80", second="b.csv")
-    done = run_command(
-        "read", "a.dat", "--csi-tool", "intel", "--datatype", "ci16_le", cwd=tmp_path
-    )
-    assert done.returncode == 2 and "not for channel snapshots" in done.stderr
+    said = refused("read", "a.dat", "--csi-tool", "intel", "--datatype", "ci16_le", cwd=tmp_path)
+    assert "not for channel snapshots" in said
 
 
 def test_broken_files_and_unknown_tools_are_refused_in_one_line(tmp_path):
@@ -171,5 +168,4 @@ def test_broken_files_and_unknown_tools_are_refused_in_one_line(tmp_path):
     for tool in ("", "picoscenes", "nexmon", "nexmon/4358/60"):
         with pytest.raises(InputError, match="--csi-tool: must be one of"):
             check_tool(tool)
-    done = run_command("read", "text.dat", "--csi-tool", "nexmon", cwd=tmp_path)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    refused("read", "text.dat", "--csi-tool", "nexmon", cwd=tmp_path)

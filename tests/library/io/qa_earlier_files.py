@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from command_runs import run_command
+from command_runs import succeeded
 from gnuradio.wiforce.io.capture import Capture
 from gnuradio.wiforce.scene import load_scene, scene_of
 from gnuradio.wiforce.sensor import load_sensor
@@ -104,8 +104,7 @@ def _assert_holds(now, then):
 
 def test_earlier_readings_are_exported_with_what_they_have(tmp_path):
     """Tables of earlier versions have no columns `group` and `interference`."""
-    done = run_command("export", FILES / "readings.csv", "-o", tmp_path / "readings.jsonl")
-    assert done.returncode == 0, done.stderr
+    succeeded("export", FILES / "readings.csv", "-o", tmp_path / "readings.jsonl")
     rows = [json.loads(line) for line in (tmp_path / "readings.jsonl").read_text().splitlines()]
     assert [row["force_n"] for row in rows] == [None, 4.021, 4.48]
     assert [row["flags"] for row in rows] == ["reference", "", "transition"]

@@ -81,8 +81,7 @@ def test_csv_writer_unknown_values_are_empty_and_rows_flushed(tmp_path):
     writer = open_writer(path)
     writer.write(TOUCHED)
     writer.write(UNKNOWN)
-    with open(path, newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = rows_of(path)
     writer.close()
     assert rows[0]["force_n"] == "4.1235" and rows[0]["flags"] == "gap weak"
     assert rows[0]["touch"] == "1" and rows[0]["snr_db"] == "9.88"

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from command_runs import run_command
+from command_runs import refused, run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve
 from gnuradio.wiforce.planning.clocks import (
@@ -160,9 +160,8 @@ def test_command_plan_more_clocks_than_fit_is_refused_in_one_line(tmp_path):
     """The number that fits is what the user needs in order to go on."""
     text = "sensors: [{name: arm, model: line-900mhz}]\nphase_group: {snapshots: 63}\n"
     (tmp_path / "short.yaml").write_text(text)
-    done = run_command("plan", tmp_path / "short.yaml", "--clocks", "16")
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert "--clocks: must be at most 3: no more tags fit" in done.stderr
+    said = refused("plan", tmp_path / "short.yaml", "--clocks", "16")
+    assert "--clocks: must be at most 3: no more tags fit" in said
 
 
 def test_improve_names_clocks_for_all_tags_that_lamps_disturb():

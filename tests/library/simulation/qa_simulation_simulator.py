@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulated captures: files, truth, codes; and that a second simulator means the same levels."""
 
-import csv
 import errno
 import json
 
 import numpy as np
 import pytest
-import second_simulator
 import sigmf
 import yaml
-from command_runs import run_command
+from command_runs import rows_of, succeeded
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.simulation import simulator
+from rooms.rooms import Capture, Room
 
 SHORT = {
     "phase_group": {"snapshots": 125},
@@ -42,11 +41,6 @@ def short(**simulation):
 
 def codes_of(path):
     return np.fromfile(f"{path}.sigmf-data", "<i2")
-
-
-def rows_of(path):
-    with open(path, newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
 
 
 @pytest.mark.parametrize("name", ["capture", "odd name.v1.2", "Kräfte und 力", "-dash"])
@@ -178,8 +172,7 @@ def test_simulate_bad_folder_or_datatype_raises(tmp_path):
 
 def test_command_simulate_writes_capture_and_truth(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
-    done = run_command("simulate", "scene.yaml", "x", "--seed", 5, cwd=tmp_path)
-    assert done.returncode == 0
+    done = succeeded("simulate", "scene.yaml", "x", "--seed", 5, cwd=tmp_path)
     assert done.stderr == "gr-wiforce: 0.05 s, phase groups: 6, presses: 1, moves: 0, seed: 5\n"
     assert done.stdout.split() == ["x.sigmf-data", "x.truth.csv", "x.sigmf-meta"]
     assert json.loads((tmp_path / "x.sigmf-meta").read_text())["global"]["wiforce:seed"] == 5
@@ -213,8 +206,7 @@ def levels_db(frames):
 
 
 def test_bench_simulator_has_same_levels(tmp_path):
-    case = second_simulator.Case(10, 50, duration_s=0.5)
-    blocks = list(second_simulator.simulate(case, np.random.default_rng(1)))
+    blocks = list(Capture(Room(duration_s=0.5), 1).blocks())
     second = levels_db(np.concatenate(blocks))
     scene = load_scene(
         {
