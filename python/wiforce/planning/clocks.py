@@ -11,39 +11,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.clocks.likelihood import PHASE_MARGIN, own_lines, phase_margin
+from ..estimation.clocks.likelihood import PHASE_MARGIN, phase_margin
 from ..estimation.clocks.tracked_tag import TagClock
-from ..scene import Scene, load_scene
+from ..scene import load_scene
 from ..signal.lines import (
     CLUTTER_MARGIN,
     HIGHEST_LINE,
     NYQUIST_MARGIN,
     STRONG_LINES,
     aliased_hz,
-    centered_times_s,
-    clutter_basis,
     lamp_distances_hz,
-    tag_lines,
 )
 from ..signal.switching import harmonics
-from ..signal.timed_weights import timed_lines
 from ..signal.waveform import Waveform
-from ..signal.weights import WORST_GAIN, design_weights
-from .loss import (
-    BANDS_HZ,
-    end_variances,
-    end_waveforms,
-    timed_clutter,
-    typical_times_s,
-    variances,
-)
-from .plan import Plan
+from .loss import BANDS_HZ, Snapshots, gram, tried_phases, typical_times_s, variances
+from .plan import HARMONICS, Plan
 
 # Lines of two tags: strong lines at the same number, or at numbers 1:2 and 1:4. Other pairs of
 # lines 1, 2 and 4 are multiples of these.
 _PAIRS = np.array([(1, 1), (1, 2), (2, 1), (1, 4), (4, 1)], float)
-# Lines whose overlaps are added up; line 16 is 24 dB below line 1.
-_HARMONICS = 16
 
 
 def line_distances_hz(
@@ -55,57 +41,6 @@ def line_distances_hz(
     others = np.multiply.outer(other_hz, b)
     wander = 1e-6 * tolerance_ppm * (ours + others)
     return np.maximum(np.min(np.abs(ours - others) - wander, axis=-1), 0.0)
-
-
-@dataclass(frozen=True)
-class LineTable:
-    """Lines of C clocks, which may be off by ``tolerance_ppm``, as snapshots show them."""
-
-    clocks_hz: np.ndarray
-    waveform: Waveform
-    group_length: int
-    tolerance_ppm: float
-
-    @cached_property
-    def _amplitudes(self) -> np.ndarray:
-        """Of the lines, for waveforms of unit power; shape (C, 2, harmonics)."""
-        m = np.arange(1, _HARMONICS + 1)
-        averaged = self.clocks_hz[:, None] * self.waveform.averaging_s
-        lines = np.abs(harmonics(m)).T * np.abs(np.sinc(averaged * m))[:, None, :]
-        return lines / np.sqrt(np.sum(lines**2, axis=-1, keepdims=True))
-
-    def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Share (C', 2, 2) of ``chosen`` tags' power that ends of another may explain, at worst."""
-        rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
-        m = np.arange(1, _HARMONICS + 1)
-        ours = self.clocks_hz[rows, None, None] * m[:, None]
-        others = self.clocks_hz[index] * m
-        total = np.zeros((len(rows), 2, 2))
-        for sign in (1, -1):
-            near = self._near(ours - sign * others, ours + others)
-            if sign == 1:
-                near[rows == index] *= 1 - np.eye(_HARMONICS)
-            total += self._amplitudes[rows] @ near @ self._amplitudes[index].T
-        return np.minimum(total, 1.0) ** 2
-
-    def noise_gain(self, frequencies_hz: np.ndarray) -> float:
-        """Noise of the worst tone by least squares, over that of a Fourier sum."""
-        cycles = np.subtract.outer(frequencies_hz, frequencies_hz)
-        cycles *= np.pi * self.waveform.snapshot_period_s
-        np.fill_diagonal(cycles, np.pi / 2)
-        overlap = np.sin(self.group_length * cycles) / (self.group_length * np.sin(cycles))
-        np.fill_diagonal(overlap, 1.0)
-        try:
-            return float(np.max(np.diag(np.linalg.inv(overlap))))
-        except np.linalg.LinAlgError:
-            return np.inf
-
-    def _near(self, apart_hz: np.ndarray, wander_hz: np.ndarray) -> np.ndarray:
-        """1 for lines that coincide, 0 for those a bin or more apart."""
-        rate = 1 / self.waveform.snapshot_period_s
-        apart = np.abs((apart_hz + rate / 2) % rate - rate / 2)
-        apart = np.maximum(apart - 1e-6 * self.tolerance_ppm * wander_hz, 0)
-        return np.maximum(1 - apart * self.group_length / rate, 0)
 
 
 def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
@@ -192,23 +127,44 @@ def assess_clocks(
     group_length: int,
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
+    times_s: np.ndarray | None = None,
 ) -> ClockReport:
-    """How well the ends of tags can be separated whose clocks may be off by ``tolerance_ppm``."""
-    information = worst_information(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
-    ends = []
-    for (tag, end), q in zip(product(range(len(clocks_hz)), (1, 2)), information, strict=True):
-        # Power of the switch's averaged waveform about its mean.
-        orders = np.arange(1, 4 * _HIGHEST_HARMONIC)
-        lines = harmonics(orders, clocks_hz[tag] * waveform.averaging_s)[:, end - 1]
-        ideal = 2 * np.sum(np.square(lines))
-        loss_db = 10 * np.log10(ideal / max(q, 1e-12))
-        ends.append(End(tag, end, float(q), float(loss_db)))
-    every = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
-    margins = tuple(
-        phase_margin(harmonics(every, f * waveform.averaging_s), every) for f in clocks_hz
+    """How well the ends of tags can be separated whose clocks may be off by ``tolerance_ppm``.
+
+    Information is the power per snapshot of what no other waveform explains, at the worst of some
+    clock phases.
+    """
+    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
+    snapshots = Snapshots.of(group_length, period_s, averaging_s, clutter_hz, times_s)
+    starts = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
+    errors = np.add.outer(np.arange(_TRIALS), np.arange(len(clocks_hz))) % 3 - 1
+    trials_hz = np.array(clocks_hz) * (1 + 1e-6 * tolerance_ppm * errors)
+    # Some trials at once: all of them would take 100 MB for many tags in long groups.
+    worst = np.max(
+        [
+            variances(gram(snapshots.ends(trials_hz[some], starts[some]))).max(axis=0)
+            for some in np.array_split(np.arange(_TRIALS), _BATCHES)
+        ],
+        axis=0,
     )
+    information = 1 / (worst * len(snapshots.times_s))
+    loss_db = 10 * np.log10(_ideal_power(clocks_hz, averaging_s) / np.maximum(information, 1e-12))
+    tags = product(range(len(clocks_hz)), (1, 2))
+    ends = (
+        End(tag, end, float(q), float(loss))
+        for (tag, end), q, loss in zip(tags, information, loss_db, strict=True)
+    )
+    every = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
+    margins = (phase_margin(harmonics(every, f * averaging_s), every) for f in clocks_hz)
     collisions = _collisions(clocks_hz, waveform, group_length, tolerance_ppm)
-    return ClockReport(tuple(ends), margins, tuple(sorted(collisions)))
+    return ClockReport(tuple(ends), tuple(margins), tuple(sorted(collisions)))
+
+
+def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) -> np.ndarray:
+    """Power (2S,) of each switch's averaged waveform about its mean."""
+    orders = np.arange(1, 4 * _HIGHEST_HARMONIC)[:, None]
+    lines = harmonics(orders, np.asarray(clocks_hz) * averaging_s)
+    return 2 * np.sum(lines**2, axis=0).ravel()
 
 
 def _collisions(
@@ -227,28 +183,6 @@ def _collisions(
         rows, columns = np.nonzero(np.abs(np.subtract.outer(seen_hz, other_seen_hz)) < reach)
         for row, column in zip(rows, columns, strict=True):
             yield tag, int(lines[row]), other, int(others[column])
-
-
-def worst_information(
-    clocks_hz: Sequence[float],
-    waveform: Waveform,
-    group_length: int,
-    tolerance_ppm: float,
-    clutter_hz: float,
-) -> np.ndarray:
-    """Power per snapshot (2S,) of what no other waveform explains, at the worst clock phases."""
-    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
-    times_s = centered_times_s(group_length, period_s)
-    clutter = clutter_basis(group_length, period_s, clutter_hz)
-    worst = np.zeros(2 * len(clocks_hz))
-    starts = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
-    errors = np.add.outer(np.arange(_TRIALS), np.arange(len(clocks_hz))) % 3 - 1
-    trials_hz = np.array(clocks_hz) * (1 + 1e-6 * tolerance_ppm * errors)
-    # Some trials at once: all of them would take 100 MB for many tags in long groups.
-    for some in np.array_split(np.arange(_TRIALS), _BATCHES):
-        waveforms = end_waveforms(trials_hz[some], starts[some], times_s, averaging_s, clutter)
-        worst = np.maximum(worst, variances(waveforms).max(axis=0))
-    return 1 / (worst * group_length)
 
 
 class LampLines(NamedTuple):
@@ -287,89 +221,13 @@ def lamp_multiples(mains_hz: Sequence[float]) -> str:
     return f"multiples of {' and '.join(f'{2 * hz:g}' for hz in mains_hz)} Hz"
 
 
-# Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
-# gain nothing where packets are irregular, and meet their own aliases where they are regular.
+# Clocks that are tried for packets: slow tags, whose oscillators are watch crystals and dividers.
+# Higher ones gain nothing where packets are irregular, and meet their own aliases where they are
+# regular.
 _LOWEST_HZ, _HIGHEST_HZ, _PACKET_STEP_HZ = 50.0, 200.0, 1.0
-# Bins between strong lines of two tags.
-_APART_BINS = 4
-
-
-def packet_clocks(scene: Scene, count: int) -> tuple[list[float], float] | None:
-    """Clocks in Hz as :func:`_ranked`, and what the weakest end loses in dB; None if none."""
-    tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
-    chosen: list[TagClock] = []
-    for tag in (tags + count * tags[:1])[:count]:
-        best = _best(scene, chosen, tag)
-        if best is None:
-            return None
-        chosen.append(best)
-    alone = max(_variances(scene, [clock], 0.0).max() for clock in chosen)
-    loss = _variances(scene, chosen, _clutter_hz(scene)).max() / alone
-    return [clock.clock_hz for clock in chosen], float(10 * np.log10(loss))
-
-
-def _best(scene: Scene, chosen: Sequence[TagClock], clock: TagClock) -> TagClock | None:
-    """The clock of a further tag beside those chosen."""
-    others_hz = [other.clock_hz for other in chosen]
-    candidates = np.arange(_LOWEST_HZ, _HIGHEST_HZ + _PACKET_STEP_HZ / 2, _PACKET_STEP_HZ)
-    apart_hz = line_distances_hz(candidates[:, None], np.array(others_hz))
-    candidates = candidates[(apart_hz >= _APART_BINS / scene.group_period_s).all(axis=1)]
-    possible_hz = [hz for hz in candidates.tolist() if _distinct(scene, [*others_hz, hz])]
-    trials = [replace(clock, clock_hz=hz) for hz in possible_hz]
-    if not trials:
-        return None
-    variance = [_variances(scene, [*chosen, t], _clutter_hz(scene)).max() for t in trials]
-    lamps_hz = _lamp_distances_hz(possible_hz, scene.environment.possible_mains_hz)
-    return trials[next(_ranked(np.array(variance) / min(variance), lamps_hz))]
-
-
-def _lamp_distances_hz(
-    clocks_hz: Sequence[float] | np.ndarray, mains_hz: Sequence[float]
-) -> np.ndarray:
-    """Least distance of strong lines of each clock from those of lamps, in Hz."""
-    return np.array([lamp_distances_hz(hz, mains_hz).min() for hz in clocks_hz])
-
-
-def _ranked(
-    cost: np.ndarray, lamps_hz: np.ndarray, moved_hz: np.ndarray | None = None
-) -> Iterator[int]:
-    """Candidates of about the least cost, by lamps and cost, the best one first.
-
-    A clock that a tag has now stays unless another lies half as far again from lamps.
-    """
-    if not cost.size:
-        return
-    moved = np.full(cost.shape, np.inf) if moved_hz is None else moved_hz
-    good = cost <= cost.min() + _ABOUT_EQUAL
-    # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
-    lamps = lamps_hz * np.where(moved < _SAME_HZ, FARTHER * (1 - 1e-9), 1.0)
-    order = np.lexsort((cost, *np.where(good, (moved, -lamps), 0.0), ~good))
-    yield from map(int, order)
-
-
-def _clutter_hz(scene: Scene) -> float:
-    """Nothing is rejected at irregular times before a survey has found something."""
-    return scene.environment.moving_clutter_hz or 0.0
-
-
-def _distinct(scene: Scene, clocks_hz: Sequence[float]) -> bool:
-    """Whether strong lines are those of one tag each, and not their own mirror images."""
-    times_s, period_s = typical_times_s(scene), scene.group_period_s
-    lines = timed_lines(clocks_hz, times_s, period_s, _clutter_hz(scene))
-    alone = {owner for line in lines if len(line.owners) == 1 for owner in line.owners}
-    return all({(tag, m), (tag, -m)} & alone for tag in range(len(clocks_hz)) for m in STRONG_LINES)
-
-
-def _variances(scene: Scene, clocks: Sequence[TagClock], clutter_hz: float) -> np.ndarray:
-    """Of the ends at the times of a typical group, beside clutter of a band; shape (2S,)."""
-    times_s = typical_times_s(scene)
-    clutter = timed_clutter(times_s, scene.group_period_s, clutter_hz)
-    return end_variances(clocks, times_s, scene.waveform().averaging_s, clutter)
-
-
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
 # two are only a reserve, so that they are given up for a place away from lamps.
-_GENEROUS, _CLOSE = (4.0, 3.0, 2.0), (1.5, 1.0)
+_DISTANCES = ((4.0, 3.0, 2.0), (1.5,), (1.0,))
 # Bins between the lowest clock and clutter: at ten bins their sidelobes cost 0.1 dB, at three up to
 # 1 dB. Short groups have to do with less than ten where this would take more than a quarter of all
 # clocks.
@@ -392,49 +250,36 @@ _ATTEMPTS = 8
 
 def propose_clocks(
     count: int,
-    waveform: Waveform,
-    group_length: int,
-    taken: Sequence[float] = (),
+    settings: Plan,
     tolerance_ppm: float = 100.0,
-    clutter_hz: float = 0.0,
     mains_hz: Sequence[float] = (50.0, 60.0),
     near_hz: Sequence[float] = (),
     avoid_hz: Sequence[float] = (),
 ) -> list[float]:
-    """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
+    """Clocks for ``count`` more tags beside those of a plan, chosen one after the other.
 
     Each costs the weakest end hardly more than the best candidate; among such, its strong lines lie
     farthest from lamps (``mains_hz``), then nearest to its present clock (``near_hz``, which orders
     the result). At the worst errors lines 1, 2 and 4 of tags are two bins apart, 1.5 or one where
-    nothing else fits; an InputError says how many do. Candidates are ``near_hz`` and multiples of 5
-    Hz or half a bin.
+    nothing else fits; an InputError says how many do.
     """
-    settings = waveform, group_length, tolerance_ppm, clutter_hz
-    bin_hz = 1 / (group_length * waveform.snapshot_period_s)
-    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm, near_hz)
-    apart_hz = np.multiply.outer(candidates, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
-    candidates = candidates[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= bin_hz]
-    search = _Search(candidates, taken, settings, mains_hz, near_hz)
-    found = search.best(count, bin_hz)
+    search = Search(settings, tolerance_ppm, mains_hz, near_hz, avoid_hz)
+    found = search.best(count)
     if found is None:
-        fewer = range(1, count)
-        fitting = bisect_left(fewer, True, key=lambda n: search.best(n, bin_hz) is None)
-        beside = "beside these clocks " if taken else ""
+        fitting = bisect_left(range(1, count), True, key=lambda n: search.best(n) is None)
+        beside = "beside these clocks " if settings.clocks else ""
         rule = (
             f"must be at most {fitting}: no more tags fit {beside}with lines 1, 2 and 4 one bin "
-            f"({bin_hz:.3g} Hz) apart and every end readable; longer phase groups have smaller bins"
+            f"({search.bin_hz:.3g} Hz) apart and every end readable; longer phase groups have "
+            "smaller bins"
         )
         raise InputError("count", rule, count)
-    return _in_order_of_tags(found, near_hz)
-
-
-def _in_order_of_tags(clocks_hz: Sequence[float], near_hz: Sequence[float]) -> list[float]:
-    """Clocks in an order that changes those of the first tags least; further ones behind them."""
+    # In the order that changes the clocks of the first tags least; further ones behind them.
     from scipy.optimize import linear_sum_assignment  # 0.1 s to import
 
-    moved_hz = np.abs(np.subtract.outer(np.asarray(near_hz), np.asarray(clocks_hz)))
+    moved_hz = np.abs(np.subtract.outer(np.asarray(near_hz), np.asarray(found)))
     chosen = linear_sum_assignment(moved_hz)[1].tolist()
-    return [clocks_hz[i] for i in (*chosen, *sorted(set(range(len(clocks_hz))) - {*chosen}))]
+    return [found[i] for i in (*chosen, *sorted(set(range(count)) - {*chosen}))]
 
 
 @dataclass(frozen=True)
@@ -453,143 +298,139 @@ class SceneClocks:
 def clocks_for(scene: Any, count: int) -> SceneClocks:
     """Clocks for tags in a scene's frames and room; its own are kept where as good."""
     scene = load_scene(scene)
-    mains_hz = scene.environment.possible_mains_hz
-    tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
-    tolerance_ppm = max(tag.planned_ppm for tag in tags)
-    choose = _clocks_on_grid if scene.packets is None else _clocks_of_packets
-    clocks_hz, loss_db = choose(scene, count, tolerance_ppm)
-    clocks = np.array(clocks_hz)
-    one, other = np.triu_indices(count, 1)
-    distances = line_distances_hz(clocks[one], clocks[other], tolerance_ppm)
-    lamps = [float(lamp_distances_hz(hz, mains_hz).min()) for hz in clocks_hz]
-    return SceneClocks(
-        clocks_hz,
-        float(distances.min()) if count > 1 else None,
-        lamps if mains_hz else None,
-        1 / scene.group_period_s,
-        loss_db,
+    mains_hz, stated_hz = scene.environment.possible_mains_hz, scene.environment.moving_clutter_hz
+    tolerance_ppm = max(
+        TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm).planned_ppm
+        for sensor in scene.sensors
     )
-
-
-def _clocks_on_grid(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
-    """Clocks for snapshots at regular times, and what the weakest end loses, in dB."""
-    waveform, group_length = scene.waveform(), scene.phase_group.snapshots
-    stated_hz = scene.environment.moving_clutter_hz
-    # The plan rejects a wide band where the clocks leave room for it.
-    for clutter_hz in [BANDS_HZ[0], 0.0] if stated_hz is None else [stated_hz]:
+    times_s = None if scene.packets is None else typical_times_s(scene)
+    # The plan rejects a wide band where the clocks leave room for it; at irregular times it rejects
+    # nothing before a survey has found something.
+    bands_hz = [BANDS_HZ[0], 0.0] if times_s is None else [0.0]
+    for clutter_hz in bands_hz if stated_hz is None else [stated_hz]:
+        length = scene.phase_group.snapshots
+        settings = Plan(
+            scene.waveform(), (), length, clutter_hz, HARMONICS[0], 1, 1, times_s=times_s
+        )
+        near_hz = [sensor.clock_hz for sensor in scene.sensors]
         try:
-            clocks_hz = propose_clocks(
-                count,
-                waveform,
-                group_length,
-                tolerance_ppm=tolerance_ppm,
-                clutter_hz=clutter_hz,
-                mains_hz=scene.environment.possible_mains_hz,
-                near_hz=[sensor.clock_hz for sensor in scene.sensors],
-            )
+            clocks_hz = propose_clocks(count, settings, tolerance_ppm, mains_hz, near_hz)
             break
         except InputError:
             if clutter_hz in (0.0, stated_hz):
                 raise
-    report = assess_clocks(clocks_hz, waveform, group_length, tolerance_ppm, clutter_hz)
-    return clocks_hz, report.worst_loss_db
+    report = assess_clocks(clocks_hz, settings.waveform, length, tolerance_ppm, clutter_hz, times_s)
+    one, other = np.array(clocks_hz)[np.array(np.triu_indices(count, 1))]
+    distances_hz = line_distances_hz(one, other, tolerance_ppm)
+    return SceneClocks(
+        clocks_hz,
+        float(distances_hz.min()) if count > 1 else None,
+        _lamp_distances_hz(clocks_hz, mains_hz).tolist() if mains_hz else None,
+        1 / scene.group_period_s,
+        report.worst_loss_db,
+    )
 
 
-def _clocks_of_packets(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
-    """The same for snapshots at the times of packets."""
-    found = packet_clocks(scene, count)
-    if found is None:
-        raise InputError("count", "must be fewer: no more tags can be separated", count)
-    return _in_order_of_tags(found[0], [sensor.clock_hz for sensor in scene.sensors]), found[1]
+def _lamp_distances_hz(
+    clocks_hz: Sequence[float] | np.ndarray, mains_hz: Sequence[float]
+) -> np.ndarray:
+    """Least distance of strong lines of each clock from those of lamps, in Hz."""
+    return np.array([lamp_distances_hz(hz, mains_hz).min() for hz in clocks_hz])
 
 
-class _Search:
-    """Chooses from candidates those that fit together."""
+class Search:
+    """Chooses clocks that fit together, and beside those of a plan, from candidates."""
 
     def __init__(
         self,
-        candidates: np.ndarray,
-        taken: Sequence[float],
-        settings: tuple[Waveform, int, float, float],
+        settings: Plan,
+        tolerance_ppm: float,
         mains_hz: Sequence[float],
         near_hz: Sequence[float] = (),
+        avoid_hz: Sequence[float] = (),
     ) -> None:
-        waveform, group_length, tolerance_ppm, self._clutter_hz = settings
-        self._settings, self._candidates, self._near_hz = settings, candidates, near_hz
-        self._taken = [float(hz) for hz in taken]
-        self._clocks = np.r_[candidates, self._taken]
-        self._lines = LineTable(self._clocks, waveform, group_length, tolerance_ppm)
-        self._distances_hz = line_distances_hz(candidates[:, None], self._clocks, tolerance_ppm)
-        self._lamps_hz = _lamp_distances_hz(candidates, mains_hz)
+        self._settings, self._tolerance_ppm, self._near_hz = settings, tolerance_ppm, near_hz
+        self.bin_hz = 1 / (settings.group_length * settings.waveform.snapshot_period_s)
+        found = _candidates(settings, self.bin_hz, tolerance_ppm, near_hz)
+        apart_hz = np.multiply.outer(found, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
+        found = found[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= self.bin_hz]
+        self.candidates, self._clocks = found, np.r_[found, settings.clocks_hz]
+        self._distances_hz = line_distances_hz(found[:, None], self._clocks, tolerance_ppm)
+        self._lamps_hz = _lamp_distances_hz(found, mains_hz)
         # The highest octave, where most fit.
-        self._octave = np.flatnonzero(candidates > candidates.max(initial=0) / 2)
-        every = range(len(self._clocks))
-        own = [self._lines.overlaps(i, np.array([i]))[0].sum(axis=1) for i in every]
-        # Of each end: what its tag's own aliases cost it.
-        self._own_losses = np.reshape(own, (len(every), 2))
+        self._octave = np.flatnonzero(found > found.max(initial=0) / 2)
 
-    def best(self, count: int, bin_hz: float) -> list[float] | None:
+    @cached_property
+    def _gram(self) -> np.ndarray:
+        """Products (3, 2C, 2C) of the ends of all clocks at some phases, over their power."""
+        settings = self._settings
+        averaging_s = settings.waveform.averaging_s
+        snapshots = Snapshots.of(
+            settings.group_length,
+            settings.waveform.snapshot_period_s,
+            averaging_s,
+            settings.clutter_hz,
+            settings.times_s,
+        )
+        power = _ideal_power(self._clocks, averaging_s) * len(snapshots.times_s)
+        return gram(snapshots.ends(*tried_phases(self._clocks)) / np.sqrt(power))
+
+    def best(self, count: int) -> list[float] | None:
         """Clocks of ``count`` tags at the best distance of their lines; None without any."""
-        possible = []
-        for bins in _GENEROUS:
-            chosen = self._readable(count, bins * bin_hz)
-            if chosen is not None:
-                possible.append((np.sum(self._lamps_hz[chosen] >= bin_hz), bins, chosen))
-        if possible:
-            return self._clocks[max(possible, key=lambda each: each[:2])[2]].tolist()
-        for bins in _CLOSE:
-            chosen = self._readable(count, bins * bin_hz)
-            if chosen is not None:
-                return self._clocks[chosen].tolist()
+        for distances in _DISTANCES:
+            sets = (self._readable(count, bins * self.bin_hz) for bins in distances)
+            possible = [chosen for chosen in sets if chosen is not None]
+            if possible:
+                best = max(possible, key=lambda c: np.sum(self._lamps_hz[c] >= self.bin_hz))
+                return self._clocks[best].tolist()
         return None
 
-    def _constraints(self, distance_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    def constraints(self, distance_hz: float) -> tuple[np.ndarray, np.ndarray]:
         """Which candidates are too near to each other, and which are not to those in use."""
         conflicts = self._distances_hz < distance_hz
-        count = len(self._candidates)
+        count = len(self.candidates)
         return conflicts[:, :count], ~conflicts[:, count:].any(axis=1)
 
-    def _packed(self, conflicts: np.ndarray, free: np.ndarray) -> int:
+    def packed(self, conflicts: np.ndarray, free: np.ndarray) -> int:
         """The largest number of free candidates of the highest octave without a conflict."""
         return most_that_fit(conflicts[np.ix_(self._octave, self._octave)], free[self._octave])
 
     def _readable(self, count: int, distance_hz: float) -> list[int] | None:
         """``count`` candidates with which all ends are readable; None where none are found."""
-        conflicts, free = self._constraints(distance_hz)
+        conflicts, free = self.constraints(distance_hz)
+        settings = self._settings
         for _ in range(_ATTEMPTS):
-            if self._packed(conflicts, free) < count:
+            if self.packed(conflicts, free) < count:
                 return None
             chosen = self._fill(count, conflicts, free)
             if chosen is None:
                 return None
-            clocks_hz = [*self._taken, *self._clocks[chosen]]
-            report = assess_clocks(clocks_hz, *self._settings)
-            if report.readable and (self._clutter_hz == 0 or self._accepted(clocks_hz)):
+            report = assess_clocks(
+                [*self._clocks[chosen], *settings.clocks_hz],
+                settings.waveform,
+                settings.group_length,
+                self._tolerance_ppm,
+                settings.clutter_hz,
+                settings.times_s,
+            )
+            if report.readable:
                 return chosen
-            added = report.ends[2 * len(self._taken) :]
-            worst = max(added, key=lambda end: end.loss_db)
-            free[chosen[worst.tag - len(self._taken)]] = False
+            worst = max(report.ends[: 2 * count], key=lambda end: end.loss_db)
+            free[chosen[worst.tag]] = False
         return None
 
     def _fill(self, count: int, conflicts: np.ndarray, free: np.ndarray) -> list[int] | None:
         """``count`` candidates, the best one first; None where lines cannot be distinguished."""
-        lost = self._own_losses.copy()
-        overlaps: dict[int, np.ndarray] = {}
-        for tag in range(len(self._candidates), len(self._clocks)):
-            self._add(tag, overlaps, lost)
         chosen: list[int] = []
         near_hz = [*self._near_hz]
         while len(chosen) < count:
-            cost = lost[: len(free)].max(axis=1)
-            for tag, overlap in overlaps.items():
-                cost = np.maximum(cost, (lost[tag] + overlap[: len(free)].sum(axis=1)).max(axis=1))
-            apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
+            possible = np.flatnonzero(free)
+            apart_hz = np.abs(np.subtract.outer(self.candidates[possible], near_hz))
             moved_hz = apart_hz.min(axis=1, initial=np.inf)
-            for each in _ranked(cost[free], self._lamps_hz[free], moved_hz[free]):
-                best = int(np.flatnonzero(free)[each])
+            for best in possible[self._ranked(chosen, possible, moved_hz)].tolist():
                 rest = free & ~conflicts[best]
-                fits = self._packed(conflicts, rest) >= count - len(chosen) - 1
-                if fits and self._separable([*overlaps, best]):
+                fits = self.packed(conflicts, rest) >= count - len(chosen) - 1
+                if fits and self._separable([*chosen, best]):
                     break
             else:
                 return None
@@ -597,58 +438,48 @@ class _Search:
             chosen.append(best)
             if near_hz:
                 near_hz.remove(min(near_hz, key=lambda hz: abs(hz - self._clocks[best])))
-            self._add(best, overlaps, lost)
         return chosen
 
-    def _add(self, tag: int, overlaps: dict[int, np.ndarray], lost: np.ndarray) -> None:
-        """Add what a tag costs the ends of all others, and what those before it cost its own."""
-        overlap = self._lines.overlaps(tag)
-        overlap[tag] = 0.0
-        lost += overlap.sum(axis=2)
-        overlaps[tag] = overlap
+    def _ranked(
+        self, chosen: Sequence[int], possible: np.ndarray, moved_hz: np.ndarray
+    ) -> np.ndarray:
+        """Order of candidates: those of about the least cost by lamps, then those by cost.
+
+        A clock that a tag has now stays unless another lies half as far again from lamps.
+        """
+        if not len(possible):
+            return possible
+        beside = [*range(len(self.candidates), len(self._clocks)), *chosen]
+        tags = np.column_stack([np.tile(beside, (len(possible), 1)), possible]).astype(int)
+        ends = (2 * tags[:, :, None] + np.arange(2)).reshape(len(possible), -1)
+        found = variances(self._gram[:, ends[:, :, None], ends[:, None, :]])
+        cost = found.mean(axis=0).max(axis=-1)
+        good = cost <= (1 + _ABOUT_EQUAL) * cost.min()
+        # A tag's own clock counts as farther, by hardly less than the factor for which it changes.
+        lamps = self._lamps_hz[possible] * np.where(moved_hz < _SAME_HZ, FARTHER * (1 - 1e-9), 1.0)
+        return np.lexsort((cost, *np.where(good, (moved_hz, -lamps), 0.0), ~good))
 
     def _separable(self, tags: Sequence[int]) -> bool:
-        """Whether a receiver can separate the lines that it uses at least."""
-        clocks_hz, lines = self._clocks[list(tags)], self._lines
-        tones = tag_lines(
-            clocks_hz,
-            lines.waveform.snapshot_period_s,
-            lines.group_length,
-            clutter_hz=self._clutter_hz,
-        )
-        for tag, clock_hz in enumerate(clocks_hz):
-            _, own = own_lines(tones, tag)
-            spectra = harmonics(own, clock_hz * lines.waveform.averaging_s)
-            if phase_margin(spectra, own) < PHASE_MARGIN:
-                return False
-        frequencies_hz = np.array([0.0, *(tone.frequency_hz for tone in tones)])
-        return lines.noise_gain(frequencies_hz) <= WORST_GAIN
-
-    def _accepted(self, clocks_hz: Sequence[float]) -> bool:
-        """Whether the receiver's weights can be designed, clutter included."""
-        waveform, group_length = self._lines.waveform, self._lines.group_length
-        period_s = waveform.snapshot_period_s
-        try:
-            design_weights(clocks_hz, group_length, period_s, self._clutter_hz)
-        except InputError:
-            return False
-        return True
+        """Whether a plan with these tags as well is accepted."""
+        more = tuple(TagClock(hz, self._tolerance_ppm) for hz in self._clocks[tags].tolist())
+        return replace(self._settings, clocks=(*more, *self._settings.clocks), room=None).separable
 
 
 def _candidates(
-    waveform: Waveform,
-    bin_hz: float,
-    clutter_hz: float,
-    tolerance_ppm: float,
-    near_hz: Sequence[float] = (),
+    settings: Plan, bin_hz: float, tolerance_ppm: float, near_hz: Sequence[float] = ()
 ) -> np.ndarray:
-    """Frequencies in Hz, ascending, within three octaves, beyond which lines cannot coincide."""
-    nyquist_hz = 0.5 / waveform.snapshot_period_s
-    highest_hz = NYQUIST_MARGIN * nyquist_hz / HIGHEST_LINE
-    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / HIGHEST_LINE)
-    highest_hz /= 1 + 1e-6 * tolerance_ppm
-    fewest_hz = max(_FEWEST_CLEAR_BINS * bin_hz, _CLEAR_PART * (highest_hz - clutter_hz))
-    lowest_hz = max(clutter_hz + min(_CLEAR_BINS * bin_hz, fewest_hz), highest_hz / 8)
+    """Frequencies in Hz, ascending, within three octaves, beyond which lines cannot coincide.
+
+    They are those of ``near_hz`` and multiples of 5 Hz or half a bin, for packets of 1 Hz.
+    """
+    if settings.times_s is not None:
+        return np.arange(_LOWEST_HZ, _HIGHEST_HZ + _PACKET_STEP_HZ / 2, _PACKET_STEP_HZ)
+    nyquist_hz = 0.5 / settings.waveform.snapshot_period_s
+    highest_hz = min(NYQUIST_MARGIN * nyquist_hz, nyquist_hz - CLUTTER_MARGIN * bin_hz)
+    highest_hz /= HIGHEST_LINE * (1 + 1e-6 * tolerance_ppm)
+    fewest_hz = max(_FEWEST_CLEAR_BINS * bin_hz, _CLEAR_PART * (highest_hz - settings.clutter_hz))
+    clear_hz = min(_CLEAR_BINS * bin_hz, fewest_hz)
+    lowest_hz = max(settings.clutter_hz + clear_hz, highest_hz / 8)
     if lowest_hz >= highest_hz:
         return np.empty(0)
     wanted_hz = max(min(_STEP_HZ, bin_hz / 2), (highest_hz - lowest_hz) / _CANDIDATES)
@@ -656,5 +487,5 @@ def _candidates(
     step = decade * max(s for s in (1, 2, 5) if s * decade <= wanted_hz * (1 + 1e-9))
     found = np.arange(np.ceil(lowest_hz / step), np.floor(highest_hz / step) + 1) * step
     own = np.unique([hz for hz in near_hz if lowest_hz <= hz <= highest_hz])
-    other = [bool((np.abs(own - hz) >= _SAME_HZ).all()) for hz in found]
-    return np.sort(np.concatenate([found[np.array(other, bool)], own]))
+    other = np.abs(np.subtract.outer(found, own)).min(axis=1, initial=np.inf) >= _SAME_HZ
+    return np.sort(np.concatenate([found[other], own]))

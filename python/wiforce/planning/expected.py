@@ -23,7 +23,7 @@ from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.presses import pressed_sensor
 from ..simulation.radio import noise_over_static
-from .loss import timed_clutter
+from .loss import Snapshots
 
 if TYPE_CHECKING:
     from ..estimation.groups import Array
@@ -462,7 +462,8 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
     times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
     if plan.times_s is not None:
         times_s, length = plan.times_s, plan.group_length
-        clutter = timed_clutter(times_s, plan.group_period_s, plan.clutter_hz)
+        period_s = waveform.snapshot_period_s
+        clutter = Snapshots.of(length, period_s, 0.0, plan.clutter_hz, times_s).clutter
     subcarriers = len(waveform.bins)
     ends, clocks = [], []
     for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Information lost by reading only some lines of the tags, known before anything is received."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +23,61 @@ _PHASE_STEP = 0.618
 _LONGEST = 1250
 
 
+class Snapshots(NamedTuple):
+    """Snapshots of a group: times (n,) from its centre, and orthonormal clutter (n, order)."""
+
+    times_s: np.ndarray
+    averaging_s: float
+    clutter: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        group_length: int,
+        period_s: float,
+        averaging_s: float,
+        clutter_hz: float,
+        times_s: np.ndarray | None = None,
+    ) -> Snapshots:
+        """On a grid of ``period_s``, or at irregular times (n,)."""
+        if times_s is None:
+            length = min(group_length, _LONGEST)
+            clutter = clutter_basis(length, period_s, clutter_hz)
+            return cls(centered_times_s(length, period_s), averaging_s, clutter)
+        basis = clutter_at(times_s, group_length * period_s, clutter_hz)
+        return cls(times_s, averaging_s, np.linalg.qr(basis)[0])
+
+    def ends(self, clocks_hz: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Waveforms (T, n, 2S) of clocks (T, S) at phases in cycles, beside clutter."""
+        cycles = clocks_hz.T[..., None] * self.times_s + starts.T[..., None]
+        half = np.pi * clocks_hz.T * self.averaging_s
+        columns = [switch_averages(2 * np.pi * c, h) for c, h in zip(cycles, half, strict=True)]
+        return self.beside_clutter(np.concatenate(columns, axis=-1))
+
+    def beside_clutter(self, waveforms: np.ndarray) -> np.ndarray:
+        """Waveforms (..., n, M) without what clutter explains."""
+        return waveforms - self.clutter @ (self.clutter.T @ waveforms)
+
+
+def tried_phases(clocks_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Clocks (3, S), and phases in cycles at which they are tried."""
+    starts = np.multiply.outer(_PHASES, 1 + np.arange(len(clocks_hz)) * _PHASE_STEP)
+    return np.tile(clocks_hz, (len(starts), 1)), starts
+
+
+def gram(waveforms: np.ndarray) -> np.ndarray:
+    """Products (..., M, M) of waveforms (..., n, M)."""
+    return np.swapaxes(waveforms, -1, -2) @ waveforms
+
+
+def variances(products: np.ndarray) -> np.ndarray:
+    """Variances (..., M) by least squares, in white noise, of waveforms with these products."""
+    # What has no energy left, but for rounding, is refused elsewhere.
+    scale = np.sqrt(np.maximum(np.diagonal(products, axis1=-2, axis2=-1), 1e-30))
+    alike = products / (scale[..., None] * scale[..., None, :]) + 1e-9 * np.eye(scale.shape[-1])
+    return np.asarray(np.diagonal(np.linalg.inv(alike), axis1=-2, axis2=-1) / scale**2)
+
+
 def losses_db(
     choices: Sequence[int],
     clocks: Sequence[TagClock],
@@ -35,88 +93,38 @@ def losses_db(
     of errors. Choices rise, as far as a group resolves them.
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
-    period_s, length = group_length * snapshot_period_s, min(group_length, _LONGEST)
-    if times_s is None:
-        at_s = centered_times_s(length, snapshot_period_s)
-        clutter = clutter_basis(length, snapshot_period_s, clutter_hz)
-    else:
-        at_s, clutter = times_s, timed_clutter(times_s, period_s, clutter_hz)
+    snapshots = Snapshots.of(group_length, snapshot_period_s, averaging_s, clutter_hz, times_s)
 
-    def tones(count: int, snapshots: int) -> Sequence[Tone]:
+    def tones(count: int, length: int) -> Sequence[Tone]:
         if times_s is not None:
+            period_s = group_length * snapshot_period_s
             return timed_lines(clocks_hz, times_s, period_s, clutter_hz, count)
-        return tag_lines(clocks_hz, snapshot_period_s, snapshots, count, clutter_hz)
+        return tag_lines(clocks_hz, snapshot_period_s, length, count, clutter_hz)
 
-    waveforms = np.concatenate(
-        [_waveforms(clocks, at_s, averaging_s, clutter, sign) for sign in (1, -1)]
-    )
-    whole = variances(waveforms).sum(axis=0)
+    waveforms = np.concatenate([_ends_off(clocks, snapshots, sign) for sign in (1, -1)])
+    whole = variances(gram(waveforms)).sum(axis=0)
     losses: dict[int, np.ndarray] = {}
     for count in choices:
         if losses and 2 * len(tones(count, group_length)) >= group_length:
             continue
-        upper = [tone.frequency_hz for tone in tones(count, length) if tone.frequency_hz > 0]
-        cycles = np.outer(at_s, upper)
+        used = tones(count, len(snapshots.times_s))
+        cycles = np.outer(snapshots.times_s, [t.frequency_hz for t in used if t.frequency_hz > 0])
         lines = np.hstack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)])
-        lines = np.linalg.qr(lines - clutter @ (clutter.T @ lines))[0]
-        losses[count] = 10 * np.log10(variances(lines.T @ waveforms).sum(axis=0) / whole)
+        lines = np.linalg.qr(snapshots.beside_clutter(lines))[0]
+        losses[count] = 10 * np.log10(variances(gram(lines.T @ waveforms)).sum(axis=0) / whole)
     return losses
 
 
-def end_variances(
-    clocks: Sequence[TagClock], times_s: np.ndarray, averaging_s: float, clutter: np.ndarray
-) -> np.ndarray:
+def end_variances(clocks: Sequence[TagClock], snapshots: Snapshots) -> np.ndarray:
     """Variances (2S,) of ends over the noise in H, summed over phases, beside clutter."""
-    waveforms = _waveforms(clocks, times_s, averaging_s, clutter)
-    return np.asarray(variances(waveforms).sum(axis=0))
+    return np.asarray(variances(gram(_ends_off(clocks, snapshots))).sum(axis=0))
 
 
-def timed_clutter(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
-    """Orthonormal sequences (N, order) of clutter up to a frequency, at irregular times."""
-    return np.linalg.qr(clutter_at(times_s, period_s, clutter_hz))[0]
-
-
-def _waveforms(
-    clocks: Sequence[TagClock],
-    times_s: np.ndarray,
-    averaging_s: float,
-    clutter: np.ndarray,
-    sign: int = 1,
-) -> np.ndarray:
-    """:func:`end_waveforms` of clocks at some phases, off by their tolerance in turns."""
-    tags = np.arange(len(clocks))
-    errors = sign * (-1.0) ** tags * [1e-6 * clock.planned_ppm for clock in clocks]
-    starts = np.multiply.outer(_PHASES, 1 + tags * _PHASE_STEP)
-    clocks_hz = np.array([clock.clock_hz for clock in clocks]) * (1 + errors)
-    return end_waveforms(
-        np.tile(clocks_hz, (len(starts), 1)), starts, times_s, averaging_s, clutter
-    )
-
-
-def end_waveforms(
-    clocks_hz: np.ndarray,
-    starts: np.ndarray,
-    times_s: np.ndarray,
-    averaging_s: float,
-    clutter: np.ndarray,
-) -> np.ndarray:
-    """Waveforms (T, N, 2S) of clocks (T, S) at phases in cycles, beside clutter."""
-    cycles = clocks_hz.T[..., None] * times_s + starts.T[..., None]
-    half = np.pi * clocks_hz.T * averaging_s
-    columns = [switch_averages(2 * np.pi * c, h) for c, h in zip(cycles, half, strict=True)]
-    waveforms = np.concatenate(columns, axis=-1)
-    waveforms -= clutter @ (clutter.T @ waveforms)
-    return waveforms
-
-
-def variances(waveforms: np.ndarray) -> np.ndarray:
-    """Variances (..., 2S) by least squares of what has waveforms (..., N, 2S), in white noise."""
-    # What has no energy left, but for rounding, is refused elsewhere.
-    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=-2), 1e-30))
-    scaled = waveforms / scale[..., None, :]
-    values, vectors = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
-    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9)[..., None, :], axis=-1)
-    return np.asarray(inverse / scale**2)
+def _ends_off(clocks: Sequence[TagClock], snapshots: Snapshots, sign: int = 1) -> np.ndarray:
+    """Waveforms (3, n, 2S) of clocks at some phases, off by their tolerance in turns."""
+    errors = [sign * (-1) ** i * 1e-6 * clock.planned_ppm for i, clock in enumerate(clocks)]
+    clocks_hz = np.array([clock.clock_hz for clock in clocks]) * (1 + np.array(errors))
+    return snapshots.ends(*tried_phases(clocks_hz))
 
 
 # Doppler of a person is 12 Hz at 900 MHz and 33 Hz at 2.4 GHz (2 m/s), that of a fan's blades 60 to
@@ -130,18 +138,19 @@ def automatic_band_hz(
     clocks: Sequence[TagClock], group_length: int, snapshot_period_s: float, averaging_s: float
 ) -> float:
     """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB, or 0."""
-    group_length = min(group_length, _LONGEST)
-    resolution_hz = 1 / (group_length * snapshot_period_s)
+    resolution_hz = 1 / (min(group_length, _LONGEST) * snapshot_period_s)
     highest_hz = min(clock.clock_hz for clock in clocks) - CLUTTER_MARGIN * resolution_hz
-    times_s = centered_times_s(group_length, snapshot_period_s)
-    still = end_variances(clocks, times_s, averaging_s, clutter_basis(group_length, 1.0, 0.0))
+
+    def variance(band_hz: float) -> np.ndarray:
+        snapshots = Snapshots.of(group_length, snapshot_period_s, averaging_s, band_hz)
+        return end_variances(clocks, snapshots)
+
+    still = variance(0.0)
     for band_hz in BANDS_HZ:
-        if band_hz >= highest_hz:
-            continue
-        clutter = clutter_basis(group_length, snapshot_period_s, band_hz)
-        cost = end_variances(clocks, times_s, averaging_s, clutter) / still
-        if 10 * np.log10(cost.max()) <= ACCEPTED_COST_DB:
-            return band_hz
+        if band_hz < highest_hz:
+            cost = np.max(variance(band_hz) / still)
+            if 10 * np.log10(cost) <= ACCEPTED_COST_DB:
+                return band_hz
     return 0.0
 
 

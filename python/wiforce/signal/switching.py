@@ -22,7 +22,7 @@ DUTY = (0.25, 0.25)
 
 
 def harmonics(
-    m: ArrayLike, averaging_phase: float = 0.0, duty: tuple[float, float] = DUTY
+    m: ArrayLike, averaging_phase: float | np.ndarray = 0.0, duty: tuple[float, float] = DUTY
 ) -> np.ndarray:
     """Fourier coefficients c1[m] and c2[m], (..., 2), of both switches, averaged over Ta.
 

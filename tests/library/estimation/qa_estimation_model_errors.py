@@ -8,12 +8,11 @@ from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.reference import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
-from gnuradio.wiforce.planning.loss import automatic_band_hz, end_variances
+from gnuradio.wiforce.planning.loss import Snapshots, automatic_band_hz, end_variances
 from gnuradio.wiforce.press.explanations import filter_of
 from gnuradio.wiforce.press.sensor_readout import SensorReadout
 from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
-from gnuradio.wiforce.signal.lines import centered_times_s, clutter_basis
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import conjugate_difference
 
@@ -167,9 +166,8 @@ def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshot
     clocks = [TagClock(clock_hz)]
     found = automatic_band_hz(clocks, snapshots, 57.6e-6, 20.48e-6)
     assert found == band_hz
-    times_s = centered_times_s(snapshots, 57.6e-6)
     costs = [
-        end_variances(clocks, times_s, 20.48e-6, clutter_basis(snapshots, 57.6e-6, hertz)).max()
+        end_variances(clocks, Snapshots.of(snapshots, 57.6e-6, 20.48e-6, hertz)).max()
         for hertz in (0.0, found)
     ]
     assert costs[1] <= costs[0] * 10**0.01

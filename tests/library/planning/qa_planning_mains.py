@@ -16,13 +16,13 @@ from gnuradio.wiforce.planning.advice import (
     warnings,
 )
 from gnuradio.wiforce.planning.clocks import clocks_for, propose_clocks
-from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from wiforce_app.plan.check import Findings, advice_on
 
-WAVEFORM = sounding_waveform()
+GROUP = Plan(sounding_waveform(), (), 625, 0.0, 8, 1, 1)
 BOTH = (50.0, 60.0)
 
 
@@ -57,7 +57,7 @@ def named_by_improve(scene):
 
 @pytest.mark.parametrize(
     "name, clocks_hz",
-    [("workshop_lamps", [1035.0]), ("two_sensors", [1035.0, 1365.0]), ("tabletop_two", None)],
+    [("workshop_lamps", [1035.0]), ("two_sensors", [1035.0, 1365.0]), ("tabletop", None)],
 )
 def test_plan_warning_improve_and_proposal_name_the_same_clocks(name, clocks_hz):
     """A tag builder who asks in two ways must not get two answers."""
@@ -90,14 +90,14 @@ def test_improve_of_packets_names_the_recommended_clocks():
 
 def test_proposed_clock_nearest_to_own_of_those_as_far_from_lamps():
     """Crystal and divider can often stay when the clock changes by little."""
-    (near,) = propose_clocks(1, WAVEFORM, 625, near_hz=[1400.0])
-    (free,) = propose_clocks(1, WAVEFORM, 625)
+    (near,) = propose_clocks(1, GROUP, near_hz=[1400.0])
+    (free,) = propose_clocks(1, GROUP)
     assert near == 1365 and nearest_lamp_hz(near, BOTH) == nearest_lamp_hz(free, BOTH) == 30
 
 
 def test_proposed_clock_avoids_lines_of_the_room():
     """A clock on the line of another transmitter would be no better than the one it replaces."""
-    (beside,) = propose_clocks(1, WAVEFORM, 625, near_hz=[1000.0], avoid_hz=[2070.0])
+    (beside,) = propose_clocks(1, GROUP, near_hz=[1000.0], avoid_hz=[2070.0])
     assert beside != 1035 and min(abs(m * beside - 2070) for m in (1, 2, 4)) > 1 / 0.036
 
 

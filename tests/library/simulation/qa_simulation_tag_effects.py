@@ -10,8 +10,8 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.random_sources import Seeds
 from gnuradio.wiforce.simulation.tag import (
     SWITCHES,
-    IrregularClock,
     SwitchingClock,
+    irregularities,
     switch_states,
     with_duty_errors,
 )
@@ -48,7 +48,7 @@ def irregular(wander=0.0, jitter=0.0, period_jitter=0.0, seed=1):
         clock_jitter_s=jitter,
         clock_period_jitter_s=period_jitter,
     )
-    return IrregularClock(*CLOCK, tag, Seeds(seed, "clock"), 0)
+    return SwitchingClock(*CLOCK, *irregularities(tag, CLOCK[0], Seeds(seed, "clock"), 0))
 
 
 @pytest.mark.parametrize("rise_s", [0.0, 5e-6])

@@ -67,38 +67,20 @@ def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) ->
     return None
 
 
-# Clocks that are tried: the first one is separable unless tags are in the room that no scene lists.
-_ATTEMPTS = 4
-
-
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
     """The best clock in Hz for a tag, a bin or more from lines of the room; None without."""
     from ..clocks import propose_clocks  # for rooms that need another one only
 
-    own = plan.clocks[tag]
+    own, others = plan.clocks[tag], (*plan.clocks[:tag], *plan.clocks[tag + 1 :])
     avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
-    for _ in range(_ATTEMPTS):
-        try:
-            (clock_hz,) = propose_clocks(
-                1,
-                plan.waveform,
-                plan.group_length,
-                [clock.clock_hz for i, clock in enumerate(plan.clocks) if i != tag],
-                own.planned_ppm,
-                plan.clutter_hz,
-                plan.require_scene().environment.possible_mains_hz,
-                [own.clock_hz],
-                avoid_hz,
-            )
-        except InputError:
-            return None
-        clocks = list(plan.clocks)
-        clocks[tag] = replace(own, clock_hz=clock_hz)
-        other = clock_hz != own.clock_hz
-        if other and replace(plan, clocks=tuple(clocks), room=None).separable:
-            return clock_hz
-        avoid_hz += [line * clock_hz for line in STRONG_LINES]
-    return None
+    avoid_hz += [line * own.clock_hz for line in STRONG_LINES]
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    beside = replace(plan, clocks=others)
+    try:
+        (clock_hz,) = propose_clocks(1, beside, own.planned_ppm, mains_hz, [own.clock_hz], avoid_hz)
+    except InputError:
+        return None
+    return clock_hz
 
 
 def other_clocks(clocks_hz: Sequence[float]) -> str:
