@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,7 +92,10 @@ class TouchState:
 
 
 class PressedSensor:
-    """One sensor, pressed and moved as its scene states or as set; elastic without a ``beam``."""
+    """One sensor, pressed and moved as its scene states or as set; elastic without a ``beam``.
+
+    Under presses at once, as a skin gives to a strip, each end shows the nearest contact.
+    """
 
     def __init__(
         self,
@@ -101,25 +105,19 @@ class PressedSensor:
         center_frequency_hz: float,
         beam: "Beam | None" = None,
     ) -> None:
-        self._model, self._beam = model, beam
-        self._presses = sorted(presses, key=lambda press: press.start_s)
-        self._starts = np.array([press.start_s for press in self._presses])
-        self._moves = moves
+        self._model, self._beam, self._moves = model, beam, moves
         self._carrier_hz = center_frequency_hz
+        # The presses, in the order of their starts.
+        self.presses = sorted(presses, key=lambda press: press.start_s)
+        self._layers = _layers(self.presses)
         self._held: tuple[float, float] | None = None
-        # Force and location of the latest steady state, and its reflections.
-        self._last: tuple[tuple[float, float], np.ndarray] | None = None
+        self._steady = lru_cache(4)(self._reflection)
         model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
 
     @property
     def length_mm(self) -> float:
         """Length of its line."""
         return self._model.length_mm
-
-    @property
-    def presses(self) -> "list[Press]":
-        """The presses, in the order of their starts."""
-        return self._presses
 
     def hold(self, force_n: float | None, location_mm: float | None) -> None:
         """Press with a constant force from now on; None returns to what the scene states."""
@@ -128,29 +126,36 @@ class PressedSensor:
             self._held = float(force_n), float(location_mm)
 
     def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Force and location over time, (n,) each; location is NaN where nothing presses."""
-        return self._over_time(np.asarray(time_s, float), press_force)
+        """Sum of the forces (n,), and their mean location (n,); NaN where nothing presses."""
+        return _joined(self._contacts(time_s, press_force))
 
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time."""
+        time_s = np.asarray(time_s, float)
         force, location = self.force(time_s)
-        shown = self._shown(time_s)[0]
-        touch = shown >= self._model.onset_force_n
-        return TouchState(touch, force, location, self._phases_deg(shown, location))
+        contacts = self._shown(time_s)
+        if len(contacts) == 1:
+            phases = self._phases_deg(contacts[0][0], location)
+        else:
+            reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
+            phases = np.degrees(np.angle(reflections))
+        return TouchState(self._touching(contacts).any(axis=0), force, location, phases)
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes."""
-        force, location = self._shown(time_s)
-        steady = (force == force[0]).all() and (
-            np.isnan(location) | (location == location[0])
-        ).all()
-        if not steady:
-            return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
-        key = (force[0], 0.0 if force[0] == 0 else location[0])
-        if self._last is None or self._last[0] != key:
-            row = np.exp(1j * np.deg2rad(self._phases_deg(force[:1], location[:1])))
-            self._last = key, row
-        return self._last[1]
+        contacts = self._shown(time_s)
+        touching = self._touching(contacts)
+        used = [i for i, touch in enumerate(touching) if touch.any()] or [0]
+        parts = [self._alone(*contacts[i]) for i in used]
+        if len(used) == 1:
+            return parts[0]
+        where = np.stack([np.where(touching[i], contacts[i][1], np.nan) for i in used])
+        none = np.isnan(where).all(axis=0)
+        near = np.where(none, 0, np.nan_to_num(where, nan=np.inf).argmin(axis=0))
+        far = np.where(none, 0, np.nan_to_num(where, nan=-np.inf).argmax(axis=0))
+        every = np.stack([np.broadcast_to(part, (len(time_s), 2)) for part in parts])
+        at = np.arange(len(time_s))
+        return np.stack([every[near, at, 0], every[far, at, 1]], axis=1)
 
     def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
         """Phases (n, 2) of the mean reflection over ``period_s`` about each time."""
@@ -169,7 +174,7 @@ class PressedSensor:
         untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
         passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
         alone = np.exp(1j * np.deg2rad(untouched)).sum()
-        touch = self._shown(time_s)[0] >= self._model.onset_force_n
+        touch = self._touching(self._shown(time_s)).any(axis=0)
         return np.where(touch, 0.0, passing - alone)
 
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
@@ -177,7 +182,7 @@ class PressedSensor:
         if self._held is not None:
             return np.full(time_s.shape, float(self._held[0] > 0))
         nearest = np.zeros(time_s.shape)
-        for press in self._presses:
+        for press in self.presses:
             away_s = np.maximum(press.start_s - time_s, time_s - press.end_s)
             done = np.clip(1 - away_s / reach_s, 0, 1)
             nearest = np.maximum(nearest, (1 - np.cos(np.pi * done)) / 2)
@@ -193,34 +198,80 @@ class PressedSensor:
         )
         return np.exp(-4j * np.pi * distance * self._carrier_hz / SPEED_OF_LIGHT_M_S)
 
-    def _shown(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """The force that an elastic beam would need for the same contact, and the location."""
+    def _shown(self, time_s: ArrayLike) -> "list[Contact]":
+        """The contacts with the forces that an elastic beam would need for them."""
         beam = self._beam
         if beam is None:
-            return self.force(time_s)
-        return self._over_time(
-            np.asarray(time_s, float), lambda press, times: shown_force(press, times, beam)
-        )
+            return self._contacts(time_s, press_force)
+        return self._contacts(time_s, lambda press, times: shown_force(press, times, beam))
 
-    def _over_time(
-        self, time_s: np.ndarray, force_of: Callable[["Press", np.ndarray], np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _contacts(
+        self, time_s: ArrayLike, force_of: Callable[["Press", np.ndarray], np.ndarray]
+    ) -> "list[Contact]":
+        """Force and location (n,) of the presses of each layer; or of what is held."""
+        time_s = np.asarray(time_s, float)
         if self._held is not None:
-            return np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1])
-        force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
-        if not len(self._presses) or not time_s.size:
-            return force, location
-        first = max(np.searchsorted(self._starts, time_s.min(), "right") - 1, 0)
-        for press in self._presses[first : np.searchsorted(self._starts, time_s.max(), "right")]:
-            during = (time_s >= press.start_s) & (time_s < press.end_s)
-            location[during] = press.location_mm
-            force[during] = force_of(press, time_s[during])
-        return force, location
+            return [(np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1]))]
+        found = []
+        for layer in self._layers:
+            force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
+            starts = [press.start_s for press in layer]
+            span = (time_s.min(), time_s.max()) if time_s.size else (0.0, 0.0)
+            first, last = np.searchsorted(starts, span, "right").tolist()
+            for press in layer[max(first - 1, 0) : last]:
+                during = (time_s >= press.start_s) & (time_s < press.end_s)
+                location[during] = press.location_mm
+                force[during] = force_of(press, time_s[during])
+            found.append((force, location))
+        return found
+
+    def _touching(self, contacts: "list[Contact]") -> np.ndarray:
+        """Whether each contact shorts the line; shape (layers, n)."""
+        return np.array([force >= self._model.onset_force_n for force, _ in contacts])
+
+    def _alone(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
+        """Reflections (n, 2) of one contact, (1, 2) where it is steady."""
+        steady = (force == force[0]).all() and (
+            np.isnan(location) | (location == location[0])
+        ).all()
+        if not steady:
+            return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
+        return self._steady(float(force[0]), 0.0 if force[0] == 0 else float(location[0]))
+
+    def _reflection(self, force_n: float, location_mm: float) -> np.ndarray:
+        press = np.array([force_n]), np.array([location_mm])
+        return np.exp(1j * np.deg2rad(self._phases_deg(*press)))
 
     def _phases_deg(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
         return self._model.phases_deg(
             force, np.where(np.isnan(location), 0.0, location), self._carrier_hz
         )
+
+
+# Force and location of a contact over time, (n,) each; location is NaN where nothing presses.
+Contact = tuple[np.ndarray, np.ndarray]
+
+
+def _joined(contacts: list[Contact]) -> Contact:
+    """Sum of the forces of contacts, and their mean location."""
+    if len(contacts) == 1:
+        return contacts[0]
+    forces = np.stack([force for force, _ in contacts])
+    places = np.nan_to_num(np.stack([location for _, location in contacts]))
+    total = forces.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total, np.where(total > 0, (forces * places).sum(axis=0) / total, np.nan)
+
+
+def _layers(presses: Sequence[Press]) -> list[list[Press]]:
+    """Presses, which rise, in lists within which none overlap; at least one list."""
+    layers: list[list[Press]] = [[]]
+    for press in presses:
+        free = [layer for layer in layers if not layer or layer[-1].end_s <= press.start_s]
+        if not free:
+            layers.append([])
+        (free or layers[-1:])[0].append(press)
+    return layers
 
 
 def _progress(move: "Move", time_s: np.ndarray) -> np.ndarray:
@@ -280,97 +331,11 @@ def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> Pressed
     tag = simulation.tags[index]
     moves = [move for move in simulation.moves if move.sensor == name]
     presses = [press for press in simulation.presses if press.sensor == name]
-    model, beam = scene.load_model(tag.truth_model), None if elastic else tag.beam
-    carrier_hz = scene.radio.center_frequency_hz
-
-    def pressed(by: Sequence[Press]) -> PressedSensor:
-        return PressedSensor(model, by, moves, carrier_hz, beam)
-
     skin = bare_skin(scene)
-    if skin is None or index not in skin.indices:
-        return pressed(presses)
-    presses += strip_presses(scene, skin, skin.indices.index(index))
-    layers = _layers(presses)
-    return pressed(layers[0]) if len(layers) == 1 else PressedTwice(list(map(pressed, layers)))
-
-
-def _layers(presses: Sequence[Press]) -> list[list[Press]]:
-    """Presses in lists within which none overlap; at least one list."""
-    layers: list[list[Press]] = [[]]
-    for press in sorted(presses, key=lambda each: each.start_s):
-        free = [layer for layer in layers if not layer or layer[-1].end_s <= press.start_s]
-        if not free:
-            layers.append([])
-        (free or layers[-1:])[0].append(press)
-    return layers
-
-
-class PressedTwice(PressedSensor):
-    """A strip under presses in layers without overlap; each end shows the nearest contact."""
-
-    def __init__(self, layers: list[PressedSensor]) -> None:
-        first = layers[0]
-        super().__init__(first._model, [], first._moves, first._carrier_hz, first._beam)
-        self._layers = layers
-
-    def hold(self, force_n: float | None, location_mm: float | None) -> None:
-        for layer in self._layers:
-            layer.hold(force_n, location_mm)
-            force_n = force_n and 0.0  # of one layer, while the others are not pressed
-
-    @property
-    def presses(self) -> list[Press]:
-        """The presses of all layers, in the order of their starts."""
-        every = [press for layer in self._layers for press in layer.presses]
-        return sorted(every, key=lambda press: press.start_s)
-
-    def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Sum of the forces, and the location weighted by them."""
-        return _joined([layer.force(time_s) for layer in self._layers])
-
-    def state(self, time_s: ArrayLike) -> TouchState:
-        """State over time."""
-        force, location = self.force(time_s)
-        touch = np.any([layer.state(time_s).touch for layer in self._layers], axis=0)
-        reflections = np.broadcast_to(self.reflections(np.asarray(time_s, float)), (len(force), 2))
-        return TouchState(touch, force, location, np.degrees(np.angle(reflections)))
-
-    def reflections(self, time_s: np.ndarray) -> np.ndarray:
-        """G_1 / rho and G_2 / rho over time."""
-        parts = [layer.reflections(time_s) for layer in self._layers]
-        shown = [layer._shown(time_s) for layer in self._layers]
-        touching = [force >= self._model.onset_force_n for force, _ in shown]
-        used = [i for i, touch in enumerate(touching) if touch.any()]
-        if len(used) < 2:
-            return parts[used[0] if used else 0]
-        where = np.stack([np.where(touching[i], shown[i][1], np.nan) for i in used])
-        none = np.isnan(where).all(axis=0)
-        near = np.where(none, 0, np.nan_to_num(where, nan=np.inf).argmin(axis=0))
-        far = np.where(none, 0, np.nan_to_num(where, nan=-np.inf).argmax(axis=0))
-        every = np.stack([np.broadcast_to(parts[i], (len(time_s), 2)) for i in used])
-        at = np.arange(len(time_s))
-        return np.stack([every[near, at, 0], every[far, at, 1]], axis=1)
-
-    def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
-        """How near a hand is."""
-        return np.max([layer.near(time_s, reach_s) for layer in self._layers], axis=0)
-
-    def through(self, time_s: ArrayLike) -> np.ndarray:
-        """Reflection with both switches on, minus the sum of the two ends alone."""
-        found = np.stack([layer.through(time_s) for layer in self._layers])
-        return np.where((found == 0).any(axis=0), 0.0, found[0])
-
-    def _shown(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        return _joined([layer._shown(time_s) for layer in self._layers])
-
-
-def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of the forces of contacts, and their mean location."""
-    forces = np.stack([force for force, _ in parts])
-    places = np.nan_to_num(np.stack([location for _, location in parts]))
-    total = forces.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return total, np.where(total > 0, (forces * places).sum(axis=0) / total, np.nan)
+    if skin is not None and index in skin.indices:
+        presses += strip_presses(scene, skin, skin.indices.index(index))
+    model, beam = scene.load_model(tag.truth_model), None if elastic else tag.beam
+    return PressedSensor(model, presses, moves, scene.radio.center_frequency_hz, beam)
 
 
 def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, float | int | str]]]:

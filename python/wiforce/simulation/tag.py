@@ -6,7 +6,7 @@ deliberately shares no code with this one, so that a mistake in either shows in 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -44,7 +44,8 @@ class SwitchingClock:
     """Phase u(t) = u_0 + f (t + integral of o) of a crystal clock, in cycles.
 
     The offset o drifts from ``offset_ppm`` on, and reverses at +-``limit_ppm``; up to there u is
-    theta/2 pi of the signal model: f (t (1 + o) + d t^2 / 2).
+    theta/2 pi of the signal model: f (t (1 + o) + d t^2 / 2). o may ``wander`` beside, in ppm, all
+    that follows be ``late``, and the edges of periods (n,) come early, in s.
     """
 
     def __init__(
@@ -54,28 +55,35 @@ class SwitchingClock:
         drift_ppm_per_s: float,
         limit_ppm: float,
         phase_cycles: float,
+        wander: RandomWalk | None = None,
+        late: RandomWalk | None = None,
+        early_s: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         self.clock_hz = clock_hz
         self._drift = drift_ppm_per_s * 1e-6
         self._limit = limit_ppm * 1e-6
         self._offset = offset_ppm * 1e-6
         self._start_s, self._start_cycles = 0.0, phase_cycles
+        self._wander, self._late, self.early_s = wander, late, early_s
 
-    # Whether edges follow from u alone, and u is linear over a few milliseconds.
-    regular = True
+    @property
+    def regular(self) -> bool:
+        """Whether edges follow from u alone, and u is linear over a few milliseconds."""
+        return not (self._wander or self._late or self.early_s)
 
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
         """u at the given times, in cycles."""
-        return self._steady_cycles(np.asarray(time_s, float))
-
-    def early_s(self, periods: np.ndarray) -> np.ndarray:
-        """Time by which the edges of given periods come before u says so."""
-        return np.zeros(len(periods))
+        time_s = np.asarray(time_s, float)
+        gained_s = 0.0 if self._wander is None else 1e-6 * self._wander.integral(time_s)
+        if self._late:
+            gained_s = gained_s - self._late.at(time_s)
+        return self._steady_cycles(time_s) + self.clock_hz * gained_s
 
     def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
         """o at the given times, in ppm."""
-        elapsed = np.asarray(time_s, float) - self._start_s
-        return 1e6 * self._offset_at(elapsed)
+        time_s = np.asarray(time_s, float)
+        wander = 0.0 if self._wander is None else self._wander.at(time_s)
+        return 1e6 * self._offset_at(time_s - self._start_s) + wander
 
     def retune(self, time_s: float, offset_ppm: float) -> None:
         """Change the offset at a time; the phase stays continuous."""
@@ -133,7 +141,9 @@ def switch_states(
         periods = np.arange(math.floor(start) - 1, math.floor(stop) + 2)
         lows, highs = (samples_per_cycle * (periods + x - start) for x in (on, off))
         if not clock.regular:
-            early_s = clock.early_s(np.floor(periods / rate).astype(int))
+            early_s = np.zeros(len(periods))
+            if clock.early_s:
+                early_s = clock.early_s(np.floor(periods / rate).astype(int))
             for edges, x in ((lows, on), (highs, off)):
                 for _ in range(_REFINEMENTS):
                     time_s = edge_s + edges / sample_rate_hz - lag_s
@@ -215,60 +225,6 @@ def _ramp_area(x: np.ndarray, rise: float) -> np.ndarray:
     return inside**2 / (2 * rise) + np.maximum(x - rise / 2, 0)
 
 
-# Most that the frequency wanders from its stated course.
-MOST_WANDER_PPM = 1000.0
-_PERIODS_AT_ONCE = 1024
-
-
-class IrregularClock(SwitchingClock):
-    """A clock whose offset wanders, and whose periods come early or late."""
-
-    regular = False
-
-    def __init__(
-        self,
-        clock_hz: float,
-        offset_ppm: float,
-        drift_ppm_per_s: float,
-        limit_ppm: float,
-        phase_cycles: float,
-        tag: "Tag",
-        seeds: Seeds,
-        index: int,
-    ) -> None:
-        super().__init__(clock_hz, offset_ppm, drift_ppm_per_s, limit_ppm, phase_cycles)
-        wander = tag.clock_wander_ppm_per_sqrt_s
-        self._walk = RandomWalk(wander, seeds.generator(index), MOST_WANDER_PPM)
-        self._late: RandomWalk | None = None
-        if tag.clock_period_jitter_s:
-            std = tag.clock_period_jitter_s * np.sqrt(clock_hz)
-            rng = seeds.generator(index, 0, 0)
-            self._late = RandomWalk(std, rng, spacing_s=1 / clock_hz)
-        self._jitter_s, self._seeds, self._index = tag.clock_jitter_s, seeds, index
-        self._lot = lru_cache(2)(self._drawn_lot)
-
-    def cycles(self, time_s: ArrayLike) -> np.ndarray:
-        time_s = np.asarray(time_s, float)
-        gained_s = 1e-6 * self._walk.integral(time_s)
-        if self._late:
-            gained_s = gained_s - self._late.at(time_s)
-        return self._steady_cycles(time_s) + self.clock_hz * gained_s
-
-    def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
-        return super().offset_ppm(time_s) + self._walk.at(np.asarray(time_s, float))
-
-    def early_s(self, periods: np.ndarray) -> np.ndarray:
-        if not self._jitter_s:
-            return super().early_s(periods)
-        lots, inside = np.divmod(periods, _PERIODS_AT_ONCE)
-        normal = [self._lot(int(lot))[i] for lot, i in zip(lots, inside, strict=True)]
-        return self._jitter_s * np.array(normal)
-
-    def _drawn_lot(self, lot: int) -> np.ndarray:
-        """Standard normal numbers of a lot of periods; the first lot is number -1."""
-        return self._seeds.generator(self._index, lot + 1).standard_normal(_PERIODS_AT_ONCE)
-
-
 class SwitchedTag:
     """Reflection of a tag, by knots of ``ramp``, while its clock runs; ``on`` False removes it."""
 
@@ -339,6 +295,11 @@ class SwitchedTag:
         return total
 
 
+# Most that the frequency wanders from its stated course.
+MOST_WANDER_PPM = 1000.0
+_PERIODS_AT_ONCE = 1024
+
+
 def _clock(
     sensor: "SceneSensor", tag: "Tag", duration_s: float, index: int, sources: RandomSources
 ) -> SwitchingClock:
@@ -347,13 +308,37 @@ def _clock(
     phase = sources.clocks.random()
     if tag.clock_phase_deg is not None:
         phase = tag.clock_phase_deg / 360
-    steady = (
+    return SwitchingClock(
         sensor.clock_hz,
         tag.clock_offset_ppm,
         tag.clock_drift_ppm_per_s,
         max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
         phase,
+        *irregularities(tag, sensor.clock_hz, sources.effect("clock"), index),
     )
-    if not (tag.clock_wander_ppm_per_sqrt_s or tag.clock_period_jitter_s or tag.clock_jitter_s):
-        return SwitchingClock(*steady)
-    return IrregularClock(*steady, tag, sources.effect("clock"), index)
+
+
+def irregularities(
+    tag: "Tag", clock_hz: float, seeds: Seeds, index: int
+) -> tuple[RandomWalk | None, RandomWalk | None, Callable[[np.ndarray], np.ndarray] | None]:
+    """Wander, delay that accumulates, and jitter of a tag's clock; None of those not stated."""
+    wander = late = early_s = None
+    if tag.clock_wander_ppm_per_sqrt_s:
+        rng = seeds.generator(index)
+        wander = RandomWalk(tag.clock_wander_ppm_per_sqrt_s, rng, MOST_WANDER_PPM)
+    if tag.clock_period_jitter_s:
+        std, rng = tag.clock_period_jitter_s * np.sqrt(clock_hz), seeds.generator(index, 0, 0)
+        late = RandomWalk(std, rng, spacing_s=1 / clock_hz)
+    if tag.clock_jitter_s:
+
+        @lru_cache(2)
+        def normal(lot: int) -> np.ndarray:
+            """Of a lot of periods; the first lot is number -1."""
+            return seeds.generator(index, lot + 1).standard_normal(_PERIODS_AT_ONCE)
+
+        def early_s(periods: np.ndarray) -> np.ndarray:
+            lots, inside = np.divmod(periods, _PERIODS_AT_ONCE)
+            drawn = [normal(int(lot))[i] for lot, i in zip(lots, inside, strict=True)]
+            return tag.clock_jitter_s * np.array(drawn)
+
+    return wander, late, early_s
