@@ -7,7 +7,7 @@ import json
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve as proposals_for
-from gnuradio.wiforce.planning.advice import licence_note, recommendation
+from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import expect
@@ -100,7 +100,6 @@ def _notes(settings):
     if scene.simulation.presses:
         yield from simulation_warnings(scene)
     yield licence_note(scene)
-    yield recommendation(settings)
 
 
 def _propose_clocks(scene, count, as_json):

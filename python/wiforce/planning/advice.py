@@ -17,7 +17,7 @@ from .clocks import (
     assess_clocks,
     clocks_for,
     lamp_multiples,
-    lines_lie,
+    line_numbers,
     lines_near_lamps,
 )
 from .expected import other_sensors_pressed, phase_std_deg, receive_levels, why_not_readable
@@ -54,24 +54,21 @@ def licence_note(scene: Scene) -> str | None:
     )
 
 
-# Distance of strong lines from those of lamps, in bins of a group, up to which they interfere.
-_NEAR_BINS = 2.0
 # SNR of a tag's first line beyond which it is unlikely: channel estimates of cards have 9 to 35 dB,
 # and a tag that is half a metre away is 35 dB or more below the direct path (docs/wifi.md).
 _HIGHEST_SNR_DB = 0.0
 
 
-def packet_warnings(plan: Plan) -> Iterator[str]:
-    """What the times of packets, lamps and the static paths may do to readings, a sentence each."""
+def _packet_warnings(plan: Plan) -> Iterator[str]:
+    """What the times of packets and the static paths may do to readings."""
     scene = plan.require_scene()
-    mains_hz = scene.environment.possible_mains_hz
-    for found in lines_near_lamps(plan, _NEAR_BINS):
-        yield (
-            f"mains: {lines_lie(found.lines, scene.sensor_names[found.tag])} within "
-            f"{_NEAR_BINS / plan.group_period_s:.3g} Hz of {lamp_multiples(mains_hz)}: where a "
-            "lamp modulates what it reflects, this tag is disturbed"
-        )
-    yield from _alias_warnings(plan)
+    for tag, name in enumerate(scene.sensor_names):
+        own = [t.owners for t in plan.table.tones if {(tag, 1), (tag, 4)} & {*t.owners}]
+        if any(len(owners) > 1 for owners in own) or len(own) < 2:
+            yield (
+                f"aliases: packets at these times do not separate the lines of '{name}' from each "
+                "other or from those of another tag; use another clock, or less regular packets"
+            )
     snr_db = scene.simulation.snr_db
     if scene.environment.reader_clock == "free" and snr_db > _HIGHEST_SNR_DB:
         yield (
@@ -79,40 +76,6 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
             "allow, unless the tag is next to an antenna, so the errors above are too small; a tag "
             "40 dB below a direct path of 30 dB has -10 dB"
         )
-
-
-def _alias_warnings(plan: Plan) -> Iterator[str]:
-    scene = plan.require_scene()
-    lines = plan.table.tones
-    for tag, name in enumerate(scene.sensor_names):
-        own = [tone.owners for tone in lines if (tag, 1) in tone.owners or (tag, 4) in tone.owners]
-        if any(len(owners) > 1 for owners in own) or len(own) < 2:
-            yield (
-                f"aliases: packets at these times do not separate the lines of '{name}' from each "
-                "other or from those of another tag; use another clock, or less regular packets"
-            )
-
-
-def recommendation(plan: Plan) -> str | None:
-    """Clocks recommended for packets, as a sentence; None for samples, or without any."""
-    scene = plan.require_scene()
-    if scene.packets is None:
-        return None
-    try:
-        found = clocks_for(scene, len(scene.sensors))
-        std = phase_std_deg(plan_of(scene.with_clocks(dict(enumerate(found.clocks_hz)))))
-    except InputError:
-        return None
-    clocks = [f"sensors[{i}].clock_hz: {hz:g}" for i, hz in enumerate(found.clocks_hz)]
-    reason = f"suits packets every {1e3 * scene.snapshot_period_s:.3g} ms"
-    if found.lamp_distances_hz is not None:
-        lamps = lamp_multiples(scene.environment.possible_mains_hz)
-        reason += f", strong lines {min(found.lamp_distances_hz):g} Hz or more from {lamps}"
-    noise = "/".join(f"{worst:.3g}" for worst in std.max(axis=0))
-    return (
-        f"recommended clocks: {', '.join(clocks)} ({reason}); noise {noise} deg rms at snr_db "
-        f"{scene.simulation.snr_db:g}"
-    )
 
 
 # A press that rises within so many groups is blurred by them.
@@ -145,11 +108,12 @@ def warnings(plan: Plan) -> list[str]:
     """What may go wrong in a scene, a sentence each."""
     scene = plan.require_scene()
     if scene.packets is not None:
-        own = [*packet_warnings(plan)]
+        own = [*_packet_warnings(plan)]
     else:
-        own = [*outside_band(scene), *_clock_warnings(scene, plan), *_lamp_warnings(scene, plan)]
+        own = [*outside_band(scene), *_clock_warnings(scene, plan)]
     return [
         *own,
+        *_lamp_warnings(scene, plan),
         *_motion_warnings(scene, plan),
         *_receiver_warnings(scene),
         *_sensor_warnings(scene),
@@ -191,35 +155,36 @@ def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
 def _lamp_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
     """Tags whose lines lamps disturb, where another clock would help."""
     near = list(lines_near_lamps(plan))
-    if not near:
-        return
-    try:
-        clocks_hz = clocks_for(scene, len(scene.sensors)).clocks_hz
-    except InputError:
-        return
+    clocks_hz = _proposed_hz(scene) if near else []
     mains_hz = scene.environment.possible_mains_hz
     for found in near:
-        hz = clocks_hz[found.tag]
+        hz, lines = clocks_hz[found.tag], line_numbers(found.lines)
         distance_hz = float(lamp_distances_hz(hz, mains_hz).min())
-        if distance_hz < FARTHER * found.distance_hz or distance_hz == 0:
-            continue
-        if not _is_planned(scene.with_clocks({found.tag: hz})):
-            continue
-        yield (
-            f"lamps: {lines_lie(found.lines, scene.sensor_names[found.tag])} within one bin "
-            f"({1 / plan.group_period_s:.3g} Hz) of {lamp_multiples(mains_hz)}; with a clock of "
-            f"{hz:g} Hz they keep {distance_hz:g} Hz away (environment.mains_hz: null where there "
-            "are no lamps)"
-        )
+        farther = distance_hz > 0 and distance_hz >= FARTHER * found.distance_hz
+        if farther and _planned(scene.with_clocks({found.tag: hz})) is not None:
+            lie = "lies" if len(found.lines) == 1 else "lie"
+            yield (
+                f"lamps: {lines} of '{scene.sensor_names[found.tag]}' {lie} within one bin "
+                f"({1 / plan.group_period_s:.3g} Hz) of {lamp_multiples(mains_hz)}; with a clock "
+                f"of {hz:g} Hz they keep {distance_hz:g} Hz away (environment.mains_hz: null where "
+                "there are no lamps)"
+            )
 
 
-def _is_planned(scene: Scene) -> bool:
-    """Whether a scene is accepted."""
+def _proposed_hz(scene: Scene) -> list[float]:
+    """Clocks proposed for the tags of a scene; their own where none fit."""
     try:
-        plan_of(scene)
+        return clocks_for(scene, len(scene.sensors)).clocks_hz
     except InputError:
-        return False
-    return True
+        return [sensor.clock_hz for sensor in scene.sensors]
+
+
+def _planned(scene: Scene) -> Plan | None:
+    """The plan of a scene; None of one that is refused."""
+    try:
+        return plan_of(scene)
+    except InputError:
+        return None
 
 
 def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
@@ -296,11 +261,10 @@ def improve(plan: Plan) -> list[Proposal]:
     now = float(phase_std_deg(plan).max())
     found = []
     for change, reason, better in _changes(plan.require_scene(), plan):
-        try:
-            changed = plan_of(better)
-            std = float(phase_std_deg(changed).max())
-        except InputError:
+        changed = _planned(better)
+        if changed is None:
             continue
+        std = float(phase_std_deg(changed).max())
         faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
         useful = faster or _farther_from_lamps(plan, changed)
         if std < _WORTHWHILE_NOISE * now or (useful and std < now / _WORTHWHILE_NOISE):
@@ -373,10 +337,7 @@ def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]
 
 def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
     """The clocks of `clocks_for`, for each tag by itself and for all tags at once."""
-    try:
-        clocks_hz = clocks_for(scene, len(scene.sensors)).clocks_hz
-    except InputError:
-        return
+    clocks_hz = _proposed_hz(scene)
     now_hz, mains_hz = [s.clock_hz for s in scene.sensors], scene.environment.possible_mains_hz
     others = [i for i, hz in enumerate(clocks_hz) if hz != now_hz[i]]
     last = len(clocks_hz) - 1

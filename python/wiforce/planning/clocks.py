@@ -193,10 +193,10 @@ class LampLines(NamedTuple):
     distance_hz: float  # least distance of a strong line to a lamp's line
 
 
-def lines_near_lamps(plan: Plan, bins: float = 1.0) -> Iterator[LampLines]:
-    """Tags of a scene whose strong lines lie within some bins of those of lamps."""
+def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
+    """Tags of a scene whose strong lines lie within a bin of those of lamps."""
     mains_hz = plan.require_scene().environment.possible_mains_hz
-    near_hz = bins / plan.group_period_s
+    near_hz = 1 / plan.group_period_s
     for tag, clock in enumerate(plan.clocks):
         distances_hz = lamp_distances_hz(clock.clock_hz, mains_hz)
         near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < near_hz)
@@ -208,12 +208,6 @@ def line_numbers(lines: Sequence[int]) -> str:
     """Lines of a tag in words, one or more."""
     *first, last = map(str, lines)
     return f"lines {', '.join(first)} and {last}" if first else f"line {last}"
-
-
-def lines_lie(lines: Sequence[int], sensor: str) -> str:
-    """Lines of a tag and the verb of a sentence that says where they lie."""
-    verb = "lies" if len(lines) == 1 else "lie"
-    return f"{line_numbers(lines)} of '{sensor}' {verb}"
 
 
 def lamp_multiples(mains_hz: Sequence[float]) -> str:
