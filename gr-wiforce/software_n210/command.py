@@ -2,6 +2,7 @@
 """``gr-wiforce emulate``: its options and the console that controls a running device."""
 
 import json
+import math
 import os
 import signal
 import stat
@@ -12,16 +13,16 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import Replies, endpoint_of, is_loopback
 
-from .air.cable import Cable, Counter
-from .air.frontend import DAUGHTERBOARDS
+from .cable import Cable, Counter
 from .device import Device
 from .faults import GRAMMAR, parse_fault
+from .frontend import DAUGHTERBOARDS
 from .wire import TICK_RATE
 
 # So that a flood of requests does not stop the streams.
 _REQUESTS_A_TURN = 10
 
-USAGE = {
+_USAGE = {
     "press": "press SENSOR FORCE_N LOCATION_MM",
     "release": "release SENSOR",
     "fault": "fault TIME KIND [ARGUMENTS]",
@@ -29,7 +30,7 @@ USAGE = {
     "sent": "sent",
     "stop": "stop",
 }
-_COMMANDS = "; ".join(USAGE.values())
+_COMMANDS = "; ".join(_USAGE.values())
 
 
 class Console:
@@ -47,14 +48,26 @@ class Console:
 
     def _do(self, line):
         name, *arguments = line.split() or [""]
-        if name not in USAGE:
+        if name not in _USAGE:
             raise InputError("control", f"must be one of: {_COMMANDS}", line)
-        return getattr(self, f"_{name}")(arguments) or {}
+        if name != "fault" and len(arguments) != len(_USAGE[name].split()) - 1:
+            raise InputError("control", f"must have the form: {_USAGE[name]}", line)
+        return getattr(self, f"_{name}")(*arguments) or {}
 
-    def _press(self, arguments):
-        sensor, *numbers = self._take("press", arguments, 3, 3)
+    def _press(self, sensor, force, location):
         air = self._device.air
-        air.press(sensor, *_numbers("press", arguments, numbers))
+        pressed = air.sensor(sensor).pressed
+        try:
+            force_n, location_mm = float(force), float(location)
+        except ValueError:
+            rule = f"must have the form: {_USAGE['press']}, with a decimal point"
+            raise InputError("control", rule, f"{force} {location}") from None
+        if not 0 <= force_n < 1000:
+            raise InputError("press", "the force must be 0 to 1000 N", force_n)
+        if not 0 <= location_mm <= pressed.length_mm:
+            rule = f"the location must be 0 to {pressed.length_mm:g} mm, the length of {sensor}"
+            raise InputError("press", rule, location_mm)
+        pressed.hold(force_n, location_mm)
         again = "press again once it says that sensors may be pressed"
         status = self._device.status()
         if not status["rx_streaming"]:
@@ -64,36 +77,20 @@ class Console:
             return {"note": f"the reader's reference must be untouched: release it, and {again}"}
         return {}
 
-    def _release(self, arguments):
-        self._device.air.release(*self._take("release", arguments, 1, 1))
+    def _release(self, sensor):
+        self._device.air.sensor(sensor).pressed.hold(0.0, math.nan)
 
-    def _fault(self, arguments):
+    def _fault(self, *arguments):
         self._device.add_fault(parse_fault(" ".join(arguments), "fault"))
 
-    def _status(self, arguments):
-        self._take("status", arguments, 0, 0)
+    def _status(self):
         return self._device.status()
 
-    def _sent(self, arguments):
-        self._take("sent", arguments, 0, 0)
+    def _sent(self):
         return {"sent_s": self._device.take_sent()}
 
-    def _stop(self, arguments):
-        self._take("stop", arguments, 0, 0)
+    def _stop(self):
         self._device.stop()
-
-    def _take(self, name, arguments, least, most):
-        if not least <= len(arguments) <= most:
-            raise InputError("control", f"must have the form: {USAGE[name]}", " ".join(arguments))
-        return arguments
-
-
-def _numbers(name, arguments, texts):
-    try:
-        return [float(text) for text in texts]
-    except ValueError:
-        rule = f"must have the form: {USAGE[name]}, with a decimal point"
-        raise InputError("control", rule, " ".join(arguments)) from None
 
 
 class LineControl:
@@ -194,12 +191,9 @@ _MOST_DELAY_US = 1000.0
     help="Device seconds per second of wall time, at most.",
 )
 @click.option(
-    "--real-time", is_flag=True, help="Lose samples when the host is slow, instead of waiting."
-)
-@click.option(
     "--control", metavar="ENDPOINT", help="Accept requests by ZMQ: PORT or tcp://127.0.0.1:PORT."
 )
-def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time, control):
+def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, control):
     """Run a software USRP N210 with SCENE on the air.
 
     Unmodified UHD programs open it with --args addr=127.0.0.1.
@@ -211,7 +205,6 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time,
             bind,
             daughterboard,
             speed,
-            lossless=not real_time,
             faults=[parse_fault(text) for text in faults],
         )
     except InputError as error:
@@ -251,7 +244,7 @@ def _air(kind, scene, delay_ticks):
     # Imported here, since a cable starts in a fraction of the time that a scene takes to load.
     from gnuradio.wiforce.scene import load_scene
 
-    from .air.scene_air import SceneAir
+    from .scene_air import SceneAir
 
     return SceneAir(load_scene(scene), delay_ticks)
 

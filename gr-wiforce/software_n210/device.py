@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable
 
 from gnuradio.wiforce.errors import InputError
 
-from .air.cable import Cable
+from .cable import Cable
 from .faults import Fault, FaultQueue, apply_fault, check_fault
 from .hardware import Hardware
-from .host.host_link import HostLink, Sockets, check_loopback
+from .host_link import HostLink, Sockets, check_loopback
 from .wire import TICK_RATE, TX_PORT
 
 _IDLE_TICKS = 1_000_000
@@ -38,16 +38,15 @@ _TX_UNDERFLOW_S = 0.25
 class WallClock:
     """Ticks that device time may have reached by now; ``held_s`` is not caught up in a rush."""
 
-    def __init__(self, speed=1.0, now=time.monotonic):
+    def __init__(self, speed):
         self._ticks_per_second = TICK_RATE * speed
-        self._now = now
-        self._anchor_s = now()
+        self._anchor_s = time.monotonic()
         self._anchor_ticks = 0
         self.held_s = 0.0
 
     def allowance(self, ticks):
         """Ticks by which a device at `ticks` may advance."""
-        elapsed = self._now() - self._anchor_s
+        elapsed = time.monotonic() - self._anchor_s
         due = self._anchor_ticks + int(elapsed * self._ticks_per_second) - ticks
         limit = int(_DEBT_LIMIT_S * self._ticks_per_second)
         if due > limit:
@@ -61,21 +60,42 @@ class WallClock:
         return ticks / self._ticks_per_second
 
 
-class HostBacklog:
-    """Bytes that are queued in a host's receive socket, from /proc/net/udp."""
+class Throttle:
+    """Lossless pacing: holds device time while the host is slow, for a limited time."""
 
     def __init__(self):
-        self._file = os.open("/proc/net/udp", os.O_RDONLY)
+        self._table = os.open("/proc/net/udp", os.O_RDONLY)
+        self._last_backlog = {}
+        self._changed_s = {}
+        self._tx_arrival_s = 0.0
+        self._tx_short_s = None  # since when transmit samples are missing
 
     def close(self):
-        os.close(self._file)
+        os.close(self._table)
 
-    def read(self, peer):
-        """Bytes queued for `peer` (address, port); None when no such socket is open."""
+    def tx_arrived(self):
+        """Note that transmit packets have arrived."""
+        self._tx_arrival_s = time.monotonic()
+
+    def room(self, peer, size):
+        """Number of datagrams of `size` bytes that fit the socket of `peer`; None if closed."""
+        queued = self._queued(peer)
+        if queued is None:
+            return None
+        now = time.monotonic()
+        if queued != self._last_backlog.get(peer):
+            self._last_backlog[peer] = queued
+            self._changed_s[peer] = now
+        if now - self._changed_s[peer] > _HOLD_LIMIT_S:
+            queued = 0  # the host does not read, so samples are lost as on a network
+        return max(_BACKLOG_LIMIT - queued, 0) // (size + _DATAGRAM_OVERHEAD)
+
+    def _queued(self, peer):
+        """Bytes in the receive socket of `peer` (address, port); None without such a socket."""
         address = struct.unpack("=I", socket.inet_aton(peer[0]))[0]
         keys = [f": {a:08X}:{peer[1]:04X} ".encode() for a in (address, 0)]
         offset = 0
-        while table := os.pread(self._file, 65536, offset):  # whole lines
+        while table := os.pread(self._table, 65536, offset):  # whole lines
             for key in keys:
                 at = table.find(key)
                 if at >= 0:
@@ -84,41 +104,12 @@ class HostBacklog:
             offset += len(table)
         return None
 
-
-class Throttle:
-    """Lossless pacing: holds device time while the host is slow, for a limited time."""
-
-    def __init__(self, backlog, now=time.monotonic):
-        self._backlog = backlog
-        self._now = now
-        self._last_backlog = {}
-        self._changed_s = {}
-        self._tx_arrival_s = 0.0
-        self._tx_short_s = None  # since when transmit samples are missing
-
-    def tx_arrived(self):
-        """Note that transmit packets have arrived."""
-        self._tx_arrival_s = self._now()
-
-    def room(self, peer, size):
-        """Number of datagrams of `size` bytes that fit the socket of `peer`; None if closed."""
-        queued = self._backlog.read(peer)
-        if queued is None:
-            return None
-        now = self._now()
-        if queued != self._last_backlog.get(peer):
-            self._last_backlog[peer] = queued
-            self._changed_s[peer] = now
-        if now - self._changed_s[peer] > _HOLD_LIMIT_S:
-            queued = 0  # the host does not read, so samples are lost as on a network
-        return max(_BACKLOG_LIMIT - queued, 0) // (size + _DATAGRAM_OVERHEAD)
-
     def transmit_until(self, covered, start, end):
         """End of a step from `start` to `end` when transmit samples reach to `covered`."""
         if covered >= end:
             self._tx_short_s = None
             return end
-        now = self._now()
+        now = time.monotonic()
         if self._tx_short_s is None:
             self._tx_short_s = now
         waited = now - max(self._tx_arrival_s, self._tx_short_s)
@@ -130,8 +121,7 @@ class Throttle:
 class Device:
     """A software N210 at a loopback address, with some ``air`` between its connectors.
 
-    ``speed`` limits device seconds per second; ``lossless`` holds device time while the host is
-    slow, otherwise samples are lost.
+    ``speed`` limits device seconds per second; device time is held while the host is slow.
     """
 
     def __init__(
@@ -140,7 +130,6 @@ class Device:
         address: str = "127.0.0.1",
         board: str = "SBX",
         speed: float = 1.0,
-        lossless: bool = True,
         faults: Iterable[Fault] = (),
     ):
         self.address = check_loopback(address)
@@ -153,11 +142,10 @@ class Device:
             self.add_fault(fault)
         self._sockets = Sockets(address)
         self._hardware = Hardware(
-            air, address, board, self._sockets.receive_buffer(TX_PORT), self._end_session
+            air, address, board, self._sockets.receive_buffer(TX_PORT), lambda: self._link.discard()
         )
         self._wall = WallClock(speed)
-        self._backlog = HostBacklog() if lossless else None
-        self._throttle = Throttle(self._backlog) if lossless else None
+        self._throttle = Throttle()
         self._link = HostLink(self._sockets, self._hardware, self._throttle)
         self._sent = deque(maxlen=_KEPT_STEPS)
         self._stop = False
@@ -184,9 +172,7 @@ class Device:
     def close(self) -> None:
         """Give back ports and files."""
         self._sockets.close()
-        if self._backlog is not None:
-            self._backlog.close()
-            self._backlog = None
+        self._throttle.close()
 
     def run(self) -> None:
         """Serve until `stop`."""
@@ -215,9 +201,6 @@ class Device:
         self._sent.clear()
         return sent
 
-    def _end_session(self):
-        self._link.discard()
-
     def _call_back(self, ready):
         due = self._unfinished | (self._callbacks.keys() & set(ready))
         self._unfinished = {descriptor for descriptor in due if self._callbacks[descriptor]()}
@@ -236,7 +219,7 @@ class Device:
         hardware.transmit.discard_late(start)
         end = start + min(self._wall.allowance(start), hardware.longest_step)
         end = self._until_event(start, end)
-        if end > start and self._throttle and hardware.streaming:
+        if end > start and hardware.streaming:
             covered = hardware.transmit.covered_until(end)
             end = self._throttle.transmit_until(covered, start, end)
             if end == start:

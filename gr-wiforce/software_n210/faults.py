@@ -2,22 +2,11 @@
 """Faults on demand: what goes wrong, when, and what it does to the device."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
 
 from .wire import TICK_RATE
-
-_MOST_PPM = 1000  # as in a scene
-
-
-@dataclass(frozen=True)
-class _Kind:
-    """Names and converters of a fault's arguments, optional ones in brackets; what it does."""
-
-    arguments: tuple
-    apply: Callable
 
 
 def _overflow(hardware, samples, stop=None):
@@ -28,27 +17,38 @@ def _late(hardware, which):
     (hardware.receive[0] if which == "rx" else hardware.transmit).make_late()
 
 
+def _set_clock(hardware, sensor, ppm):
+    hardware.air.sensor(sensor).clock.retune(hardware.air.time_s, ppm)
+
+
+def _switch_off(hardware, sensor):
+    hardware.air.sensor(sensor).on = False
+
+
+def _switch_on(hardware, sensor):
+    hardware.air.sensor(sensor).on = True
+
+
+# Arguments of each kind, optional ones in brackets, and what it does to the hardware.
 _KINDS = {
-    "overflow": _Kind((("samples", int), ("[stop]", str)), _overflow),
-    "lose": _Kind((("packets", int),), lambda hw, packets: hw.receive[0].packets.lose(packets)),
-    "swap": _Kind((), lambda hw: hw.receive[0].packets.swap()),
-    "late": _Kind((("rx|tx", str),), _late),
-    "cut": _Kind((("seconds", float),), lambda hw, seconds: hw.network.cut(seconds)),
-    "stall": _Kind((("seconds", float),), lambda hw, seconds: time.sleep(seconds)),
-    "clock": _Kind(
-        (("sensor", str), ("ppm", float)),
-        lambda hw, sensor, ppm: hw.air.set_clock_offset(sensor, ppm),
-    ),
-    "off": _Kind((("sensor", str),), lambda hw, sensor: hw.air.switch_tag(sensor, on=False)),
-    "on": _Kind((("sensor", str),), lambda hw, sensor: hw.air.switch_tag(sensor, on=True)),
+    "overflow": ("samples [stop]", _overflow),
+    "lose": ("packets", lambda hardware, packets: hardware.receive[0].packets.lose(packets)),
+    "swap": ("", lambda hardware: hardware.receive[0].packets.swap()),
+    "late": ("rx|tx", _late),
+    "cut": ("seconds", lambda hardware, seconds: hardware.cut(seconds)),
+    "stall": ("seconds", lambda hardware, seconds: time.sleep(seconds)),
+    "clock": ("sensor ppm", _set_clock),
+    "off": ("sensor", _switch_off),
+    "on": ("sensor", _switch_on),
 }
-
-
-def _usage(name):
-    return " ".join((name, *(argument for argument, _ in _KINDS[name].arguments)))
-
-
-GRAMMAR = "; ".join(_usage(name) for name in _KINDS)
+# Arguments that are numbers: type and limits, those of ppm as in a scene.
+_NUMBERS = {
+    "samples": (int, 1, 1e9),
+    "packets": (int, 1, 1e9),
+    "seconds": (float, 0, 1e9),
+    "ppm": (float, -1000, 1000),
+}
+GRAMMAR = "; ".join(f"{kind} {arguments}".rstrip() for kind, (arguments, _) in _KINDS.items())
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,7 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
         lose PACKETS              number the next packets but do not send them
         swap                      exchange the next two packets
         late rx|tx                report the next receive command or transmit burst as late
-        cut SECONDS               send half of the next packet, then let nothing pass in either
-                                  direction for SECONDS of wall time
+        cut SECONDS               let nothing pass in either direction for SECONDS of wall time
         stall SECONDS             do nothing for SECONDS of wall time
         clock SENSOR PPM          set the clock offset of a tag
         off SENSOR, on SENSOR     stop or start the switches of a tag
@@ -95,38 +94,36 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
 
 def _convert(kind, texts, text, where):
     """Arguments as numbers and words, each checked."""
-    wanted, form = _KINDS[kind].arguments, f"TIME {_usage(kind)}"
-    required = sum(not name.startswith("[") for name, _ in wanted)
+    wanted = _KINDS[kind][0].split()
+    form = " ".join(("TIME", kind, *wanted))
+    required = sum(not name.startswith("[") for name in wanted)
     if not required <= len(texts) <= len(wanted):
         raise InputError(where, f"must have the form {form}", text)
     converted = []
-    for (name, convert), argument in zip(wanted, texts, strict=False):
-        try:
-            value = convert(argument)
-        except ValueError:
-            raise InputError(where, f"{name} must be a number in {form}", text) from None
-        choices = name.strip("[]").split("|")
-        if convert is str and name != "sensor" and value not in choices:
+    for name, argument in zip(wanted, texts, strict=False):
+        if name in _NUMBERS:
+            convert, low, high = _NUMBERS[name]
+            try:
+                argument = convert(argument)
+            except ValueError:
+                raise InputError(where, f"{name} must be a number in {form}", text) from None
+            if not low <= argument <= high:
+                raise InputError(where, f"{name} must be {low:g} to {high:g} in {form}", text)
+        elif name != "sensor" and argument not in name.strip("[]").split("|"):
             raise InputError(where, f"must have the form {form}", text)
-        if name == "ppm" and not abs(value) <= _MOST_PPM:
-            rule = f"ppm must lie from -{_MOST_PPM:g} to {_MOST_PPM:g} in {form}"
-            raise InputError(where, rule, text)
-        if convert is not str and name != "ppm" and not 0 < value < 1e9:
-            raise InputError(where, f"{name} must be positive in {form}", text)
-        converted.append(value)
+        converted.append(argument)
     return tuple(converted)
 
 
 def check_fault(fault, air):
     """Raise an InputError when a fault names a sensor that is not on the air."""
-    for (name, _), value in zip(_KINDS[fault.kind].arguments, fault.arguments, strict=False):
-        if name == "sensor":
-            air.check_sensor(value)
+    if _KINDS[fault.kind][0].startswith("sensor"):
+        air.sensor(fault.arguments[0])
 
 
 def apply_fault(fault, hardware):
     """Let a fault happen now."""
-    _KINDS[fault.kind].apply(hardware, *fault.arguments)
+    _KINDS[fault.kind][1](hardware, *fault.arguments)
 
 
 class FaultQueue:

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clock and hardware of the device, as the host programs them."""
 
-from .air.frontend import DAUGHTERBOARDS, FrontEnd, Tuning
-from .host.control import (
+import time
+
+from .control import (
     DAUGHTERBOARD_RX,
     DAUGHTERBOARD_TX,
     MOTHERBOARD,
     Control,
     Fifo,
     I2cBus,
-    Network,
     Registers,
     daughterboard_image,
     motherboard_image,
 )
-from .streams.receive import ReceiveChain
-from .streams.transmit import TransmitChain
+from .frontend import DAUGHTERBOARDS, FrontEnd
+from .receive import ReceiveChain
+from .transmit import TransmitChain
 from .wire import (
     RX_PORTS,
     SR_GPIO,
@@ -95,16 +96,24 @@ class Hardware:
     def __init__(self, air, address, board, tx_socket_bytes=None, on_close=lambda: None):
         self.air = air
         self.clock = air.clock = DeviceClock()
-        self.front_end = FrontEnd(DAUGHTERBOARDS[board])
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = [ReceiveChain(self.clock, air, 3 + k) for k in range(len(RX_PORTS))]
-        self.tuning = air.tuning = Tuning(self.front_end, self.transmit.dsp)
-        self.network = Network()
+        self.front_end = air.front_end = FrontEnd(DAUGHTERBOARDS[board], self.transmit.dsp)
         self.origin = None
+        self._cut_until_s = -float("inf")
         self._on_close = on_close
         registers = self._registers()
         self.fifo = Fifo(registers, self.clock)
         self.control = Control(registers, _i2c_bus(address, board), self._end_session)
+
+    def cut(self, seconds):
+        """Let nothing pass between host and device for some wall time."""
+        self._cut_until_s = time.monotonic() + seconds
+
+    @property
+    def is_cut(self):
+        """Whether nothing passes now."""
+        return time.monotonic() < self._cut_until_s
 
     @property
     def streaming(self):
@@ -160,10 +169,10 @@ class Hardware:
             else (self.clock.ticks - self.origin) / TICK_RATE,
             "rx_streaming": any(chain.active for chain in self.receive),
             "tx_streaming": self.transmit.in_burst,
-            "tx_carrier_hz": self.tuning.tx_carrier_hz,
-            "rx_carrier_hz": self.tuning.rx_carrier_hz(self.receive[0].dsp),
-            "tx_gain_db": self.tuning.tx_gain_db,
-            "rx_gain_db": self.tuning.rx_gain_db,
+            "tx_carrier_hz": self.front_end.tx_carrier_hz,
+            "rx_carrier_hz": self.front_end.rx_carrier_hz(self.receive[0].dsp),
+            "tx_gain_db": self.front_end.tx_gain_db,
+            "rx_gain_db": self.front_end.rx_gain_db,
             "rx_dropped_samples": sum(chain.dropped_samples for chain in self.receive),
             "rx_dropped_packets": sum(chain.packets.dropped_packets for chain in self.receive),
             "tx_underflows": self.transmit.underflows,

@@ -18,7 +18,7 @@ from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import request
 from machine import free_port, wait_until
-from software_n210.air.cable import Cable
+from software_n210.cable import Cable
 from software_n210.device import Device
 from software_n210.faults import parse_fault
 

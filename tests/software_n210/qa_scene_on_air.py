@@ -13,7 +13,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
 from machine import free_port
-from software_n210.air.scene_air import SceneAir
+from software_n210.faults import apply_fault, parse_fault
+from software_n210.scene_air import SceneAir
 
 REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
 
@@ -100,10 +101,9 @@ class Connectors:
 
     def __init__(self, scene, delay_ticks=0):
         self.air = SceneAir(scene, delay_ticks)
-        self.tuning = self.air.tuning = SimpleNamespace(
+        self.front_end = self.air.front_end = SimpleNamespace(
             tx_gain_db=15.0,
             rx_gain_db=15.0,
-            reference_gain_db=15.0,
             tx_carrier_hz=900e6 + 0.02,  # as the driver leaves it, rounded to its CORDIC's step
             to_receive_carrier=lambda samples, *_: samples,
         )
@@ -136,7 +136,7 @@ def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     levels = {}
     for tx_db, rx_db in ((15, 15), (5, 15), (15, 5), (-100, 15), (-100, 5)):
         device = Connectors(scene)
-        device.tuning.tx_gain_db, device.tuning.rx_gain_db = tx_db, rx_db
+        device.front_end.tx_gain_db, device.front_end.rx_gain_db = tx_db, rx_db
         device.send(frames(scene, 20))
         levels[tx_db, rx_db] = 20 * np.log10(rms(device.receive(7200)))
     # The static path is far above the noise, so that both gains move it by their 10 dB. The
@@ -149,26 +149,16 @@ def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     assert levels[-100, 5] < levels[-100, 15] - 3
 
 
-def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):
+def test_scene_air_faults_act_on_the_named_sensor(scene):
     device = Connectors(scene)
     device.receive(1)
-    assert device.air.status()["sensors"]["arm"]["touch"] is False
-    device.air.press("arm", 4.0, 45.0)
-    pressed = {"touch": True, "force_n": 4.0, "location_mm": 45.0}
-    assert device.air.status()["sensors"]["arm"] == pressed
-    # Force and location exchanged, or beside the line of 80 mm.
-    with pytest.raises(InputError, match="must be 0 to 80 mm, the length of arm, got 450"):
-        device.air.press("arm", 4.0, 450.0)
-    with pytest.raises(InputError, match="force must be 0 to 1000 N"):
-        device.air.press("arm", -4.0, 45.0)
-    assert device.air.status()["sensors"]["arm"] == pressed
-    device.air.release("arm")
-    assert device.air.status()["sensors"]["arm"]["touch"] is False
-    tag = device.air._channel.sensors["arm"]
-    device.air.set_clock_offset("arm", -70.0)
+    tag = device.air.sensor("arm")
+    for text in ("0 clock arm -70", "0 off arm"):
+        apply_fault(parse_fault(text), device)
     assert tag.clock.offset_ppm(1 / 12.5e6) == pytest.approx(-70, abs=0.01)
-    device.air.switch_tag("arm", False)
     assert not tag.on
+    with pytest.raises(InputError, match="sensor: must be one of the scene's"):
+        device.air.sensor("leg")
 
 
 def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_file):
@@ -187,9 +177,17 @@ def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_fil
             assert json.loads(client.recv_string())["ok"] is ok
         client.send_string("status")
         assert json.loads(client.recv_string())["sensors"]["arm"]["force_n"] == 0.0
-    for line in ("press arm 4", "press arm x 45", "press arm -1 45", "fault 1 off leg", "stop now"):
+    for line, rule in (
+        ("press arm 4", "must have the form: press SENSOR"),
+        ("press arm x 45", "with a decimal point"),
+        ("press arm -1 45", "the force must be 0 to 1000 N, got -1"),
+        ("press arm 4 450", "must be 0 to 80 mm, the length of arm, got 450"),
+        ("fault 1 off leg", "must be one of the scene's"),
+        ("stop now", "must have the form: stop"),
+    ):
         answer = device.command(line)
-        assert answer["ok"] is False and answer["error"]
+        assert answer["ok"] is False and rule in answer["error"]
+    assert device.command("status")["sensors"]["arm"]["touch"] is False
     assert device.command("fault 1e9 off arm") == {"ok": True}
     assert device.command("stop") == {"ok": True}
     assert device.stop()[0] == 0

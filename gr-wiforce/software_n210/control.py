@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the device answers: network, registers, EEPROM, and slow and fast control of the board."""
+"""What the device answers: registers, EEPROM, and slow and fast control of the board."""
 
 import ipaddress
 import struct
-import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..wire import (
+from .wire import (
     HAS_TIME,
     READBACK_BASE,
     SETTINGS_BASE,
@@ -18,33 +16,6 @@ from ..wire import (
     fifo_reply,
     words,
 )
-
-
-class Network:
-    """Passes datagrams, except while it is cut, by wall time in s."""
-
-    def __init__(self, now: Callable[[], float] = time.monotonic):
-        self._now = now
-        self._until_s = -float("inf")
-        self._tears = False  # the next packet
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether nothing passes in either direction."""
-        return self._now() < self._until_s
-
-    def cut(self, seconds: float) -> None:
-        """Tear the packet that is sent next, and let nothing pass for some wall time."""
-        self._until_s = self._now() + seconds
-        self._tears = True
-
-    def passed(self, packet: bytes) -> bytes:
-        """What arrives of a packet that is sent now."""
-        if not self.is_cut:
-            return packet
-        tears, self._tears = self._tears, False
-        return packet[: len(packet) // 2] if tears else packet[:0]
-
 
 _COMPATIBILITY = (11 << 16) | 1
 _REFERENCE_LOCKED = 1 << 11
@@ -167,7 +138,7 @@ class Control:
         self._on_close = on_close
         self._firmware = {_FIRMWARE_HAS_GPSDO: _NO_GPSDO, _FIRMWARE_MINOR: 4}
         self._handlers = {
-            "a": self._hello,
+            "a": lambda body, _: bytes(24),  # a hello
             "l": self._echo,
             "i": self._i2c_read,
             "h": self._i2c_write,
@@ -192,9 +163,6 @@ class Control:
             return None
         head = _HEAD.pack(PROTOCOL_VERSION, ord(name.upper()), sequence)
         return head + body.ljust(24, b"\0")
-
-    def _hello(self, body, _):
-        return bytes(24)
 
     def _echo(self, body, request):
         wanted = struct.unpack_from(">I", body)[0]

@@ -8,9 +8,10 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio import Adc
 
-from ..streams.dsp import FULL_SCALE
-from ..wire import TICK_RATE
 from .cable import Cable, SampleHistory, amplitude
+from .dsp import FULL_SCALE
+from .frontend import REFERENCE_GAIN_DB
+from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
 # middle gains, gives the levels of the scene.
@@ -22,11 +23,12 @@ class SceneAir(Cable):
     """Applies the channel of a scene to the transmitted signal; see docs/radios.md.
 
     Time 0 is the first sample of the first stream after the device is opened, in each session.
+    ``reference_s`` is the signal at its begin that a reader takes for the untouched sensor.
     """
 
     def __init__(self, scene, delay_ticks):
         super().__init__(delay_ticks)
-        self._scene = scene
+        self._scene, self.reference_s = scene, scene.reference_s
         self._adc = Adc(scene.simulation.adc_bits)
         AirChannel(scene)  # raises an InputError for a scene that cannot be simulated
         self._prepare(
@@ -42,7 +44,7 @@ class SceneAir(Cable):
         self._received.forget(tick)
 
     def transmit(self, tick, spacing, samples):
-        level = amplitude(self.tuning.tx_gain_db - self.tuning.reference_gain_db)
+        level = amplitude(self.front_end.tx_gain_db - REFERENCE_GAIN_DB)
         self._sent.append(tick, spacing, samples * np.float32(level / REFERENCE_AMPLITUDE))
 
     def receive(self, chain, tick, spacing, count):
@@ -53,46 +55,21 @@ class SceneAir(Cable):
         self._advance(chain, tick + (count - 1) * spacing)
         return self._received.take(tick, spacing, count)
 
-    @property
-    def reference_s(self):
-        """Signal at the begin of a session that its reader takes for the untouched sensor."""
-        return self._scene.reference_s
-
-    def check_sensor(self, sensor):
-        if sensor not in self._channel.sensors:
+    def sensor(self, name):
+        if name not in self._channel.sensors:
             known = ", ".join(self._channel.sensors)
-            raise InputError("sensor", f"must be one of the scene's ({known})", sensor)
+            raise InputError("sensor", f"must be one of the scene's ({known})", name)
+        return self._channel.sensors[name]
+
+    @property
+    def time_s(self):
+        """Time of the next sample that is received."""
+        return self._next * self._spacing / TICK_RATE
 
     def status(self):
         """Current force, location and touch of each sensor."""
-        states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
+        states = self._channel.touch_state([self.time_s])
         return {"sensors": {name: _plain(state) for name, state in states.items()}}
-
-    def press(self, sensor, force_n, location_mm):
-        """Press a sensor from now on, whatever the scene specifies."""
-        pressed = self._sensor(sensor).pressed
-        if not 0 <= force_n < 1000:
-            raise InputError("press", "the force must be 0 to 1000 N", force_n)
-        if not 0 <= location_mm <= pressed.length_mm:
-            rule = f"the location must be 0 to {pressed.length_mm:g} mm, the length of {sensor}"
-            raise InputError("press", rule, location_mm)
-        pressed.hold(force_n, location_mm)
-
-    def release(self, sensor):
-        """Release a sensor."""
-        self._sensor(sensor).pressed.hold(0.0, np.nan)
-
-    def set_clock_offset(self, sensor, ppm):
-        """Set the clock offset of a tag from now on."""
-        self._sensor(sensor).clock.retune(self._next * self._spacing / TICK_RATE, ppm)
-
-    def switch_tag(self, sensor, on):
-        """Stop or start a tag's switches."""
-        self._sensor(sensor).on = on
-
-    def _sensor(self, name):
-        self.check_sensor(name)
-        return self._channel.sensors[name]
 
     def _prepare(self, spacing, carrier_hz):
         """Make the channel for a sample spacing and carrier; noise at carriers without a model."""
@@ -127,7 +104,7 @@ class SceneAir(Cable):
     def _known_carrier(self):
         """The transmit carrier; the scene's own when they differ by rounding only."""
         wanted = self._scene.radio.center_frequency_hz
-        actual = self.tuning.tx_carrier_hz
+        actual = self.front_end.tx_carrier_hz
         return wanted if abs(actual - wanted) <= _CARRIER_TOLERANCE * wanted else actual
 
     def _advance(self, chain, last_tick):
@@ -141,9 +118,8 @@ class SceneAir(Cable):
         if self._silent:
             sent[:] = 0
         received = self._channel.process(sent, self._next)
-        received = self.tuning.to_receive_carrier(received, chain, tick, spacing)
-        level = amplitude(self.tuning.rx_gain_db - self.tuning.reference_gain_db)
-        codes = self._adc.codes(received * level)
+        received = self.front_end.to_receive_carrier(received, chain, tick, spacing)
+        codes = self._adc.codes(received * amplitude(self.front_end.rx_gain_db - REFERENCE_GAIN_DB))
         samples = codes.astype(np.float32) / np.float32(FULL_SCALE)
         self._received.append(tick, spacing, samples.view(np.complex64))
         self._next += count

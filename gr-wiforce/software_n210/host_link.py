@@ -9,7 +9,7 @@ from collections import Counter, deque
 
 from gnuradio.wiforce.errors import InputError
 
-from ..wire import (
+from .wire import (
     ALL_PORTS,
     CONTROL_PORT,
     FIFO_PORT,
@@ -147,7 +147,7 @@ class HostLink:
 
     def serve(self, ready):
         """Take what has arrived at the ports in `ready`, a set."""
-        if self._hardware.network.is_cut:
+        if self._hardware.is_cut:
             for port in ready - {None}:
                 self._sockets.drain(port)
             return
@@ -167,20 +167,20 @@ class HostLink:
                 )
         if GPS_PORT in ready:
             self._sockets.drain(GPS_PORT)
-        if samples and self._throttle:
+        if samples:
             self._throttle.tx_arrived()
         self._handle(samples, self._accept)
 
     def run_commands(self):
         """Execute the register commands that are due, and acknowledge them."""
         for reply, peer in self._hardware.fifo.run():
-            if not self._hardware.network.is_cut:
+            if not self._hardware.is_cut:
                 self._sockets.send(FIFO_PORT, reply, peer)
 
     def queue(self, packets):
         """Queue received packets for the host; nothing is kept while no host listens."""
-        if packets and self._hardware.network.is_cut:
-            self._tear(*packets[0])
+        if packets and self._hardware.is_cut:
+            self.discard()
             return
         for index, data, size in packets:
             if self._rx_peers[index] is not None:
@@ -191,7 +191,7 @@ class HostLink:
         while self._outbox:
             index, data, size = self._outbox.popleft()
             peer = self._rx_peers[index]
-            room = self._throttle.room(peer, size) if self._throttle else len(data)
+            room = self._throttle.room(peer, size)
             if room is None:  # the host's socket is closed
                 self._hardware.receive[index].stop()
                 continue
@@ -202,13 +202,6 @@ class HostLink:
                 return False
         return True
 
-    def _tear(self, index, data, size):
-        """Send what a network that has just been cut lets pass of the next packet."""
-        self.discard()
-        rest, peer = self._hardware.network.passed(bytes(data[:size])), self._rx_peers[index]
-        if rest and peer is not None:
-            self._sockets.send(RX_PORTS[index], rest, peer)
-
     def discard(self):
         """Drop queued packets."""
         self._outbox.clear()
@@ -216,7 +209,7 @@ class HostLink:
     def send_reports(self):
         """Send the transmit stream's reports that are due."""
         reports = self._hardware.transmit.flow.take()
-        if self._tx_peer is not None and not self._hardware.network.is_cut:
+        if self._tx_peer is not None and not self._hardware.is_cut:
             for report in reports:
                 self._sockets.send(TX_PORT, report, self._tx_peer)
 

@@ -3,7 +3,7 @@
 
 import math
 
-from ..wire import TICK_RATE
+from .wire import TICK_RATE
 
 FULL_SCALE = 32767
 _UNIT_SCALE = 131072

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..wire import (
+from .dsp import FULL_SCALE, DspRegisters
+from .wire import (
     END_OF_BURST,
     HAS_TIME,
     HAS_TRAILER,
@@ -21,7 +22,6 @@ from ..wire import (
     tx_report,
     words,
 )
-from .dsp import FULL_SCALE, DspRegisters
 
 _TIME = struct.Struct(">Q")
 
@@ -70,7 +70,6 @@ class FlowControl:
         self._clock = clock
         self._socket_bytes = socket_bytes
         self._withheld = 0
-        self._ticks_per_update = 0
         self._packets_per_update = 0
         self._report_count = 0
         self.clear()
@@ -79,13 +78,7 @@ class FlowControl:
         """Forget the packets of the last stream."""
         self._consumed = 0
         self._unreported = 0
-        self._next_update = self._clock.ticks
         self._reports = []
-
-    def report_every_ticks(self, value):
-        """Set the register by which the driver asks for reports in time."""
-        self._ticks_per_update = value & 0xFFFFFF if value & _UPDATE_ENABLED else 0
-        self._next_update = self._clock.ticks
 
     def report_every_packets(self, value):
         """Set the register by which the driver asks for reports per number of packets."""
@@ -111,9 +104,6 @@ class FlowControl:
 
     def take(self):
         """Reports to send, which leave the queue; list of bytes."""
-        if self._ticks_per_update and self._clock.ticks >= self._next_update:
-            self._next_update = self._clock.ticks + self._ticks_per_update
-            self.report(TX_FLOW, self._clock.ticks)
         reports, self._reports = self._reports, []
         return reports
 
@@ -170,8 +160,6 @@ class TransmitChain:
             self.flow.stream_id = value
         elif register == 3:
             self._policy = value
-        elif register == 4:
-            self.flow.report_every_ticks(value)
         elif register == 5:
             self.flow.report_every_packets(value)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..wire import (
+from .dsp import FULL_SCALE, DspRegisters
+from .wire import (
     RX_BROKEN_CHAIN,
     RX_HEADER_WORDS,
     RX_LATE,
@@ -16,7 +17,6 @@ from ..wire import (
     rx_header,
     rx_trailer,
 )
-from .dsp import FULL_SCALE, DspRegisters
 
 _DEFAULT_SAMPLES_PER_PACKET = 363  # what fits the driver's frames of 1472 bytes
 
@@ -124,30 +124,20 @@ _MAX_QUEUE = 64
 
 @dataclass(frozen=True)
 class StreamCommand:
-    """A latched stream command; `time` in ticks of device time."""
+    """A stream command; `time` in ticks of device time."""
 
-    word: int
-    time: int
+    count: int
+    time: int = 0
+    now: bool = False
+    chain: bool = False
+    reload: bool = False
+    stop: bool = False
 
-    @property
-    def now(self):
-        return bool(self.word & _NOW)
-
-    @property
-    def chain(self):
-        return bool(self.word & _CHAIN)
-
-    @property
-    def reload(self):
-        return bool(self.word & _RELOAD)
-
-    @property
-    def stop(self):
-        return bool(self.word & _STOP)
-
-    @property
-    def count(self):
-        return self.word & _COUNT
+    @classmethod
+    def latched(cls, word, time):
+        """The command in a register, whose time is in another one."""
+        bits = (_NOW, _CHAIN, _RELOAD, _STOP)
+        return cls(word & _COUNT, time, *(bool(word & bit) for bit in bits))
 
 
 class ReceiveChain:
@@ -186,7 +176,7 @@ class ReceiveChain:
             time = self._command_time & ~0xFFFFFFFF | value
             self._command_time = time
             if len(self._queue) < _MAX_QUEUE:
-                self._queue.append(StreamCommand(self._command_word, time))
+                self._queue.append(StreamCommand.latched(self._command_word, time))
         elif register == 5:
             self.packets.restart(value)
         elif register == 7:
@@ -288,7 +278,7 @@ class ReceiveChain:
             command = self._queue.popleft()
             if command.stop:
                 # A packet must carry the end of the burst: one more sample if none is pending.
-                command = StreamCommand(0 if self.packets.pending else 1, 0)
+                command = StreamCommand(0 if self.packets.pending else 1)
             self._take(command, self._next_tick)
 
     def _finish(self):

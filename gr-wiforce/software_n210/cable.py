@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 
-from ..streams.dsp import FULL_SCALE
+from .dsp import FULL_SCALE
 
 
 class SampleHistory:
@@ -44,12 +44,15 @@ class SampleHistory:
 
 
 class Cable:
-    """A cable between the connectors, of unit gain at 0 dB each, with the device's own delay."""
+    """A cable between the connectors, of unit gain at 0 dB each, with the device's own delay.
+
+    ``front_end`` and ``clock`` are those of the device that it is connected to.
+    """
 
     def __init__(self, delay_ticks):
         self._delay = delay_ticks
         self._sent = SampleHistory()
-        self.tuning = None
+        self.front_end = None
         self.clock = None
 
     def restart(self):
@@ -62,29 +65,21 @@ class Cable:
 
     def transmit(self, tick, spacing, samples):
         """Take samples that are transmitted from `tick` on; complex64, 1.0 at full scale."""
-        self._sent.append(tick, spacing, samples * amplitude(self.tuning.tx_gain_db))
+        self._sent.append(tick, spacing, samples * amplitude(self.front_end.tx_gain_db))
 
     def receive(self, chain, tick, spacing, count):
         """Samples that are received from `tick` on; complex64, 1.0 at full scale."""
         samples = self._sent.take(tick - self._delay, spacing, count)
-        samples = self.tuning.to_receive_carrier(samples, chain, tick, spacing)
-        return samples * amplitude(self.tuning.rx_gain_db)
+        samples = self.front_end.to_receive_carrier(samples, chain, tick, spacing)
+        return samples * amplitude(self.front_end.rx_gain_db)
 
     def status(self):
         """State beyond the device's own, as plain values."""
         return {}
 
-    def check_sensor(self, sensor):
-        """Raise InputError, since there is no sensor on a cable."""
-        raise InputError("sensor", "requires --air scene", sensor)
-
-    def press(self, sensor, *_):
-        """Raise InputError, since there is no sensor on a cable."""
-        self.check_sensor(sensor)
-
-    def release(self, sensor, *_):
-        """Raise InputError, since there is no sensor on a cable."""
-        self.check_sensor(sensor)
+    def sensor(self, name):
+        """A sensor on the air; InputError for another name."""
+        raise InputError("sensor", "requires --air scene", name)
 
 
 class Counter(Cable):

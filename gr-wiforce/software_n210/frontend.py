@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Daughterboards: ranges, gains, and their tuning."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .wire import TICK_RATE
+
+# Gain in the middle of a board's range, for both directions.
+REFERENCE_GAIN_DB = 15.0
+_GPIO_RX_ONLY, _GPIO_TX_ONLY = 1, 2
+_SPI_CONTROL, _SPI_DATA = 1, 2
+_SPI_RX, _SPI_TX, _SPI_ADC = 16, 128, 256
+# Pins of the WBX's transmit attenuator and its attenuation in dB when a pin is low.
+_WBX_TRANSMIT_PINS = {14: 16, 5: 8, 4: 4, 3: 2, 1: 1}
+_ADC_FINE_GAIN, _ADC_GAIN_CORRECTION = 0x17, 0x1A
+
+
+def _attenuator_half_db(pins):
+    """Gain of the 6-bit attenuator on pins 8..13, in dB; its code counts half decibels."""
+    return (pins >> 8 & 0x3F) / 2
+
+
+def _wbx_transmit_db(pins):
+    """Gain of the WBX's 5-bit transmit attenuator."""
+    return float(sum(db for pin, db in _WBX_TRANSMIT_PINS.items() if pins >> pin & 1))
+
+
+@dataclass(frozen=True)
+class Daughterboard:
+    """A pair of units as the driver knows them: oscillator, gain in dB of 16 pins."""
+
+    rx_id: int
+    tx_id: int
+    lo_divider: int = 1
+    tx_gain_db: Callable[[int], float] = _attenuator_half_db
+
+
+DAUGHTERBOARDS = {
+    "SBX": Daughterboard(0x0054, 0x0055),
+    "CBX": Daughterboard(0x0067, 0x0066),
+    "WBX": Daughterboard(0x0057, 0x0056, lo_divider=2, tx_gain_db=_wbx_transmit_db),
+}
+
+
+class Synthesizer:
+    """An ADF4350 or MAX2870: frequency from its register writes."""
+
+    def __init__(self):
+        self._registers = [0] * 8
+
+    def write(self, word):
+        """Write a register; the low three bits of the 32-bit word select it."""
+        self._registers[word & 7] = word
+
+    @property
+    def frequency_hz(self):
+        """Output frequency with the device's 100 MHz reference; 0 before it is programmed."""
+        r0, r1, r2, _, r4, *_ = self._registers
+        modulus, divider = r1 >> 3 & 0xFFF, r2 >> 14 & 0x3FF
+        if not modulus or not divider:
+            return 0.0
+        doubler, halver = r2 >> 25 & 1, r2 >> 24 & 1
+        phase_detector_hz = TICK_RATE * (1 + doubler) / (divider * (1 + halver))
+        frequency = phase_detector_hz * ((r0 >> 15 & 0xFFFF) + (r0 >> 3 & 0xFFF) / modulus)
+        feedback_before_divider = r4 >> 23 & 1
+        return frequency / (1 << (r4 >> 20 & 7)) if feedback_before_divider else frequency
+
+
+class FrontEnd:
+    """Oscillators and gains of the device, set through its SPI and GPIO blocks and its DSPs."""
+
+    def __init__(self, board, tx_dsp):
+        self._board, self._tx_dsp = board, tx_dsp
+        self._synthesizers = {_SPI_RX: Synthesizer(), _SPI_TX: Synthesizer()}
+        self._adc = {}  # registers of the ADS62P44 converter
+        self._spi_control = 0
+        self._pins = [0] * 5
+
+    def poke_spi(self, register, value):
+        """Write to the SPI block: register 1 selects chip and length, register 2 sends a word."""
+        if register == _SPI_CONTROL:
+            self._spi_control = value
+        elif register == _SPI_DATA:
+            select, bits = self._spi_control & 0xFFFFFF, self._spi_control >> 24 & 0x3F
+            if select in self._synthesizers and bits == 32:
+                self._synthesizers[select].write(value)
+            elif select == _SPI_ADC and bits == 16:
+                self._adc[value >> 24] = value >> 16 & 0xFF
+
+    def poke_gpio(self, register, value):
+        """Write to the GPIO block: pins in one of four modes, those of TX in the high half."""
+        self._pins[register] = value
+
+    @property
+    def tx_carrier_hz(self):
+        return self._lo_hz(_SPI_TX) + self._tx_dsp.frequency_hz
+
+    def rx_carrier_hz(self, rx_dsp):
+        return self._lo_hz(_SPI_RX) - rx_dsp.frequency_hz
+
+    @property
+    def tx_gain_db(self):
+        return self._board.tx_gain_db(self._pins[_GPIO_TX_ONLY] >> 16)
+
+    @property
+    def rx_gain_db(self):
+        """Gain of the attenuator and of the converter, in steps of 0.5 dB and 0.05 dB."""
+        fine = self._adc.get(_ADC_FINE_GAIN, 0) & 15
+        correction = self._adc.get(_ADC_GAIN_CORRECTION, 0) & 15
+        attenuator_db = _attenuator_half_db(self._pins[_GPIO_RX_ONLY] & 0xFFFF)
+        return attenuator_db + 0.5 * fine + 0.05 * correction
+
+    def to_receive_carrier(self, samples, chain, tick, spacing):
+        """Transmit baseband at a receive chain's carrier, complex64; zero out of band."""
+        offset_hz = self.tx_carrier_hz - self.rx_carrier_hz(chain.dsp)
+        if offset_hz == 0:
+            return samples
+        bandwidth_hz = TICK_RATE / chain.dsp.ticks_per_sample
+        if abs(offset_hz) >= (bandwidth_hz + TICK_RATE / self._tx_dsp.ticks_per_sample) / 2:
+            return np.zeros_like(samples)
+        turns_per_tick = offset_hz / TICK_RATE
+        turns = turns_per_tick * tick % 1 + turns_per_tick * spacing * np.arange(len(samples))
+        return (samples * np.exp(2j * np.pi * turns)).astype(np.complex64)
+
+    def _lo_hz(self, chip):
+        return self._synthesizers[chip].frequency_hz / self._board.lo_divider
