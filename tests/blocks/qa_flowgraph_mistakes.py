@@ -213,6 +213,13 @@ def test_chain_names_a_press_in_the_whole_reference(slow_codes, monkeypatch):
     assert sentence.startswith("force_inversion: arm: it may have been touched while its reference")
 
 
+def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, monkeypatch):
+    """Streams and files said it, and the chain of blocks did not."""
+    logged, _ = chain_says(slow_codes[1944 * 360 :], SLOW, monkeypatch)
+    (sentence,) = logged
+    assert sentence.startswith("force_inversion: arm: was touched in ")
+
+
 def test_short_guards_are_told_from_noise_and_from_another_frame_offset(slow_codes):
     """Noise passed a frame alignment, and a wrong offset was read without a word."""
     (sentence,) = said_of(slow_codes, SLOW, frame_offset=250)

@@ -363,22 +363,25 @@ class force_inversion(ReadingPort, GroupBlock):
         if len(groups) and groups.phase_std_deg is None:
             rule = "must hold phase_std_deg, which Subcarrier Average adds: degrees, an f64vector"
             raise InputError("tag state", rule)
-        self.publish(self.stage.process(groups))
-        self._warn()
+        self._publish(self.stage.process(groups))
         return len(items), groups[:0]
 
     def finish(self) -> None:
         """Give the readings of the last group, which has no later neighbour."""
-        self.publish(self.stage.flush())
-        self._warn(unread=not self.counts.clear)
+        self._publish(self.stage.flush(), ended=True)
 
-    def _warn(self, unread: bool = False) -> None:
-        """Say once of a sensor that its untouched phases are not known."""
+    def _publish(self, readings: list[Reading], ended: bool = False) -> None:
+        """Give readings, and say once of a sensor that it was not untouched in its reference."""
+        self.publish(readings)
+        touched = self.counts.touched_reference()
+        clear = {reading.sensor for reading in readings if not reading.flags}
         for name, sensor in self.stage.sensors.items():
+            unread = ended and not self.counts.clear
             problem = sensor.state.final_problem if unread else sensor.state.lasting_problem
-            if problem and name not in self._doubted:
+            text = describe_doubt(name, problem) if problem else touched.get(name, "")
+            if text and (problem or name in clear) and name not in self._doubted:
                 self._doubted.add(name)
-                gr.log.warn(f"force_inversion: {describe_doubt(name, problem)}")
+                gr.log.warn(f"force_inversion: {text}")
 
 
 _COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")
