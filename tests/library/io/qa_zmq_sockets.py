@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: the reader goes on whatever peers send, and with CURVE keys knows its peers."""
 
+import errno
 import json
 import socket
 import stat
@@ -14,7 +15,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zmq
 from command_runs import run_command
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
 from gnuradio.wiforce.io.network.zmq_sockets import (
     ReadingsPublisher,
@@ -95,6 +96,16 @@ def test_create_keys_other_names_are_refused(tmp_path, name):
     with pytest.raises(InputError, match="--client: must be letters"):
         create_keys(tmp_path / "keys", name)
     assert not (tmp_path / "keys").exists()
+
+
+def test_create_keys_on_a_full_disk_leaves_no_folder(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("zmq.auth.create_certificates", fail)
+    with pytest.raises(OutputError, match="keys: cannot be written .No space left"):
+        create_keys(tmp_path / "keys")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_keys_that_cannot_be_used_are_refused(folders, tmp_path):

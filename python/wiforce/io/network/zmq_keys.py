@@ -121,6 +121,9 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         made = [] if any(path.exists() for path in server) else _create(SERVER, server)
         return made + _create(client, targets)
     except OSError as error:
+        for made_in in (folder / _CLIENTS, folder):
+            with suppress(OSError):
+                made_in.rmdir()
         raise unwritable(error.filename2 or error.filename or folder, error) from error
 
 
