@@ -144,6 +144,9 @@ def main(argv=None):
             return error.code
         return _fail(FAILED, str(error.__context__ or error))
     except OSError as error:
+        if isinstance(error.__context__, KeyboardInterrupt):  # the terminal is closed
+            _silence_stdout()
+            return _end_of_interruption(error)
         if state["debug"]:
             traceback.print_exc()
         _silence_stdout()  # a full standard output would fail again when Python flushes it

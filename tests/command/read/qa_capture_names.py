@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`gr-wiforce simulate` and recordings: which names they take, what they replace and leave."""
 
+import fcntl
+import os
+import pty
 import signal
 import subprocess
+import termios
 from pathlib import Path
 
 import pytest
@@ -64,6 +68,26 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
         said = process.communicate(timeout=300)[1]
     word = "terminated" if number == signal.SIGTERM else "interrupted"
     assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
+    assert names_in(tmp_path) == ["scene.yaml"]
+
+
+def test_simulate_whose_terminal_is_closed_ends_as_by_sigterm(tmp_path):
+    """It ended as after a failure, since nothing could be written to the terminal any more."""
+    content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 60.0}}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    command = ["gr-wiforce", "simulate", str(tmp_path / "scene.yaml"), str(tmp_path / "long")]
+    window, terminal = pty.openpty()
+    with subprocess.Popen(
+        command,
+        **dict.fromkeys(("stdin", "stdout", "stderr"), terminal),
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    ) as process:
+        os.close(terminal)
+        begun = tmp_path.glob
+        wait_until(lambda: any(path.stat().st_size for path in begun(".simulate-*/*")))
+        os.close(window)
+        assert process.wait(60) == 143
     assert names_in(tmp_path) == ["scene.yaml"]
 
 
