@@ -9,6 +9,7 @@ without a window.
 """
 
 import dataclasses
+import signal
 from itertools import pairwise
 
 import numpy as np
@@ -35,7 +36,7 @@ class ChainSimulated(gr.top_block):
         )
 
         # Doppler, channel, ends, change, average and inversion: see chain_from_file.py.
-        self.chain = Chain(plan, self.on_reading)
+        self.chain = Chain(plan, self.readings.append)
         self.chain.connect(self, *self.simulated.blocks, self.fold)
 
         # The estimator of the paper from the same tones: end 1 is line fs, end 2 line 4 fs, each
@@ -58,10 +59,6 @@ class ChainSimulated(gr.top_block):
         # The clock of the tag as the separation of the ends tracks it.
         self.offset, self.offsets = wiforce.clock_offset(), blocks.vector_sink_f()
         self.connect(self.chain.to_force[0], self.offset, self.offsets)
-
-    def on_reading(self, reading):
-        self.readings.append(reading)
-        print_reading(reading)
 
 
 def print_spectrum(flowgraph, scene):
@@ -99,10 +96,13 @@ def print_comparison(flowgraph):
 
 
 def main():
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly with `| head`
     scene = wiforce.load_scene("tabletop")
     flowgraph = ChainSimulated(scene)
     flowgraph.run()
     flowgraph.chain.check()
+    for reading in flowgraph.readings:
+        print_reading(reading)
     print_spectrum(flowgraph, scene)
     print_comparison(flowgraph)
 
