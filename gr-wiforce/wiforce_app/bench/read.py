@@ -20,9 +20,9 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import groups_of, survey_recording
 from gnuradio.wiforce.scene import load_scene

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clock
+from gnuradio.wiforce.planning.findings import other_clocks, wrong_clock
 from gnuradio.wiforce.press.sensor_state import (
     PATIENCE_S,
     RETUNED,

@@ -10,7 +10,6 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.estimation.capture.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.planning.room.report import finding_rows
 
 from ..read.room_news import RoomNews, describe_events, describe_loss
 from ..shell.log import log
@@ -117,7 +116,7 @@ class SessionMonitor:
             "times_ignored": session.times_ignored,
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": list(session.clock_offsets_ppm.values()),
-            "room": None if room is None else finding_rows(room),
+            "room": None if room is None else [finding.row() for finding in room],
             "readings": {name: reading.row() for name, reading in self._last.items()},
         }
 

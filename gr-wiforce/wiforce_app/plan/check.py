@@ -11,12 +11,11 @@ import click
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames, measure_levels
 from gnuradio.wiforce.estimation.room.survey import survey_samples
 from gnuradio.wiforce.io.capture.samples import samples_of
+from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.advice import licence_note, outside_band
+from gnuradio.wiforce.planning.findings import findings as findings_of
+from gnuradio.wiforce.planning.findings import measure_tag, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.adaptation import adapted
-from gnuradio.wiforce.planning.room.findings import findings as findings_of
-from gnuradio.wiforce.planning.room.findings import wrong_clocks
-from gnuradio.wiforce.planning.room.report import finding_line, finding_rows, measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
@@ -99,7 +98,7 @@ def check(file, scene_path, args, datatype, csi_tool, mac, second_antenna, as_js
     if DRIVERS[request.driver].delay_differs and findings.delay_us is not None:
         findings.notes.append("the delay differs from start to start with this driver")
     if as_json:
-        values = {**asdict(findings), "room": finding_rows(findings.room)}
+        values = {**asdict(findings), "room": [found.row() for found in findings.room]}
         click.echo(json.dumps(values, indent=2))
     else:
         click.echo(_text(findings))
@@ -193,6 +192,6 @@ def _text(findings):
         lines += level_lines(findings.levels)
         lines.append(("delay", f"{findings.delay_us:.2f} us from transmit to receive"))
     lines += [(sensor.name, sensor) for sensor in findings.sensors]
-    lines += [("room", finding_line(finding)) for finding in findings.room]
+    lines += [("room", finding.line) for finding in findings.room]
     advice = findings.advice or ["none, ready to measure"]
     return labelled(lines, {"advice": advice, "notes": findings.notes})

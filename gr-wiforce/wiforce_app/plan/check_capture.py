@@ -14,9 +14,8 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
+from gnuradio.wiforce.planning.findings import measure_tag, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import other_clocks, wrong_clocks
-from gnuradio.wiforce.planning.room.report import measure_tag
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 

@@ -11,9 +11,9 @@ from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
-from gnuradio.wiforce.planning.room.report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings

@@ -6,8 +6,8 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.csi_tools import tool_of
+from gnuradio.wiforce.planning.findings import findings, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.findings import findings, other_clocks, wrong_clocks
 from gnuradio.wiforce.press.sensor_state import describe_doubt
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import accepted_suspicions

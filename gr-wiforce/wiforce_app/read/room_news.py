@@ -24,10 +24,8 @@ class RoomNews:
         if known == self._known:
             return
         self._known = known
-        from gnuradio.wiforce.planning.room.report import finding_line
-
         for finding in mattering:
-            self._say(finding_line(finding))
+            self._say(finding.line)
         if not mattering:
             self._say("nothing found any more that matters")
 

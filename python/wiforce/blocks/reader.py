@@ -15,8 +15,8 @@ from ..errors import InputError
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..io.capture.samples import ITEM_TYPES
 from ..io.readings import GroupCounts, Reading
+from ..planning.findings import Finding
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..planning.room.findings import Finding
 from ..press.tares import StreamTares, TareState
 from ..receiver.stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold

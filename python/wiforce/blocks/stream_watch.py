@@ -23,8 +23,8 @@ from ..estimation.groups import Array
 from ..estimation.room.survey import Survey
 from ..io.capture.samples import samples_of
 from ..io.readings import Reading
+from ..planning.findings import wrong_clock, wrong_clocks
 from ..planning.plan import Plan
-from ..planning.room.findings import wrong_clock, wrong_clocks
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline

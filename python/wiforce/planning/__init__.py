@@ -3,6 +3,7 @@
 
 `plan` computes all settings of the receiver from a scene, once: the clutter band, the lines that
 are used and what they lose (`loss`). `expected` gives the errors of readings, `steps` what is
-computed and what it costs, and `advice` warns and proposes changes. `clocks`, `packets` and `room`
-are about the tags' clocks, snapshots at irregular times, and what a survey finds.
+computed and what it costs, and `advice` warns and proposes changes. `clocks` are those of tags,
+`packet_plan` is for snapshots at irregular times; `adaptation` is to a room, whose survey
+`findings` puts into words.
 """

@@ -19,17 +19,17 @@ from ..io.capture.channel_snapshots import ChannelSnapshots, open_snapshots
 from ..io.capture.names import find_captures, is_one, is_snapshots
 from ..io.capture.recordings import Capture, open_capture
 from ..io.readings import COLUMNS, NUMBERS, Flag
-from ..planning.plan import Plan
-from ..planning.plan import plan as plan_of
-from ..planning.room.findings import Finding, findings, level_reference
-from ..planning.room.report import (
+from ..planning.findings import (
+    Finding,
     MeasuredTag,
     changes_of,
-    finding_rows,
+    findings,
     findings_text,
+    level_reference,
     measure_tag,
-    skipped_of,
 )
+from ..planning.plan import Plan
+from ..planning.plan import plan as plan_of
 from ..scene import Scene, accepted_suspicions, load_scene, scene_of
 from ..simulation.simulator import simulate as write_simulated
 from .recording import RecordingReader
@@ -280,15 +280,16 @@ class RoomSurvey:
         """
         reference, name = level_reference(self.survey, self.planned)
         static = max(self.survey.static_power, 1e-30)
+        changes, skipped = changes_of(self.planned, self.plan)
         return {
             "seconds": len(self.survey.spectrum) * 2 * self.survey.snapshot_period_s,
             "resolution_hz": self.survey.resolution_hz,
             "noise_floor_db": float(0.0 - 10 * np.log10(reference)),  # not -0.0
             "static_db": float(10 * np.log10(static / reference)),
             "level_reference": name,
-            "findings": finding_rows(self.findings),
-            "changes": changes_of(self.planned, self.plan),
-            "skipped": skipped_of(self.plan),
+            "findings": [finding.row() for finding in self.findings],
+            "changes": changes,
+            "skipped": skipped,
             "sensors": [asdict(tag) for tag in self.tags],
         }
 

@@ -28,8 +28,8 @@ from ..estimation.room.survey import Survey
 from ..io.capture.names import second_antenna
 from ..io.capture.recordings import Capture, open_capture
 from ..io.readings import GroupCounts, Reading
+from ..planning.adaptation import adapted, expecting_snr, survey_reference, surveyed_snapshots
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..planning.room.adaptation import adapted, expecting_snr, survey_reference, surveyed_snapshots
 from ..press.evidence import Suspicion
 from .receiver import Receiver
 

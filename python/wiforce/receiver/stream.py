@@ -16,15 +16,15 @@ from ..estimation.capture.folded_groups import FoldedGroups, Slips, SnapshotGrou
 from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
 from ..io.readings import GroupCounts, Reading
-from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..planning.room.adaptation import (
+from ..planning.adaptation import (
     adapted,
     expecting_snr,
     readapted,
     survey_reference,
     surveyed_snapshots,
 )
-from ..planning.room.findings import Finding, findings
+from ..planning.findings import Finding, findings
+from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..press.evidence import Suspicion
 from ..press.sensor_state import SensorState
 from ..press.tares import StreamTares, TareState

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from command_runs import refused, run_command, succeeded
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.planning.room.report import measure_tag
+from gnuradio.wiforce.planning.findings import measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.plan.check import Findings, advice_on

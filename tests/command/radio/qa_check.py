@@ -5,8 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.planning.room.findings import Finding
-from gnuradio.wiforce.planning.room.report import MeasuredTag
+from gnuradio.wiforce.planning.findings import Finding, MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, command

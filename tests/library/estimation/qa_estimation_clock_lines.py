@@ -9,8 +9,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.survey import survey_channel
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate

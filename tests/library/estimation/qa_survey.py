@@ -8,8 +8,7 @@ import pytest
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
 from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
-from gnuradio.wiforce.planning.plan import Plan, plan
-from gnuradio.wiforce.planning.room.adaptation import (
+from gnuradio.wiforce.planning.adaptation import (
     adapted,
     added_noise,
     expecting_snr,
@@ -17,7 +16,8 @@ from gnuradio.wiforce.planning.room.adaptation import (
     survey_reference,
     without_slip,
 )
-from gnuradio.wiforce.planning.room.findings import findings, level_reference, other_clock_hz
+from gnuradio.wiforce.planning.findings import findings, level_reference, other_clock_hz
+from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.signal.lines import RoomNoise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights

@@ -9,7 +9,7 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.room.findings import findings
+from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.press.sensor_state import RETUNED
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader

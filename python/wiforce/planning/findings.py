@@ -3,22 +3,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
-from ...estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
-from ...estimation.clocks.tracked_tag import TagClock
-from ...estimation.room.clock_lines import clock_beyond
-from ...estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
-from ...estimation.room.survey import Survey
-from ...scene.schema import LOOSEST_CLOCK_PPM
-from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
-from ...signal.waveform import Waveform
-from ..plan import Plan
+from ..errors import InputError
+from ..estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
+from ..estimation.clocks.tracked_tag import TagClock
+from ..estimation.groups import Groups
+from ..estimation.room.clock_lines import clock_beyond
+from ..estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
+from ..estimation.room.survey import Survey
+from ..scene.schema import LOOSEST_CLOCK_PPM
+from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
+from ..signal.waveform import Waveform
 from .adaptation import NEGLIGIBLE, added_noise
+from .plan import Plan
 
 # Supplies pass the mains frequency or, behind a rectifier, twice that.
 RIPPLE_HZ = (50.0, 60.0, 100.0, 120.0)
@@ -69,7 +72,7 @@ def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) ->
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
     """The best clock in Hz for a tag, a bin or more from lines of the room; None without."""
-    from ..clocks import propose_clocks  # for rooms that need another one only
+    from .clocks import propose_clocks  # for rooms that need another one only
 
     own, others = plan.clocks[tag], (*plan.clocks[:tag], *plan.clocks[tag + 1 :])
     avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
@@ -175,6 +178,15 @@ class Finding:
     handling: str  # what the plan does about it
     matters: bool  # it changed the plan or cannot be handled
     lines_hz: tuple[float, ...] = ()  # the source's visible lines
+
+    def row(self) -> dict[str, Any]:
+        """The finding as a dictionary for JSON."""
+        return {"name": self.name, **asdict(self)}
+
+    @property
+    def line(self) -> str:
+        """The finding in one line."""
+        return f"{self.name}, {self.level_db:+.0f} dB: {self.handling}"
 
     @property
     def name(self) -> str:
@@ -341,7 +353,7 @@ class _Report:
             ]
             if not near:
                 continue
-            from ..clocks import line_numbers
+            from .clocks import line_numbers
 
             lines = f"{line_numbers(near)} of '{_names(plan)[tag]}'"
             texts += f"; coincides with {lines}: readings are uncertain"
@@ -394,3 +406,94 @@ class _Report:
             if source.kind == "tag" and any(abs(hertz - f) < _LAMP_WIDTH_HZ for f in seen):
                 return "noise of the clock of the tag that the scene does not list"
         return "fast motion, or another transmitter"
+
+
+def findings_text(found: Sequence[Finding]) -> list[str]:
+    """Findings as lines of a table, two each."""
+    if not found:
+        return ["found nothing besides the tags of the scene"]
+    lines = [f"{'found':<34}{'level':>10}  meaning, and what the reader does about it"]
+    for finding in found:
+        level = f"{finding.level_db:+.1f} dB"
+        lines.append(f"{finding.name:<34}{level:>10}  {finding.meaning}")
+        lines.append(f"{'':<46}{finding.handling}")
+    return lines
+
+
+def changes_of(plan: Plan, adapted: Plan) -> tuple[list[str], list[str]]:
+    """What a room changes in a plan, and what it does not need."""
+    changes = []
+    if adapted.clutter_hz != plan.clutter_hz:
+        changes.append(
+            f"the weights reject clutter up to {adapted.clutter_hz:.0f} Hz instead of "
+            f"{plan.clutter_hz:.0f} Hz"
+        )
+    clocks = " and ".join(f"{clock.clock_hz:.2f} Hz" for clock in adapted.others)
+    more = f"({len(adapted.table.tones) - len(plan.table.tones)} more tones)"
+    steps = (
+        (
+            bool(adapted.others),
+            f"the tag of {clocks} to the separation {more}",
+            "separation of tags that the scene does not list",
+        ),
+        (
+            adapted.room is not None,
+            "weights that suppress the noise between the lines of the tags",
+            "weights against noise between the lines of the tags",
+        ),
+        (
+            adapted.compression is not None,
+            "a correction of the receiver's compression",
+            "correction of the receiver's compression",
+        ),
+    )
+    changes += [f"adds {step}" for needed, step, _ in steps if needed]
+    if adapted.tag_ratios:
+        levels = " and ".join(f"{20 * math.log10(ratio):.0f} dB" for ratio in adapted.tag_ratios)
+        changes.append(
+            "adds to the standard deviations that the ratio of two antennas is not linear "
+            f"(tag against static path: {levels})"
+        )
+    return changes, [step for needed, _, step in steps if not needed]
+
+
+@dataclass(frozen=True)
+class MeasuredTag:
+    """One tag as measured: None or empty where it, or an end of it, was not detected."""
+
+    name: str
+    clock_offset_ppm: float | None = None
+    snr_db: list[float | None] = field(default_factory=list)
+    phase_error_deg: list[float | None] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        if self.clock_offset_ppm is None:
+            return "not detected"
+        text = f"clock {self.clock_offset_ppm:+.2f} ppm, SNR {_texts(self.snr_db, 1)} dB"
+        if self.phase_error_deg:
+            error = _texts(self.phase_error_deg, 2)
+            text += f", expected phase error {error} deg per group"
+        return text
+
+
+def measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
+    """Medians over the groups in which the clock of tag ``index`` was locked."""
+    if not len(groups) or not groups.locked[:, index].any():
+        return MeasuredTag(name)
+    locked = groups[groups.locked[:, index]]
+    ends = slice(2 * index, 2 * index + 2)
+    return MeasuredTag(
+        name,
+        float(np.median(locked.clock_offset_ppm[:, index])),
+        _finite(np.median(locked.snr_db[:, ends], axis=0).round(2)),
+        _finite(np.median(locked.phase_std_deg[:, ends], axis=0).round(3)),
+    )
+
+
+def _finite(values: np.ndarray) -> list[float | None]:
+    """Values for JSON, which has neither nan nor infinity."""
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _texts(values: Sequence[float | None], digits: int) -> str:
+    return " and ".join("unknown" if v is None else f"{v:.{digits}f}" for v in values)

@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.clocks.tracked_tag import TagClock
-from ...estimation.group_tones import power_of
-from ...estimation.groups import Array
-from ...estimation.room.clock_lines import measured
-from ...estimation.room.sources import RoomLine, Source
-from ...estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
-from ...signal.lines import CLUTTER_MARGIN, RoomNoise
-from ...signal.switching import harmonics
-from ...signal.weights import ToneTable
-from ..plan import Plan
+from ..estimation.clocks.tracked_tag import TagClock
+from ..estimation.group_tones import power_of
+from ..estimation.groups import Array
+from ..estimation.room.clock_lines import measured
+from ..estimation.room.sources import RoomLine, Source
+from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
+from ..signal.lines import CLUTTER_MARGIN, RoomNoise
+from ..signal.switching import harmonics
+from ..signal.weights import ToneTable
+from .plan import Plan
 
 # Noise that the room adds to a tone, relative to white noise and averaged over the subcarriers,
 # below which the weights stay as they are: it costs 0.2 dB in that tone.
