@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Benchmarks of time: chains held to double precision, growth along axes, and what is printed."""
+"""Benchmarks of time: chains held to double precision, and what is printed."""
 
 import json
-import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from gnuradio.wiforce.planning.plan import plan
 from wiforce_app.bench import inversion, read
 from wiforce_app.bench.chains import CHAINS
 from wiforce_app.bench.live import delays_s
-from wiforce_app.bench.read import AXES, scene_of
 from wiforce_app.bench.recording import reference_tones, tone_weights, write_recording
 from wiforce_app.bench.speed import check_tones
 
@@ -80,41 +78,11 @@ def test_delays_are_counted_from_when_the_device_sent_the_sample():
     assert delays_s(readings, sent, 0.006) == pytest.approx([0.04, -0.2])
 
 
-@pytest.fixture
-def measured(monkeypatch):
-    """Rows with known exponents instead of those of this machine."""
-    times = dict.fromkeys(("plan_s", "start_s", "groups_ms", "single_us", "real_time"), 1.0)
-    times |= {"subcarriers": 62, "tones": 24}
-
-    def measure(setting, folder, seconds):
-        grown = {"samples_ms": 3 * setting.value**0.5, "group_us": 40 * setting.value**1.5}
-        return {**asdict(setting), **times, **grown, "value": setting.value}
-
-    monkeypatch.setattr(read, "measure", measure)
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_rows_change_only_their_axis_and_can_be_planned(axis):
+@pytest.mark.parametrize("sensors", read.SENSORS)
+def test_pieces_of_recordings_are_repeated_without_a_break(sensors):
     """A row that is refused after minutes of measuring would cost the whole run."""
-    values = [s.value for s in AXES[axis]]
-    assert values == sorted(set(values)) and len(values) == 5
-    for setting in (AXES[axis][0], AXES[axis][-1]):
-        scene = scene_of(setting)
-        settings = plan(scene)
-        assert len(settings.clocks) == setting.sensors
-        assert settings.group_length == setting.snapshots
-        # Whole periods, frames and groups in the piece that is repeated.
-        assert all((3.6 * hz) % 1 == pytest.approx(0, abs=1e-6) for hz in settings.clocks_hz)
-        assert 45_000_000 % (setting.frame_length * setting.snapshots) == 0
-
-
-def test_command_scaling_prints_rows(measured):
-    """The exponents are what decides whether a larger set-up can be read at all."""
-    command = ["bench", "read", "--scaling", "--axis", "sensors"]
-    done = run_command(*command)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "| sensors | batches (us/group) | 1.50 | 1.50 |" in re.sub(" +", " ", done.stdout)
-    both = [*command, "--axis", "snapshots", "--json"]
-    result = json.loads(run_command(*both).stdout)
-    small = AXES["sensors"] + AXES["snapshots"]
-    assert [read.Setting(**{k: r[k] for k in asdict(small[0])}) for r in result["rows"]] == small
+    settings = plan(read.scene_of(sensors, 625))
+    assert len(settings.clocks) == sensors and settings.group_length == 625
+    # Whole periods, frames and groups in the piece.
+    assert all((read.PIECE_S * hz) % 1 == pytest.approx(0, abs=1e-6) for hz in settings.clocks_hz)
+    assert all(read.PIECE_SAMPLES % (720 * n) == 0 for n in (125, 625))
