@@ -13,14 +13,11 @@ import sys
 from pathlib import Path
 
 import pytest
-import tomllib
 import yaml
-from command_runs import run_command, succeeded
+from command_runs import succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.io.optional import _PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SCENE = {
     "radio": {"sample_rate_hz": 1.25e6},
     "sounding": {"frame_length": 400},
@@ -35,11 +32,6 @@ SCENE = {
         ],
     },
 }
-# Names of the modules of a package, where they are not its own.
-MODULES = {"pyyaml": "yaml", "scikit-rf": "skrf"}
-# GNU Radio, Qt with its displays, and what others bring along.
-WITH_GNURADIO = {"gnuradio", "pmt", "PyQt5", "pyqtgraph", "sip", "SoapySDR"}
-IMPORTED = re.compile(r"^ *(?:import|from) (\w+)[\w.]*(?: import .*| as \w+)?$", re.MULTILINE)
 RUN = "import sys; from wiforce_app.main import run; sys.exit(run())"
 
 
@@ -185,13 +177,6 @@ def test_command_of_pip_uses_its_own_library(installed, tmp_path):
     assert done.stdout.strip() == str(installed / "gnuradio" / "wiforce" / "__init__.py")
 
 
-def test_version_of_wheels_is_that_of_cmake():
-    setting = PROJECT["tool"]["scikit-build"]["metadata"]["version"]
-    found = re.search(setting["regex"], (ROOT / setting["input"]).read_text())
-    done = run_command("--version")
-    assert done.stdout == f"gr-wiforce {found['value']}\n"
-
-
 def test_wheel_holds_no_package_file_of_gnuradio():
     """It would hide GNU Radio, or be hidden by it."""
     assert not list(ROOT.glob("python/**/gnuradio/__init__.py"))
@@ -199,23 +184,6 @@ def test_wheel_holds_no_package_file_of_gnuradio():
     destinations = re.findall(r"DESTINATION (\S+?)[)\s]", rules)
     own = re.compile(r"\.|\$\{package\}(/share)?|\$\{SKBUILD_DATA_DIR\}/share/.+")
     assert destinations and all(own.fullmatch(name) for name in destinations)
-
-
-def test_every_library_that_is_imported_is_a_dependency():
-    """pip would install a command that fails at its first import."""
-    dependencies = PROJECT["project"]["dependencies"]
-    needed = {re.split(r"[><= ]", each)[0].lower() for each in dependencies}
-    known = {MODULES.get(name, name) for name in needed} | set(_PACKAGES) | set(MODULES.values())
-    known |= WITH_GNURADIO | set(sys.stdlib_module_names) | {"wiforce_app", "software_n210"}
-    missing = {}
-    for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
-        for path in (ROOT / folder).rglob("*.py"):
-            for name in IMPORTED.findall(path.read_text(encoding="utf-8")):
-                if name not in known:
-                    missing.setdefault(name, path.relative_to(ROOT))
-    # For type checkers only.
-    missing.pop("typing_extensions", None)
-    assert missing == {}
 
 
 @pytest.mark.long

@@ -7,6 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import tomllib
+from gnuradio.wiforce.io.optional import _PACKAGES
+
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / "tests/platforms/run"
 STEPS = ROOT / "tests/platforms/steps"
@@ -58,17 +61,19 @@ def test_packages_depend_on_what_the_code_imports():
         "yaml": "python3-yaml",
     }
     own = {"gnuradio", "pmt", "wiforce_app", "software_n210"}
-    # Each is imported by one feature, which names what to install where it is missing; PyQt5 and
-    # pyqtgraph come with gnuradio.
-    optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "pyarrow", "pylsl", "skrf"}
-    optional |= {"SoapySDR", "csiread", "bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
-    optional |= {"typing_extensions"}  # of type checkers
+    # One feature each imports these, and names what to install where it is missing; Qt comes with
+    # GNU Radio, and types are for checkers alone.
+    optional = _PACKAGES.keys() - packages.keys()
+    optional |= {"PyQt5", "pyqtgraph", "SoapySDR", "typing_extensions"}
     found = set()
     for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
         for path in (ROOT / folder).rglob("*.py"):
             found |= set(imported(path))
     third_party = found - set(sys.stdlib_module_names) - own - optional
     assert third_party == set(packages)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    by_pip = {re.split("[><=]", each)[0].lower() for each in project["dependencies"]}
+    assert by_pip == third_party - {"yaml"} | {"pyyaml"}
     depends = debian("control").split("Package: gr-wiforce\n")[1].split("Suggests:")[0]
     for package in packages.values():
         assert f" {package},\n" in depends

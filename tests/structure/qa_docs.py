@@ -3,7 +3,6 @@
 
 import csv
 import doctest
-import importlib.util
 import json
 import re
 import shlex
@@ -16,15 +15,13 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import run_command, succeeded
+from modules import module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def loaded(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs" / f"{name}.py")
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +102,7 @@ WRITTEN = sorted((ROOT / "docs").glob("*.md"))
 LINKED = [
     *WRITTEN,
     *(ROOT / "docs").glob("*/*.md"),
-    *(ROOT / n for n in ("README.md", "SECURITY.md")),
+    *(ROOT / n for n in ("README.md", "SECURITY.md", "packaging/README.md")),
 ]
 LINKED += [
     ROOT / n for n in ("CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md", "ros2/README.md")
@@ -356,9 +353,12 @@ def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
     assert settings.waveform.symbol_length == 128 and settings.scene.simulation.presses
 
 
-def test_pages_of_packets_and_surfaces_hold_whole_scenes(tmp_path):
+def test_pages_hold_whole_scenes(tmp_path):
+    """Of a first capture, of packets and of a surface."""
     from gnuradio import wiforce
 
+    plan = wiforce.plan(yaml.safe_load(code_blocks("radios.md", "yaml")[-1]))
+    assert [sensor.name for sensor in plan.sensors] == ["arm"]
     (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
     assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
     strips, presses = code_blocks("sensors.md", "yaml")[1:3]
@@ -405,6 +405,13 @@ def test_tutorial_code_reads_the_press(capsys):
     lines = capsys.readouterr().out.splitlines()
     locations = [float(m[1]) for line in lines if (m := re.search(r" N at ([\d.]+) \+-", line))]
     assert len(locations) > 20 and abs(statistics.median(locations) - 45) < 0.5
+
+
+def test_lines_of_design_on_their_page_are_those_of_the_command():
+    page = (ROOT / "docs/build-a-tag.md").read_text(encoding="utf-8")
+    printed = run_command("design", "--clock-hz", "1035").stdout
+    shown = re.findall(r"^(?:line|impedance|matched|carrier|firmware)  .*\n", page, re.MULTILINE)
+    assert "".join(shown) == printed
 
 
 def test_tutorial_scene_is_valid():

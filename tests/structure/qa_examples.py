@@ -2,7 +2,6 @@
 """Every example runs as shipped, without a screen, and its result is checked."""
 
 import contextlib
-import importlib.util
 import io
 import json
 import os
@@ -24,6 +23,7 @@ from chain_runs import assert_equal_readings
 from command_runs import rows_of
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.io.readings import as_reading
+from modules import module_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FLOWGRAPHS = sorted(EXAMPLES.glob("*.grc"))
@@ -50,10 +50,7 @@ def generated(compiled, qt):
     def module(name):
         path = compiled / f"{name}.py"
         assert path.is_file()
-        spec = importlib.util.spec_from_file_location(f"example_{name}", path)
-        loaded = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(loaded)
-        return loaded
+        return module_of(path)
 
     return module
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of docs/images, made again: they show what the programs draw today."""
 
-import importlib.util
 from functools import cache
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from long_cases import cases
 from matplotlib import image
+from modules import module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
@@ -35,10 +35,7 @@ def difference(first, second):
 
 def maker(name):
     """A module of docs that draws a picture."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs" / f"{name}.py")
 
 
 @pytest.mark.parametrize(

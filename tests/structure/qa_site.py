@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The documentation site: its pages, their links, and its notebook. Sphinx is not needed."""
 
-import importlib.util
 import json
 from pathlib import Path
 
 import pytest
+from modules import module_of
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
 def maker():
-    spec = importlib.util.spec_from_file_location("make_site", DOCS / "make_site.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(DOCS / "make_site.py")
 
 
 def test_site_every_page_is_in_the_table_of_contents(maker):

@@ -73,13 +73,3 @@ def test_library_package_has_the_name_of_its_soname():
     assert set(others) == {soname}
     assert (ROOT / f"debian/libgnuradio-wiforce{soname}.install").is_file()
     assert f"`libgnuradio-wiforce{soname}`" in text("docs/install.md")
-
-
-def test_names_that_are_called_stable_exist():
-    """A user would rely on a name that the package does not have."""
-    from gnuradio import wiforce
-
-    page = text("docs/install.md")
-    names = re.findall(r"wiforce\.(\w+)", page.split("```python")[1].split("```")[0])
-    assert len(names) > 10
-    assert set(names) <= set(wiforce.__all__)

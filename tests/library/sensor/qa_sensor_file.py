@@ -3,7 +3,6 @@
 
 import copy
 import dataclasses
-import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors, write_sensor
+from modules import module_of
 
 TRANSITION = {
     "shape": "tanh",
@@ -46,11 +46,7 @@ def test_shipped_sensors_load_and_state_their_provenance():
 
 
 def test_shipped_sensors_equal_those_of_their_generator():
-    path = Path(DATA_DIR) / "sensors" / "make_sensors.py"
-    spec = importlib.util.spec_from_file_location("make_sensors", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for made in module.all_sensors():
+    for made in module_of(Path(DATA_DIR) / "sensors" / "make_sensors.py").all_sensors():
         shipped = load_sensor(made.name)
         difference = made.phases_deg(FORCES, PLACES) - shipped.phases_deg(FORCES, PLACES)
         assert np.abs(difference).max() < 1e-3, made.name
