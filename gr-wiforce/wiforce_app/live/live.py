@@ -295,7 +295,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
     from .monitor import SessionMonitor
     from .radio_keeper import RadioKeeper
     from .requests import TareLog, serve_requests
-    from .service_manager import ServiceManager, ServiceReport
+    from .service_manager import ServiceManager
     from .session import LiveSession
 
     ending = _Ending()
@@ -325,8 +325,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
     health = RunHealth(session, log.info, lambda: keeper.state)
     monitor = SessionMonitor(session, health, line=line)
-    service = ServiceManager()
-    service_report = ServiceReport(service, session, keeper)
+    service = ServiceManager(session, keeper)
     tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
     requests = []
@@ -340,7 +339,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
                     keeper.look()
                     monitor.look()
                     health.look()
-                    service_report.look()
+                    service.look()
                     for each in requests:
                         each.serve(_REQUESTS_A_LOOK)
                     if duration and session.time_s >= duration:

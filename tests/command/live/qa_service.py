@@ -13,7 +13,7 @@ import pytest
 from gnuradio.wiforce.io.readings import GroupCounts
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.live.requests import WarningPace
-from wiforce_app.live.service_manager import ServiceManager, ServiceReport
+from wiforce_app.live.service_manager import ServiceManager
 from wiforce_app.shell.log import Log, is_journal
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -40,21 +40,20 @@ def systemd(tmp_path):
 
 
 def session_in_words():
-    """What a ServiceReport asks of a session."""
+    """What a ServiceManager asks of a session."""
     return SimpleNamespace(behind_s=0.0, time_s=3.0, reader=SimpleNamespace(counts=GroupCounts()))
 
 
 def test_service_reports_readiness_state_and_life(systemd, capsys):
     now, session = [0.0], session_in_words()
     keeper = SimpleNamespace(state=OPENING, waits=False)
-    service = ServiceManager(systemd.environment, lambda: now[0])
+    service = ServiceManager(session, keeper, systemd.environment, lambda: now[0])
     assert systemd.environment == {}  # processes that are started must not report
-    report = ServiceReport(service, session, keeper, lambda: now[0])
 
     def after(seconds):
         for _ in range(round(seconds / 0.1)):
             now[0] += 0.1
-            report.look()
+            service.look()
         return systemd.messages()
 
     assert "READY=1" not in after(1.0)
@@ -78,16 +77,11 @@ def test_service_reports_readiness_state_and_life(systemd, capsys):
 def test_service_waiting_for_an_absent_device_is_ready(systemd):
     """Otherwise systemd gives up a service whose device is switched on an hour later."""
     keeper = SimpleNamespace(state=OPENING, waits=True)
-    service = ServiceManager(systemd.environment)
-    ServiceReport(service, session_in_words(), keeper).look()
-    assert "READY=1" in systemd.messages()
-    service.close()
-
-
-def test_service_without_systemd_does_nothing():
-    service = ServiceManager({})
-    for call in (service.ready, service.alive, service.stopping, service.close):
-        call()
+    for environment, told in ((systemd.environment, True), ({}, False)):
+        service = ServiceManager(session_in_words(), keeper, environment)
+        service.look()
+        assert ("READY=1" in systemd.messages()) is told
+        service.close()
 
 
 def test_log_lines_for_people_and_for_the_journal(capsys):
