@@ -2,19 +2,16 @@
 """The reader's end of a process that uses a device (:mod:`.process`)."""
 
 import contextlib
-import json
-import select
+import multiprocessing
 import signal
 import socket
 import subprocess
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.device_lock import DeviceBusy
 
 from ..shell.processes import spawned
-from .request import LOST_STATUS, DeviceAbsent, DeviceLost, DeviceUnusable, RadioRequest
+from .request import LOST_STATUS, DeviceLost, RadioRequest
 
-_KINDS = {kind.__name__: kind for kind in (DeviceAbsent, DeviceBusy, DeviceUnusable)}
 _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 
 
@@ -30,13 +27,13 @@ class RadioLink:
         # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self.clock: tuple[float, float] | None = None
         self.underflows_s: list[float] = []  # how long nothing was transmitted; to be taken
-        self._rest, self._stopped = b"", False
+        self._stopped = False
         self._samples: socket.socket | None
         self._samples, samples = socket.socketpair()
-        self._control, control = socket.socketpair()
+        self._control, control = multiprocessing.Pipe()
         with samples, control:
             self._process = spawned(f"{__package__}.process", control.fileno(), samples.fileno())
-        self._send(request.to_json())
+        self._send(request)
 
     @property
     def opened(self) -> bool:
@@ -55,16 +52,12 @@ class RadioLink:
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Take what the process reports, or raise DeviceAbsent, -Busy, -Unusable or -Lost."""
-        while select.select([self._control], [], [], timeout_s)[0]:
+        while self._control.poll(timeout_s):
             try:
-                data = self._control.recv(65536)
-            except ConnectionError:
-                data = b""
-            if not data:
-                raise DeviceLost(self._end())
-            *lines, self._rest = (self._rest + data).split(b"\n")
-            for line in lines:
-                self._take(json.loads(line))
+                report = self._control.recv()
+            except (EOFError, OSError):
+                raise DeviceLost(self._end()) from None
+            self._take(*report)
             timeout_s = 0.0
 
     def stop(self, timeout_s: float = 2.0) -> None:
@@ -72,7 +65,7 @@ class RadioLink:
         self._send("stop")
         with contextlib.suppress(DeviceLost, InputError):
             while not self._stopped:
-                if not select.select([self._control], [], [], timeout_s)[0]:
+                if not self._control.poll(timeout_s):
                     break
                 self.poll()
 
@@ -92,27 +85,23 @@ class RadioLink:
         self._process.kill()
         self.close()
 
-    def _take(self, report):
-        event = report.pop("event")
+    def _take(self, event, value):
         if event == "opened":
-            self.hardware, self.settings = report["hardware"], report["settings"]
-            self.unlocked, self.aligned = report["unlocked"], report["aligned"]
+            self.hardware, self.settings, self.unlocked, self.aligned = value
         elif event == "started":
             self.started = True
         elif event == "clock":
-            self.clock = report["offset_s"], report["uncertainty_s"]
+            self.clock = value
         elif event == "underflow":
-            self.underflows_s.append(report["seconds"])
+            self.underflows_s.append(value)
         elif event == "stopped":
             self._stopped = True
-        elif event == "refused":
-            raise _KINDS.get(report["kind"], InputError)(report["where"], report["rule"])
-        elif event == "lost":
-            raise DeviceLost(report["reason"])
+        elif event == "failed":
+            raise value
 
-    def _send(self, line):
+    def _send(self, message):
         with contextlib.suppress(OSError):  # it has ended, which `poll` reports
-            self._control.sendall(line.encode() + b"\n")
+            self._control.send(message)
 
     def _end(self):
         """How the process has ended, in words."""

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
-import json
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -106,16 +104,3 @@ class RadioRequest:
     def frames(self) -> dict:
         """Parameters of the blocks that make and align frames."""
         return {"waveform": self.sounding.waveform_at(self.sample_rate_hz), "item_type": "sc16"}
-
-    def to_json(self) -> str:
-        """The request as a line of text."""
-        return json.dumps(dataclasses.asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> RadioRequest:
-        """A request from :meth:`to_json`."""
-        # Only the process of the device needs it.
-        from gnuradio.wiforce.scene.schema import Sounding
-
-        values = json.loads(text)
-        return cls(**values | {"sounding": Sounding(**values["sounding"])})

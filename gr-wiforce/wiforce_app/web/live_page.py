@@ -2,7 +2,7 @@
 """The page of a live run: an output that a process of its own shows (:mod:`page_process`)."""
 
 import contextlib
-import json
+import multiprocessing
 import shutil
 import subprocess
 import tempfile
@@ -37,12 +37,14 @@ class LivePage(Output):
             except Exception:
                 shutil.rmtree(self._folder, ignore_errors=True)
                 raise
-            sockets = {"readings": readings, "control": self.control, "folder": self._folder}
-            settings = {**vars(address), **sockets}
-            self._process = spawned(
-                f"{__package__}.page_process", listening.fileno(), stdin=subprocess.PIPE
-            )
-        self._send_settings(settings)
+            # Every user can see arguments, and the address has a token: it is sent. The run lasts
+            # as long as this connection.
+            self._run, run = multiprocessing.Pipe()
+            with run:
+                descriptors = listening.fileno(), run.fileno()
+                self._process = spawned(f"{__package__}.page_process", *descriptors)
+        with contextlib.suppress(OSError):  # it has ended already, which is reported
+            self._run.send((address, readings, self.control, self._folder))
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
         self._publisher.write_rows(rows)
@@ -57,9 +59,7 @@ class LivePage(Output):
 
     def close(self) -> None:
         """End the process, after viewers have received the end of the run."""
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # settings that it never took
-            self._process.stdin.close()
+        self._run.close()
         try:
             self._process.wait(_CLOSE_S)
         except subprocess.TimeoutExpired:
@@ -67,12 +67,3 @@ class LivePage(Output):
             self._process.wait()
         self._publisher.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def _send_settings(self, settings: Mapping[str, Any]) -> None:
-        """Give the process its settings; by its input, since every user can see arguments."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(settings).encode() + b"\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            pass  # it has ended already, which is reported

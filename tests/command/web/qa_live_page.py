@@ -109,21 +109,15 @@ def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene
     assert len(said.splitlines()) == 1 and output.read_text() == "of yesterday\n"
 
 
-@pytest.mark.parametrize("early", [True, False], ids=["before-settings", "after-settings"])
-def test_live_page_whose_process_ends_is_reported_once(early, monkeypatch):
+def test_live_page_whose_process_ends_is_reported_once(monkeypatch):
     """A run of weeks must not end with its page, nor repeat that it has gone."""
 
-    def ends_at_once(*_, **__):
-        return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(3)"], stdin=-1)
-
-    def send_late(self, settings):
-        self._process.wait()
-        send(self, settings)
+    def ends_at_once(*_):
+        process = subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(3)"])
+        process.wait()
+        return process
 
     monkeypatch.setattr(live_page, "spawned", ends_at_once)
-    send = live_page.LivePage._send_settings
-    if early:
-        monkeypatch.setattr(live_page.LivePage, "_send_settings", send_late)
     (port,), said = free_ports(1), []
     page = live_page.LivePage(PageAddress.of(str(port)), said.append)
     page._process.wait()
