@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce status``: health of a live reader, for scripts."""
+"""``gr-wiforce status`` and ``keys``: health of a live reader, and keys for its ZMQ sockets."""
 
 import json
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
 from gnuradio.wiforce.io.network.zmq_sockets import request
 from gnuradio.wiforce.io.readings import outcome_words
 
@@ -83,3 +83,23 @@ def _lines(answer, problems):
     yield from (f"problem: {problem}" for problem in problems)
     if not problems:
         yield "healthy"
+
+
+@click.command()
+@click.argument("folder", type=click.Path())
+@click.option(
+    "--client",
+    default="client",
+    show_default=True,
+    metavar="NAME",
+    help="Name of the client that gets keys.",
+)
+def keys(folder, client):
+    """Make keys for a live reader and a client of it.
+
+    FOLDER is what `live --zmq-keys` takes. The reader gets keys the first time; each further call
+    adds a client. Copy FOLDER/server.key and FOLDER/NAME.key_secret to the client. Nothing is
+    overwritten, and only the owner can read the files.
+    """
+    for path in create_keys(folder, client):
+        click.echo(path)
