@@ -15,7 +15,7 @@ from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
 from ..shell.log import PROGRAM, printable
 from ..shell.progress import progress
 from ..shell.workers import WorkerLost, run_tasks
-from .reading_job import RECORD, Journal, ReadingJob, read_capture_file, remove_partial
+from .reading_job import RECORD, Journal, ReadingJob, read_capture_file
 
 
 def read_many(given, scene, output, form, again, jobs, settings):
@@ -40,13 +40,9 @@ def read_many(given, scene, output, form, again, jobs, settings):
         for capture in captures:
             path = (folder / f"{capture.name}.{suffix}").absolute()
             known = None if again else journal.fingerprint(capture.name, path)
-            tasks.append(
-                ReadingJob(
-                    capture.name, os.path.abspath(capture.path), str(path), scene, settings, known
-                )
-            )
+            read = os.path.abspath(capture.path), str(path), journal.partial
+            tasks.append(ReadingJob(capture.name, *read, scene, settings, known))
         _protect_captures(tasks, whole)
-        remove_partial(Path(task.output) for task in tasks)
         summary = _Summary(len(tasks))
         try:
             _run(tasks, jobs, journal, summary)
@@ -54,8 +50,6 @@ def read_many(given, scene, output, form, again, jobs, settings):
             text = f"{summary.done} of {len(tasks)} captures have been read; the same command "
             raise Interrupted(f"{text}reads the others") from interrupt
         finally:
-            # Those of captures that had been read, but were not counted before an interruption.
-            remove_partial(Path(task.output) for task in tasks)
             summary.list_failures()
         if whole is not None:
             names = [task.name for task in tasks if task.name not in summary.failures]
@@ -105,6 +99,7 @@ def _keep(journal, task, report):
         return
     output = Path(task.output)
     try:
+        output.parent.mkdir(parents=True, exist_ok=True)
         os.replace(report.partial, output)
         written = output.stat()
     except OSError as error:

@@ -6,6 +6,8 @@ import fcntl
 import hashlib
 import io
 import json
+import shutil
+import tempfile
 import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +19,6 @@ from gnuradio.wiforce.io.text.textfile import check_output, replacing
 
 from ..shell.log import PROGRAM
 
-_UUID_DIGITS = len(uuid.uuid4().hex)
 # Longer than most metadata, and thousands of noisy samples.
 _PROBE_BYTES = 65536
 
@@ -29,6 +30,7 @@ class ReadingJob:
     name: str  # what its readings are called
     path: str  # absolute, as that of its readings
     output: str
+    partial: str  # folder for what is not complete
     scene: str | None  # file or name of a shipped scene; None for the capture's own
     settings: dict  # datatype, frame_offset and tracked
     fingerprint: str | None = None  # of the readings that exist already
@@ -47,7 +49,7 @@ class ReadingReport:
 
 
 def read_capture_file(job):
-    """Read a capture into a file beside the output, which a late worker must not replace."""
+    """Read a capture into a partial file: a late worker must not replace the output."""
     messages = io.StringIO()
     with contextlib.redirect_stderr(messages):
         report = _read(job)
@@ -75,38 +77,21 @@ def _read(job):
     frame_offset = job.settings["frame_offset"]
     reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
     warn_of_start(recording, reader, scene, differences, frame_offset)
-    output = Path(job.output)
-    output.parent.mkdir(parents=True, exist_ok=True)
     # Another worker may read the same capture, if this one is taken for lost.
-    partial = output.with_name(f".{output.stem}.{uuid.uuid4().hex}{output.suffix}")
-    complete = False
+    partial = Path(job.partial) / f"{uuid.uuid4().hex}{Path(job.output).suffix}"
+    metadata = provenance(scene) if holds_metadata(partial) else {}
     try:
-        metadata = provenance(scene) if holds_metadata(output) else {}
         inputs = [*recording.files, *scene.files]
         with open_writer(partial, inputs, scene.more_columns, metadata=metadata) as writer:
             for batch in reader:
                 writer.write_all(batch)
-        complete = True
     except OutputError as error:
         # The file that it names, and what it says of its rows, is about to go.
-        raise OutputError(output, f"cannot be written ({error.reason})") from None
-    finally:
-        if not complete:
-            partial.unlink(missing_ok=True)
+        raise OutputError(job.output, f"cannot be written ({error.reason})") from None
     warn_of_end(job.path, reader)
     if [_identity(file) for file in recording.files] != identities:
         warn(job.path, "changed while it was read; repeat the command when it is complete")
     return ReadingReport(current, False, writer.rows, reader.counts, partial=str(partial))
-
-
-def remove_partial(outputs):
-    """Remove what workers of former runs have left beside the outputs of this one."""
-    wanted = {(output.parent, output.stem, output.suffix) for output in outputs}
-    for folder in {folder for folder, _, _ in wanted}:
-        for file in folder.glob(".*.*.*") if folder.is_dir() else ():
-            stem, _, identifier = file.stem[1:].rpartition(".")
-            if len(identifier) == _UUID_DIGITS and (folder, stem, file.suffix) in wanted:
-                file.unlink(missing_ok=True)
 
 
 def _identity(file):
@@ -121,32 +106,41 @@ def _identity(file):
 
 
 RECORD = "captures.jsonl"
+_PARTIAL = ".partial-"
 
 
 class Journal:
-    """Which captures were read into a folder with which result; holds it against other runs."""
+    """Which captures were read into a folder with which result; holds it against other runs.
+
+    ``partial`` is a folder in it for what is not complete.
+    """
 
     def __init__(self, folder):
-        self._path = Path(folder) / RECORD
+        folder = Path(folder)
+        self._path = folder / RECORD
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
             # Damaged bytes spoil their own line only.
             self._file = open(self._path, "a+", encoding="utf-8", errors="replace")
         except OSError as error:
             raise InputError(folder, f"cannot be used for readings ({error.strerror})") from error
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for left in folder.glob(f"{_PARTIAL}*"):
+                shutil.rmtree(left, ignore_errors=True)
         except BlockingIOError:
             self._file.close()
             raise InputError(folder, "is being written to by another run") from None
         except OSError:
             pass  # a file system without locks
         self.entries = self._load()
+        self.partial = tempfile.mkdtemp(prefix=_PARTIAL, dir=folder)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
+        shutil.rmtree(self.partial, ignore_errors=True)
         self._file.close()
 
     def _load(self):

@@ -256,10 +256,11 @@ def test_worker_of_a_former_run_does_not_replace_readings(in_process, captures, 
     output = tmp_path / "out" / "a.csv"
     path = str(folder / "day1" / "a")
     settings = {"datatype": None, "frame_offset": None, "tracked": False}
-    report = read_capture_file(ReadingJob("a", path, str(output), None, settings))
-    assert not output.exists() and Path(report.partial).parent == output.parent
-    foreign = output.with_name(".note.txt.csv")
-    foreign.touch()
+    left = output.parent / ".partial-left"
+    left.mkdir(parents=True)
+    report = read_capture_file(ReadingJob("a", path, str(output), str(left), None, settings))
+    assert not output.exists() and Path(report.partial).parent == left
+    output.with_name(".note.txt.csv").touch()
     succeeded("read", folder / "day1" / "a", folder / "day1" / "b", "-o", output.parent)
     names = sorted(file.name for file in output.parent.iterdir())
     assert names == [".note.txt.csv", "a.csv", "b.csv", "captures.jsonl"]
