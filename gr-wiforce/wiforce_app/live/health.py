@@ -10,13 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.planning.findings import other_clocks, wrong_clock
-from gnuradio.wiforce.press.sensor_state import (
-    PATIENCE_S,
-    RETUNED,
-    describe_doubt,
-    describe_silence,
-)
+from gnuradio.wiforce.press.sensor_state import PATIENCE_S, RETUNED
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .session import LiveSession
@@ -63,9 +57,6 @@ class _Tag:
     noted_s: float = 0.0
     lost_s: float = 0.0  # of groups that were not received since the tag was
     silent: bool = False
-    begun: bool = False  # its reference is over, and no doubt about it lasts
-    doubted_s: float | None = None  # since when it is not known which phases are those untouched
-    doubt_said: bool = False
 
 
 class RunHealth:
@@ -101,47 +92,15 @@ class RunHealth:
                 self._events.append(self._returns(reading, tag))
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
             tag.lost_s = 0.0
-            if not tag.begun and not {"reference", "ambiguous"}.intersection(reading.flags):
-                tag.begun = True
-                text = self._session.reader.counts.touched_reference().get(reading.sensor)
-                if text and not tag.doubt_said:  # a doubt that lasted said as much
-                    self._events.append(text)
-            self._note_doubt(reading, tag, "ambiguous")
             return
         if "moved" in reading.flags and self._stream.reference_problem(reading.sensor):
-            self._note_doubt(reading, tag, "moved")
             return
         # Groups that were not received, as those of a lost device, say nothing about the tag. After
         # an hour of them there are no rows.
         if reading.flags == _DROPPED or passed_s > PATIENCE_S:
             tag.lost_s += passed_s
         since_s = tag.first_s if tag.received_s is None else tag.received_s
-        if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
-            tag.silent = True
-            cause = self._never_received(reading.sensor) if tag.received_s is None else ""
-            self._events.append(describe_silence(reading.sensor, since_s) + cause)
-
-    def _note_doubt(self, reading, tag, flag):
-        """Say once why readings have a flag that stays."""
-        problem = ""
-        if tag.doubt_said or flag in reading.flags:  # a tenth of a reading's time
-            problem = self._stream.reference_problem(reading.sensor)
-        if not problem or flag not in reading.flags:
-            tag.doubted_s, tag.doubt_said = None, bool(problem)
-            return
-        if tag.doubted_s is None:
-            tag.doubted_s = reading.time_s
-        if not tag.doubt_said and reading.time_s - tag.doubted_s >= PATIENCE_S:
-            tag.doubt_said = True
-            self._events.append(describe_doubt(reading.sensor, problem))
-
-    def _never_received(self, sensor):
-        """What the survey of the room suggests of a tag that was never received."""
-        settings = self._stream.plan
-        others = wrong_clock(self._stream.survey, settings, sensor) or other_clocks(
-            [clock.clock_hz for clock in settings.others]
-        )
-        return f" ({others or 'is the tag on, and clock_hz its clock?'})"
+        tag.silent |= reading.time_s - since_s - tag.lost_s > PATIENCE_S
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)
@@ -154,7 +113,6 @@ class RunHealth:
             return f"{text}; readings continue from the former reference"
         if problem == RETUNED:
             return f"{text}; {problem}: readings are flagged moved until a tare"
-        tag.doubt_said = True
         ends = "until its untouched phases are seen or a tare is forced"
         return f"{text}; {problem}: readings are flagged ambiguous {ends}"
 

@@ -4,6 +4,7 @@
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,19 +46,21 @@ class SessionMonitor:
         self._session, self._health, self._now = session, health, now
         self._started_s = self._line_s = self._warn_s = now()
         self._pace = WarningPace(now)
-        self._gaps, self._lost, self._saturated = 0, 0, False
+        self._gaps = self._lost = 0
         self._latest_gaps = 0  # when it was looked at last
         self._moved = self._ignored = 0
         self._no_frames_reported = self._recording_reported = False
         self._begun = None
         self._terminal = log.line_in_use = line and sys.stderr.isatty() and not log.journal
         self._last = {}
-        self._room = RoomNews(lambda text: log.info(f"room: {text}"))
+        self._room = RoomNews()
+        # Sentences of the reader, which come from other threads.
+        self._said = deque()
+        session.reader.groups.on_warning = self._said.append
 
     def note(self, reading: Reading) -> None:
-        """Keep a reading for the status line, and whether it is saturated."""
+        """Keep a reading for the status line."""
         self._last[reading.sensor] = reading
-        self._saturated = self._saturated or "saturated" in reading.flags
 
     def look(self) -> None:
         """Update the status line, and warn."""
@@ -130,6 +133,8 @@ class SessionMonitor:
 
     def _warn(self):
         session, pace = self._session, self._pace
+        while self._said:
+            log.warning(self._said.popleft())
         self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost
         many = gaps - self._latest_gaps >= _MANY_GAPS
@@ -146,10 +151,6 @@ class SessionMonitor:
             for event in describe_events(moved - self._moved, ignored - self._ignored):
                 log.warning(f"at {session.time_s:.1f} s: {event}")
             self._moved, self._ignored = moved, ignored
-        if self._saturated and pace.allows("saturation"):
-            gains = "lower --rx-gain, then --tx-gain, until nothing is clipped"
-            log.warning(f"the receiver is saturated; {gains}")
-            self._saturated = False
         if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
             self._no_frames_reported = True
             frames = describe_frames(session.waveform)

@@ -32,10 +32,6 @@ _BEHIND_S = 1.0
 _FREE_SEARCHED_FRAMES = 50
 
 
-def _reported_by_command(sentence: str) -> None:
-    """Take no notice: the command itself reports levels, frames and tags that are missing."""
-
-
 class LiveSession:
     """Reads one device, however often it is lost; ``on_reading`` is called in a thread."""
 
@@ -64,7 +60,7 @@ class LiveSession:
             tracked=tracked,
             on_reading=on_reading,
         )
-        self.reader.groups.on_warning = _reported_by_command
+        self.reader.groups.on_warning = lambda sentence: None  # unless a monitor takes them
         self.reader.stream.on_groups = self._latest.append
         self.recorders = []
         if recording is not None:

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is said of a room and of a stream while it is read."""
 
-import sys
-
-import click
+from ..shell.log import log
 
 
 class RoomNews:
     """What each survey of a run has found that the one before had not."""
 
-    def __init__(self, say=None):
-        self._say = say or report_room
+    def __init__(self):
         self._latest, self._known = None, []
 
     def report(self, found):
@@ -24,16 +21,9 @@ class RoomNews:
         if known == self._known:
             return
         self._known = known
-        for finding in mattering:
-            self._say(finding.line)
-        if not mattering:
-            self._say("nothing found any more that matters")
-
-
-def report_room(text):
-    """Print what a survey has found, in a line of its own."""
-    start = "\r\033[K" if sys.stderr.isatty() else ""
-    click.echo(f"{start}gr-wiforce: room: {text}", err=True)
+        lines = [finding.line for finding in mattering]
+        for text in lines or ["nothing found any more that matters"]:
+            log.info(f"room: {text}")
 
 
 def describe_loss(gaps: int, samples_lost: int) -> str:

@@ -27,7 +27,7 @@ def session_in_words():
         recording_failure=None,
         alignment=SimpleNamespace(searches=0, offset=0),
         start_s=None,
-        reader=SimpleNamespace(counts=GroupCounts(), findings=None),
+        reader=SimpleNamespace(counts=GroupCounts(), findings=None, groups=SimpleNamespace()),
         clock_offsets_ppm={},
     )
 
@@ -61,11 +61,11 @@ def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
 def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know(capsys):
     session = session_in_words()
     monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: 0.0)
-    monitor.note(SimpleNamespace(sensor="arm", flags=("saturated",)))
+    session.reader.groups.on_warning("reader: arm is not received since 2.00 s")
     monitor.look()
     assert not capsys.readouterr().err
     monitor.finish()
-    assert capsys.readouterr().err.count("the receiver is saturated") == 1
+    assert capsys.readouterr().err.count("warning: reader: arm is not received since") == 1
 
 
 @pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
