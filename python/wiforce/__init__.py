@@ -54,16 +54,16 @@ _MODULES = {
     "sounding_waveform": "signal.waveform",
 }
 # What the blocks' parameters in Companion are made with, and checked by.
-_FOR_COMPANION = {
-    "is_scene": "blocks.rules",
-    "scene_in_companion": "blocks.rules",
-    "is_capture": "blocks.rules",
-    "is_sensor": "blocks.rules",
-    "is_carrier_of": "blocks.rules",
-    "is_amplitude_of": "blocks.rules",
-    "is_waveform": "blocks.rules",
-    "symbol_length_of": "blocks.frame_settings",
-}
+_FOR_COMPANION = (
+    "is_amplitude_of",
+    "is_capture",
+    "is_carrier_of",
+    "is_scene",
+    "is_sensor",
+    "is_waveform",
+    "scene_in_companion",
+    "symbol_length_of",
+)
 
 # What folders need besides the packages that are always there.
 _NEEDED_BY = {"blocks": "pmt", "wiforce_python": "pmt", "gui": "PyQt5"}
@@ -72,7 +72,7 @@ _NEEDED_BY = {"blocks": "pmt", "wiforce_python": "pmt", "gui": "PyQt5"}
 def __getattr__(name: str) -> Any:
     if name == "__all__":
         return _usable()
-    module = _MODULES.get(name) or _FOR_COMPANION.get(name)
+    module = "blocks.rules" if name in _FOR_COMPANION else _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

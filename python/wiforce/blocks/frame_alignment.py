@@ -16,7 +16,7 @@ from ..io.capture.samples import item_type_named, samples_of
 from ..signal.waveform import Waveform
 from . import names
 from .argument_types import Kept, typed
-from .frame_settings import WaveformOrScene, frames_of
+from .rules import WaveformOrScene, frames_of
 from .stream_watch import SearchWatch, Timeline, time_value
 
 _RX_TIME = pmt.intern(names.RX_TIME)

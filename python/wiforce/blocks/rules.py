@@ -1,15 +1,78 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of the blocks' parameters as predicates, for editors that check a value while it is typed.
+"""What the blocks' parameters describe, and rules of them for editors that check what is typed.
 
-The asserts of the GNU Radio Companion descriptions call them. Each runs the code of the
+The asserts of the GNU Radio Companion descriptions call the predicates. Each runs the code of the
 constructors, so that both always agree.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
-from ..scene import load_scene
+from ..estimation.groups import Array
+from ..scene import Scene, load_scene
+from ..signal.symbols import LONGEST_SYMBOL
+from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
+
+# What the parameter ``waveform`` of blocks takes.
+WaveformOrScene = str | Path | Waveform | Scene
+# Samples that hold five repetitions of any symbol.
+_LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
+
+
+def scene_meant(waveform: WaveformOrScene) -> Scene | None:
+    """The scene, or ``.yaml`` file of one, given in place of a waveform; None for a waveform."""
+    if isinstance(waveform, Scene):
+        return waveform
+    if str(waveform).lower().endswith((".yaml", ".yml")):
+        return load_scene(str(waveform))
+    return None
+
+
+def frames_of(
+    waveform: WaveformOrScene,
+    frame_length: int,
+    sample_rate: float,
+    symbol_length: int = 0,
+    repetitions: int = 0,
+    averaged_repetitions: int = 0,
+) -> Waveform:
+    """The frame of a block, of a Waveform, a scene, or a name and keys, 0 for defaults."""
+    if isinstance(waveform, Waveform):
+        return waveform
+    scene = scene_meant(waveform)
+    if scene is not None:
+        return scene.waveform()
+    stated = {
+        "symbol_length": symbol_length,
+        "repetitions": repetitions,
+        "averaged_repetitions": averaged_repetitions,
+    }
+    for name, value in stated.items():
+        if value < 0:
+            raise InputError(name, "must be positive, or 0 for the default", value)
+    given: dict[str, Any] = {name: value for name, value in stated.items() if value}
+    return sounding_waveform(str(waveform), frame_length, sample_rate, **given)
+
+
+def largest_amplitude(frame: Array) -> float:
+    """Amplitude at which the largest component of a frame of unit mean power is at full scale."""
+    return float(1 / np.abs(frame.view(float)).max())
+
+
+def symbol_length_of(waveform: WaveformOrScene, symbol_length: int = 0) -> int:
+    """Samples of the symbol of a waveform or a scene: the length of folded vectors."""
+    if isinstance(waveform, Waveform):
+        return waveform.symbol_length
+    if isinstance(waveform, Scene):
+        return waveform.waveform().symbol_length
+    name = str(waveform)
+    if name in WAVEFORMS or name.lower().endswith(".npy"):
+        return frames_of(name, _LONGEST_PREAMBLE, 1.0, symbol_length).symbol_length
+    return load_scene(name).waveform().symbol_length
 
 
 class _NamedScene(str):
@@ -60,19 +123,17 @@ def is_waveform(
     averaged_repetitions: int = 0,
 ) -> bool:
     """Whether frames can be made of a waveform or a scene, with these keys, 0 for defaults."""
-    from .frame_settings import frames_of
-
     stated = symbol_length, repetitions, averaged_repetitions
     return _accepted(lambda: frames_of(waveform, frame_length, 1.0, *stated))
 
 
 def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> bool:
     """Whether a sounding frame of some amplitude (root mean power) stays within full scale."""
-    from .frame_settings import LONGEST_PREAMBLE, frames_of
-    from .sounding import largest_amplitude
 
     def largest() -> float:
-        return largest_amplitude(frames_of(waveform, LONGEST_PREAMBLE, 1.0, symbol_length).preamble)
+        return largest_amplitude(
+            frames_of(waveform, _LONGEST_PREAMBLE, 1.0, symbol_length).preamble
+        )
 
     return _accepted(largest) and bool(0 < amplitude <= largest())
 

@@ -11,8 +11,8 @@ from ..estimation.groups import Array
 from ..signal.waveform import Waveform
 from . import names
 from .argument_types import Kept, typed
-from .frame_settings import WaveformOrScene, frames_of
 from .group_block import NoiseTags, noise_value
+from .rules import WaveformOrScene, frames_of
 from .stream_watch import Timeline
 
 _NOISE = pmt.intern(names.NOISE)

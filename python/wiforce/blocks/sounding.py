@@ -14,12 +14,7 @@ from ..io.capture.samples import item_type_named
 from ..scene import Scene, load_scene
 from ..simulation.channel import AirChannel
 from .argument_types import Kept, enlarge_output_buffer, typed
-from .frame_settings import WaveformOrScene, frames_of, scene_meant
-
-
-def largest_amplitude(frame: Array) -> float:
-    """Amplitude at which the largest component of a frame of unit mean power is at full scale."""
-    return 1 / np.abs(frame.view(float)).max()
+from .rules import WaveformOrScene, frames_of, largest_amplitude, scene_meant
 
 
 def frame_samples(frame: Array, amplitude: float, item_type: str) -> Array:
