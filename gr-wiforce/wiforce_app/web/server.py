@@ -3,7 +3,6 @@
 
 import asyncio
 import contextlib
-import functools
 import json
 import logging
 import math
@@ -110,8 +109,6 @@ class PageServer:
             "length_mm": length_mm,
         }
         self._ending = asyncio.Event()
-        # Viewers who wait for an answer, for each tare that is pending: plain (False) or forced.
-        self._asking: dict[bool, set[_Viewer]] = {}
 
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Serve until `end` is called, or ``ended`` is true and everything was sent."""
@@ -141,31 +138,6 @@ class PageServer:
     def end(self) -> None:
         """End soon; may be called from a signal handler of the loop."""
         self._ending.set()
-
-    def tare(self, viewer: "_Viewer", force: bool = False) -> None:
-        """Request a tare; viewers who do so meanwhile get the same answer."""
-        ask = getattr(self.source, "tare", None)
-        if ask is None:
-            return
-        # A pending forced tare answers plain requests too; the answer to a plain one may be a
-        # refusal, which must not be that to a forced one.
-        forced = force or True in self._asking
-        if forced in self._asking:
-            self._asking[forced].add(viewer)
-            return
-        self._asking[forced] = {viewer}
-        ask(functools.partial(self._take_answer, forced), forced)
-
-    def forget(self, viewer: "_Viewer") -> None:
-        """Keep nothing of a viewer who has gone."""
-        self.viewers.discard(viewer)
-        for asking in self._asking.values():
-            asking.discard(viewer)
-
-    def _take_answer(self, forced: bool, answer: dict[str, Any]) -> None:
-        text = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
-        for viewer in self._asking.pop(forced):
-            viewer.answers.append(text)
 
     def _tick(self, final: bool = False) -> None:
         self.source.poll(self.page_state)
@@ -285,6 +257,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """One browser, for which at most one message waits, then all that it lacks."""
 
     sent: "asyncio.Future[None] | None" = None
+    _asks = False  # waits for the answer to a tare
 
     def open(self, *_: str) -> None:
         self.answers: deque[str] = deque()
@@ -301,11 +274,18 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         self.update(status=True)
 
     def on_close(self) -> None:
-        self.page.forget(self)
+        self.page.viewers.discard(self)
 
     def on_message(self, message: str | bytes) -> None:
-        if message in ("tare", "tare force"):
-            self.page.tare(self, message == "tare force")
+        source = self.page.source
+        if message in ("tare", "tare force") and isinstance(source, ZmqSource) and not self._asks:
+            self._asks = True
+            source.tare(self._take_answer, message == "tare force")
+
+    def _take_answer(self, answer: dict[str, Any]) -> None:
+        self._asks = False
+        known = {key: answer.get(key) for key in ("ok", "error")}
+        self.answers.append(json.dumps({"answer": known}))
 
     def on_ping(self, data: bytes) -> None:
         if self._waits:  # an answer to each would have to be stored
@@ -333,14 +313,14 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         try:
             written = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
-            self.page.forget(self)
+            self.page.viewers.discard(self)
             return
         self._sent_s = time.monotonic()
         self.sent = asyncio.ensure_future(_done(written))
 
     def drop(self) -> None:
         """Disconnect at once: a handshake at the end would wait for the browser."""
-        self.page.forget(self)
+        self.page.viewers.discard(self)
         if self.ws_connection is not None:
             self.ws_connection.stream.close()
 
