@@ -160,7 +160,7 @@ def live(
     scene = load_scene(scene_path)
     if record is not None:
         record = recording_stem(record, "--record")
-    keys = _checked_keys(zmq_endpoint, control, zmq_keys)
+    keys = _keys_of(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     metadata = provenance(scene)
@@ -172,8 +172,6 @@ def live(
         with Outputs(table) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
-                if keys is None:
-                    _warn_of_strangers(zmq_endpoint)
             _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
             endpoints = [(control, keys)] if control else []
             if web is not None:
@@ -188,20 +186,22 @@ def live(
     return 0
 
 
-def _checked_keys(zmq_endpoint, control, folder):
+def _keys_of(zmq_endpoint, control, folder):
     """Keys for both endpoints, or None; requests without keys are taken on loopback only."""
-    given = {
-        option: endpoint_of(endpoint, option)
-        for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control))
-        if endpoint is not None
-    }
-    if folder is not None:
-        if not given:
-            raise InputError("--zmq-keys", "needs --zmq or --control", folder)
-        return ServerKeys.load(folder)
-    if control is not None and not is_loopback(given["--control"]):
-        raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
-    return None
+    for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control)):
+        if endpoint is None or is_loopback(endpoint_of(endpoint, option)) or folder is not None:
+            continue
+        if option == "--control":
+            raise InputError(option, "needs --zmq-keys for an address beyond loopback", endpoint)
+        log.warning(
+            f"{option} {endpoint}: everybody who reaches this address can read and subscribe; "
+            "--zmq-keys encrypts, and accepts known clients only"
+        )
+    if folder is None:
+        return None
+    if zmq_endpoint is None and control is None:
+        raise InputError("--zmq-keys", "needs --zmq or --control", folder)
+    return ServerKeys.load(folder)
 
 
 def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
@@ -235,14 +235,6 @@ def _open_page(outputs, web, token):
     outputs.add(page)
     log.info(address.notice)
     return page.control
-
-
-def _warn_of_strangers(zmq_endpoint):
-    if not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
-        log.warning(
-            f"--zmq {zmq_endpoint}: everybody who reaches this address can read and subscribe; "
-            "--zmq-keys encrypts, and accepts known clients only"
-        )
 
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
