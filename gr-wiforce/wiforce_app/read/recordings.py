@@ -104,13 +104,7 @@ def warn_of_end(capture, reader):
     for text in (touched | doubts).values():
         warn(capture, text)
     if unread and not doubts:
-        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
-
-        rule = ALL_FLAGGED
-        if isinstance(reader, SnapshotReader):
-            rule = "every reading is flagged; check clock_hz and packets of the scene, and the "
-            rule += "signal level"
-        warn(capture, rule)
+        warn(capture, ALL_FLAGGED)
 
 
 def warn(path, text):

@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import islice
 from typing import Any
 
@@ -132,8 +132,8 @@ def page_row(values: Mapping[str, Any]) -> list[Any] | None:
 class PageState:
     """Readings of the last seconds and the latest status, from which viewers catch up."""
 
-    def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
-        self._history_s, self._now = history_s, now
+    def __init__(self, history_s: float):
+        self._history_s = history_s
         self._rows: deque[list[Any]] = deque(maxlen=_MOST_ROWS)
         self._runs, self._count = 0, 0
         self._run: str | None = None
@@ -159,7 +159,7 @@ class PageState:
         if time_s < self._newest.get(sensor, time_s):
             self._restart()
         self._newest[sensor] = time_s
-        self._arrived[sensor] = self._now()
+        self._arrived[sensor] = time.monotonic()
         self._rows.append(row)
         self._count += 1
         while self._rows[0][1] < time_s - self._history_s:
@@ -181,7 +181,7 @@ class PageState:
 
     def ages(self) -> dict[str, float]:
         """Seconds since the latest reading of each sensor has arrived."""
-        now = self._now()
+        now = time.monotonic()
         return {name: round(now - arrived, 3) for name, arrived in self._arrived.items()}
 
     def show(self, status: Mapping[str, Any]) -> None:

@@ -227,8 +227,8 @@ _MOST_DBFS, _LEAST_DBFS = 3.1, -105.0
 # exponents are spread evenly, and a fifth is plausible; damaged files of floats have 95 %.
 _FLOAT_SHARE = 0.5
 ALL_FLAGGED = (
-    "every reading is flagged; check the datatype, and clock_hz, frame_length and sample_rate_hz "
-    "of the scene, and the signal level"
+    "every reading is flagged; check the datatype, and clock_hz, frame_length and sample_rate_hz, "
+    "or packets, of the scene, and the signal level"
 )
 # Part of the snapshots' power that is the same in all of them, times their number: 1 for noise with
 # a standard deviation of 1/8 over a symbol's 64 samples.
