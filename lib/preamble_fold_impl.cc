@@ -19,7 +19,7 @@ namespace gr::wiforce {
 
 namespace {
 
-constexpr int INPUT_BUFFER_SAMPLES = 1 << 18;
+constexpr int INPUT_BUFFER_SAMPLES = 1 << 19;
 
 std::size_t vector_bytes(const kernel::preamble_folder& folder)
 {
@@ -50,8 +50,8 @@ public:
     {
         // The scheduler gives the block before this one a buffer of twice what
         // relative_rate says is needed for one output. With its default of 8192 samples
-        // it would spend its time switching threads; more than this leaves the second
-        // cache. Nothing else looks at the rate, since tags are not propagated, and small
+        // it would spend its time switching threads; more than this is no faster.
+        // Nothing else looks at the rate, since tags are not propagated, and small
         // packets are still taken as they come.
         set_relative_rate(1, INPUT_BUFFER_SAMPLES / 2);
         set_tag_propagation_policy(TPP_DONT);

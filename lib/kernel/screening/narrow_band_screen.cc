@@ -17,8 +17,8 @@ constexpr float NARROW_MEDIAN = 0.2f;
 // Snapshots without interference whose mean is the typical power of the subcarriers.
 constexpr std::size_t LEAST_QUIET = 8;
 // Snapshots without interference that are compared with their neighbours: the quantile
-// below is known to 9 % from each group's, and the limit is 2.5 times as high.
-constexpr std::size_t MOST_QUIET = 32;
+// below is known to 13 % from each group's, and the limit is 2.5 times as high.
+constexpr std::size_t MOST_QUIET = 16;
 // That mean where there are none, as a multiple of the typical median; 1.5 to 2.3 with a
 // tag.
 constexpr float MEAN_OF_TYPICAL = 2.0f;
