@@ -88,6 +88,7 @@ public:
                 [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
                     std::copy_n(snapshots, n * d_symbol_length, slots);
                     d_noise.write(here, n, noise);
+                    kernel::note_values_not_finite(slots, n, d_symbol_length, noise);
                     return n;
                 });
             d_collector.note_saturated(tags_among(count, here, saturated_key).size());

@@ -56,7 +56,7 @@ public:
             noise[n] = fold(x, slot);
         }
         if (d_which == room::lost) {
-            slot[-64] = std::numeric_limits<float>::quiet_NaN();
+            group.noise()[d_length - 1].largest = std::numeric_limits<float>::quiet_NaN();
             hits.back() = false;
         }
         group.accept(d_length);

@@ -51,6 +51,7 @@ public:
             if (n % 23 == 22)
                 out[n * FFT_LENGTH] = std::numeric_limits<float>::quiet_NaN();
         }
+        note_values_not_finite(out, LENGTH, FFT_LENGTH, group.noise());
         group.accept(LENGTH);
         group.finish();
         for (int n = 0; n < LENGTH; n++)

@@ -44,6 +44,34 @@ BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
     BOOST_TEST(found == std::vector<int>({ 1, 2 }), boost::test_tools::per_element());
 }
 
+// Wherever it lies among the samples that are averaged, also behind those that fill the
+// processor's registers.
+BOOST_DATA_TEST_CASE(a_frame_with_a_value_that_is_not_finite_has_no_noise,
+                     data::make({ 17, 64 }) * data::make({ 1, 2, 3, 4 }),
+                     symbol_length,
+                     repetitions)
+{
+    const int frames = 5, length = symbol_length * (repetitions + 2);
+    const preamble_folder folder(length, symbol_length, repetitions, symbol_length);
+    std::vector<fc32> folded(symbol_length * frames);
+    std::vector<snapshot_noise> noise(frames);
+    std::vector<int> saturated;
+    for (const float bad : { INFINITY, -INFINITY, NAN })
+        for (int n = 0; n < length; n++) {
+            std::vector<fc32> x(frames * length, fc32(0.1f, -0.2f));
+            x[3 * length + n] = n % 2 ? fc32(bad, 0) : fc32(0, bad);
+            x[4 * length + symbol_length] = 1; // full scale
+            folder.fold(
+                &x[symbol_length], frames, folded.data(), noise.data(), &saturated);
+            const bool averaged =
+                n >= symbol_length && n < symbol_length * (repetitions + 1);
+            for (int frame = 0; frame < frames; frame++)
+                BOOST_TEST(std::isnan(noise[frame].largest) == (averaged && frame == 3));
+            BOOST_TEST(saturated == std::vector<int>({ 4 }),
+                       boost::test_tools::per_element());
+        }
+}
+
 // Frames of which a converter of 12 bits, or an amplifier, limits the largest sample.
 BOOST_DATA_TEST_CASE(samples_limited_below_full_scale_are_noticed,
                      data::make({ 0.0, 0.3, 2.0, 50.0 }) * data::make({ false, true }),

@@ -5,9 +5,23 @@
 #include "sample_loops.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 namespace gr::wiforce::kernel {
+
+void note_values_not_finite(const fc32* vectors,
+                            int count,
+                            int symbol_length,
+                            snapshot_noise* noise)
+{
+    const auto* const values = reinterpret_cast<const float*>(vectors);
+    const std::size_t width = 2 * symbol_length;
+    for (int n = 0; n < count; n++)
+        if (!are_finite(values + n * width, width))
+            noise[n].largest = std::numeric_limits<float>::quiet_NaN();
+}
 
 phase_group::phase_group(int length, int symbol_length)
     : d_length(length), d_symbol_length(symbol_length)
@@ -51,13 +65,8 @@ fc32* phase_group::reserve(int first_slot)
 
 void phase_group::accept(int count)
 {
-    const auto slots_are_finite = [this](int slots) {
-        return are_finite(reinterpret_cast<const float*>(slot(d_decided)),
-                          2 * offset_of(slots));
-    };
-    const bool all_finite = slots_are_finite(count);
     for (int end = d_decided + count; d_decided < end;) {
-        if (!all_finite && !slots_are_finite(1)) {
+        if (std::isnan(d_noise[d_decided].largest)) {
             skip_to(d_decided + 1);
             continue;
         }

@@ -8,13 +8,19 @@
 
 namespace gr::wiforce::kernel {
 
+// Makes the largest noise NaN of vectors with a value that is not finite.
+void note_values_not_finite(const fc32* vectors,
+                            int count,
+                            int symbol_length,
+                            snapshot_noise* noise);
+
 /*
  * The snapshots of one phase group, slot by slot, and which of them are there.
  *
- * A snapshot that was lost, or that holds a value which is not finite, is missing. One
- * that was received and is not to be used is rejected. Both are absent. Absent slots hold
- * the group's first present snapshot, the reference: sums of differences from it (see
- * tone_accumulator) then need not check the mask.
+ * A snapshot that was lost, or whose noise is NaN since it holds a value which is not
+ * finite, is missing. One that was received and is not to be used is rejected. Both are
+ * absent. Absent slots hold the group's first present snapshot, the reference: sums of
+ * differences from it (see tone_accumulator) then need not check the mask.
  */
 class phase_group
 {

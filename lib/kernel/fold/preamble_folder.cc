@@ -2,6 +2,7 @@
 #include "preamble_folder.h"
 
 #include "../require.h"
+#include "phase_group.h"
 #include "sample_loops.h"
 
 #include <algorithm>
@@ -136,6 +137,8 @@ void preamble_folder::fold(const Component* averaged,
                                     1.0f / (one * d_repetitions),
                                     reinterpret_cast<float*>(folded),
                                     reinterpret_cast<float*>(noise));
+    if (!std::isfinite(peak))
+        note_values_not_finite(folded, frames, d_symbol_length, noise);
     if (!saturated)
         return;
     saturated->clear();
@@ -144,7 +147,7 @@ void preamble_folder::fold(const Component* averaged,
         std::iota(saturated->begin(), saturated->end(), 0);
         return;
     }
-    for (std::size_t frame = 0; peak >= FULL_SCALE * one && frame < frames; frame++) {
+    for (std::size_t frame = 0; !(peak < FULL_SCALE * one) && frame < frames; frame++) {
         const float most = peak_of(averaged + frame * stride, 2 * averaged_length());
         if (most >= FULL_SCALE * one && most <= BEYOND * one)
             saturated->push_back(frame);

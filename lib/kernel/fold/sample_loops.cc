@@ -4,6 +4,8 @@
 #include "../clones.h"
 #include "../types.h"
 
+#include <cstring>
+
 // Functions are built for an instruction set as parts of the one that calls them.
 #define WIFORCE_INLINE __attribute__((always_inline)) inline
 
@@ -46,15 +48,6 @@ WIFORCE_INLINE Lanes larger(Lanes a, Lanes b)
     return a > b ? a : b;
 }
 
-// The largest magnitude between extremes, and `most`.
-template <class Lanes>
-WIFORCE_INLINE float largest_magnitude(Lanes low, Lanes high, int count, float most)
-{
-    for (int n = 0; n < count; n++)
-        most = larger(larger<float>(high[n], -float(low[n])), most);
-    return most;
-}
-
 // Half of the additions are independent: the next frame waits for them.
 WIFORCE_INLINE float sum_of(lanes values, float sum)
 {
@@ -90,13 +83,11 @@ struct fc32_samples {
         lanes sum = before;
         lanes low = {};
         lanes high = {};
-        d_low = smaller(d_low, before);
-        d_high = larger(d_high, before);
+        see(before);
         for (int r = 1; r < repetitions; r++) {
             const lanes value = lanes_at(x + r * width);
             sum += value;
-            d_low = smaller(d_low, value);
-            d_high = larger(d_high, value);
+            see(value);
             // Taken before squaring: the squares of a strong static path would round the
             // noise away.
             const lanes difference = value - before;
@@ -111,17 +102,34 @@ struct fc32_samples {
     }
 
     static WIFORCE_INLINE float one(float x) { return x; }
-    WIFORCE_INLINE void see(float x) { d_rest = larger(larger(x, -x), d_rest); }
-    // The largest magnitude of all samples.
+    WIFORCE_INLINE void see(float x) { d_rest = larger(magnitude_bits(x), d_rest); }
+    // The largest magnitude of all samples; not finite where one of them is not.
     WIFORCE_INLINE float peak() const
     {
-        return largest_magnitude(d_low, d_high, STEP, d_rest);
+        std::int32_t most = d_rest;
+        for (int n = 0; n < STEP; n++)
+            most = larger<std::int32_t>(d_most[n], most);
+        float value;
+        std::memcpy(&value, &most, sizeof(value));
+        return value;
     }
 
 private:
-    lanes d_low = {};
-    lanes d_high = {};
-    float d_rest = 0;
+    // As integers, magnitudes are in the same order, and NaN is above all of them.
+    static constexpr std::int32_t MAGNITUDE = 0x7fffffff;
+    static WIFORCE_INLINE std::int32_t magnitude_bits(float x)
+    {
+        std::int32_t bits;
+        std::memcpy(&bits, &x, sizeof(bits));
+        return bits & MAGNITUDE;
+    }
+    WIFORCE_INLINE void see(lanes values)
+    {
+        d_most = larger(d_most, reinterpret_cast<integer_lanes>(values) & MAGNITUDE);
+    }
+
+    integer_lanes d_most = {};
+    std::int32_t d_rest = 0;
 };
 
 struct sc16_samples {
@@ -194,7 +202,10 @@ struct sc16_samples {
     // The largest magnitude of all samples.
     WIFORCE_INLINE float peak() const
     {
-        return largest_magnitude(d_low, d_high, STEP, d_rest);
+        float most = d_rest;
+        for (int n = 0; n < STEP; n++)
+            most = larger(larger<float>(d_high[n], -float(d_low[n])), most);
+        return most;
     }
 
 private:

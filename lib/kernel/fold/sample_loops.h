@@ -21,7 +21,7 @@ struct repeated_symbols {
 
 // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
 // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
-// Returns the largest magnitude of what was summed.
+// Returns the largest magnitude of what was summed, which is not finite where one is not.
 float fold_samples(const repeated_symbols<float>& of,
                    float scale,
                    float* folded,

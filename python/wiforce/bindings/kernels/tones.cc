@@ -88,6 +88,7 @@ public:
                     fc32* const slot = d_group.reserve(n);
                     std::copy_n(from, length, slot);
                     *d_group.noise() = noises[row++];
+                    note_values_not_finite(slot, 1, length, d_group.noise());
                     d_group.accept(1);
                     from += length;
                 }
