@@ -20,7 +20,6 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
-from gnuradio.wiforce.sensor.line import shorting_points_mm
 
 # Published movement of the near and the far edge of the short at 20 mm and 900 MHz, and of both at
 # 40 mm, from 2 to 7.65 N (vna.csv): 8.0, -0.8 to 0.2 and 3.0 mm; 4.4 mm at 40 mm and 2.4 GHz.
@@ -34,9 +33,10 @@ LOCATIONS_MM = (20, 30, 40, 50, 60)
 FORCES_N = np.arange(0.5, 8.1, 0.25)
 
 
-def moved_mm(contact, location_mm):
-    """How far the edges of the short move from 2 to 7.65 N; shape (2,)."""
-    low, high = shorting_points_mm(contact, [2.0, 7.65], location_mm, 80.0)
+def moved_mm(line, change, location_mm):
+    """How far the edges of the short move from 2 to 7.65 N under a changed law; shape (2,)."""
+    contact, sizes = replace(line.contact, **change), (line.length_mm, line.onset_force_n)
+    low, high = contact.shorting_points_mm([2.0, 7.65], location_mm, *sizes)
     return low - high
 
 
@@ -77,9 +77,9 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 sensors = sensors_of(mhz, change, Path(folder))
                 found = expected_with(name, sensors)
-            contact = replace(load_sensor(f"line-{mhz}mhz").contact, **change)
-            near, far = moved_mm(contact, 20.0)
-            moves = f"{near:.1f},{far:.1f},{moved_mm(contact, 40.0)[0]:.1f}"
+            line = load_sensor(f"line-{mhz}mhz")
+            near, far = moved_mm(line, change, 20.0)
+            moves = f"{near:.1f},{far:.1f},{moved_mm(line, change, 40.0)[0]:.1f}"
             for sensor in found:
                 if sensor.phase_error_deg is not None:
                     phase = np.mean(sensor.phase_error_deg)

@@ -19,7 +19,8 @@ from gnuradio.wiforce.scene.effects import OtherTag
 from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.scene.simulated import Move, Press, Simulation, Tag
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
-from gnuradio.wiforce.sensor.file import CarrierCurves, CurvesFile, LineFile, SensorFile
+from gnuradio.wiforce.sensor.curves import Carrier, CurveModel
+from gnuradio.wiforce.sensor.model import LineModel, SensorModel
 from wiforce_app.main import PROGRAM, command
 from wiforce_app.shell.commands import GroupedHelp
 
@@ -70,8 +71,8 @@ def rows_of(cls, leave_out=(), prefix=""):
             if each.type.optional:
                 yield _row(f"{prefix}{name}", each)
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}.")
-        elif isinstance(each.type, ListOf) and isinstance(each.type.of, type):
-            yield from rows_of(each.type.of, prefix=f"{prefix}{name}[].")
+        elif isinstance(each.type, ListOf) and isinstance(each.type.item, Mapping):
+            yield from rows_of(each.type.item.of, prefix=f"{prefix}{name}[].")
         else:
             yield _row(f"{prefix}{name}", each)
 
@@ -139,14 +140,14 @@ def sensor_files():
         "## Shipped sensors",
         table(known, ("name", "source")),
         "## Keys of every sensor",
-        table(rows_of(SensorFile)),
+        table(rows_of(SensorModel)),
         "## Keys of kind `line`",
-        table(rows_of(LineFile, leave_out=keys(SensorFile))),
+        table(rows_of(LineModel, leave_out=keys(SensorModel))),
         "## Keys of kind `curves`",
-        table(rows_of(CurvesFile, leave_out={*keys(SensorFile), "carriers"})),
+        table(rows_of(CurveModel, leave_out={*keys(SensorModel), "carriers"})),
         "### Entries of `carriers`",
         _CARRIERS,
-        table(rows_of(CarrierCurves)),
+        table(rows_of(Carrier)),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -21,7 +21,7 @@ UNLICENSED_MHZ = {915: 900, 2440: 2400}
 DATE = "2026-11-21"
 # Just under the least published force.
 ONSET_FORCE_N = 0.9
-CONTACT = ContactLaw(ONSET_FORCE_N, decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
+CONTACT = ContactLaw(decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
 
 FORCES_N = np.arange(0.5, 8.1, 0.25)
 FINGER_WIDTH_MM = 18.0
@@ -38,6 +38,8 @@ def line(mhz):
         onset_force_n=ONSET_FORCE_N,
         force_span_n=(ONSET_FORCE_N, 10.0),
         location_span_mm=(15.0, 65.0),
+        permittivity=1.0,
+        port_offset_deg=(0.0, 0.0),
         contact=CONTACT,
         provenance={
             "source": "physics: a soft beam on an elastic foundation over a line in air "
@@ -75,7 +77,7 @@ def pressed_widely(name, mhz, width_mm):
         name=name,
         onset_force_n=onset,
         force_span_n=(onset, 10.0),
-        contact=replace(CONTACT, onset_force_n=onset, width_mm=width_mm),
+        contact=replace(CONTACT, width_mm=width_mm),
         provenance={
             "source": f"physics: line-{mhz}mhz pressed evenly over {width_mm:g} mm",
             "date": DATE,

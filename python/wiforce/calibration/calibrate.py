@@ -14,7 +14,8 @@ from scipy.linalg import block_diag
 
 from ..errors import InputError
 from ..sensor import curves
-from ..sensor.model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, check_onset
+from ..sensor.line import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
+from ..sensor.model import check_onset
 from ..sensor.tracker import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
 from .data import carrier_data, carriers_of, check_table, untouched_phases
@@ -171,7 +172,6 @@ def calibrate(
     return curves.CurveModel(
         name=name,
         length_mm=float(length_mm),
-        frequencies_hz=tuple(d.frequency_hz for d in data),
         onset_force_n=float(onset_n),
         force_span_n=(float(spans[:, 0].min()), float(spans[:, 1].max())),
         location_span_mm=(
@@ -188,6 +188,8 @@ def calibrate(
         carriers=tuple(carriers),
         knots_n=knots,
         permittivity=float(permittivity),
+        transferred_from_hz=None,
+        transfer_std_deg=None,
         ruler_std_mm=float(ruler_std_mm) or None,
         cross_validation=validation,
     )

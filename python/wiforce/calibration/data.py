@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..sensor import curves, line
-from ..sensor.model import LEAST
+from ..sensor.line import LEAST
 from ..signal.carrier import CARRIER_TOLERANCE, CARRIERS_HZ, same_carrier, wrap_deg
 from .tables import CalibrationTable
 

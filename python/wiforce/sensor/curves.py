@@ -11,17 +11,31 @@ their covariance carries over to every phase.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..io.text.schema import Derived, ListOf, Mapping, declared, key
+from ..io.text.values import (
+    LARGEST,
+    AnyMapping,
+    Choice,
+    Integer,
+    KeyPath,
+    Number,
+    Scope,
+    Size,
+)
+from ..io.text.values import (
+    Array as Numbers,
+)
 from ..signal.carrier import wrap_deg
 from . import line
-from .line import transfer_std_deg
-from .location import LocationInterpolation, Transition
+from .line import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, transfer_std_deg
+from .location import SHAPES, LocationInterpolation, Transition
 from .model import SensorModel
 from .splines import Array, basis_splines
 
@@ -126,36 +140,187 @@ def force_knots(form: str, force_n: Array) -> Array | None:
     return _BASES[form].knots_of(force_n)
 
 
-@dataclass(frozen=True)
+_LOCATIONS = Size("locations", lambda scope: len(scope["location_mm"]))
+_COEFFICIENTS = Size(
+    "coefficients", lambda scope: force_basis(scope["form"], scope["knots_n"]).size
+)
+
+
+def _check_knots(knots_n: np.ndarray | None, scope: Scope) -> str | None:
+    if scope["form"] == "power":
+        return None if knots_n is None else "must be left out where form is 'power'"
+    if knots_n is None or len(knots_n) < 2 or np.any(np.diff(knots_n, prepend=0) < LEAST):
+        return f"must be at least two rising positive forces, {LEAST:g} apart"
+    return None
+
+
+def _check_locations(location_mm: np.ndarray, scope: Scope) -> str | None:
+    if len(location_mm) < 2 or np.any(np.diff(location_mm) < LEAST):
+        return f"must be at least two rising locations, {LEAST:g} apart"
+    if location_mm[0] < 0 or location_mm[-1] > scope["length_mm"]:
+        return f"must lie from 0 to {scope['length_mm']:g}"
+    return None
+
+
+def _check_covariances(matrices: np.ndarray, scope: Scope) -> str | None:
+    """Symmetric and without negative eigenvalues, except for rounding."""
+    size = np.abs(matrices).max(axis=(-2, -1))
+    asymmetry = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
+    least = np.linalg.eigvalsh(matrices)[..., 0]
+    if np.all((asymmetry <= 1e-6 * size) & (least >= -1e-6 * size)):
+        return None
+    return "must hold symmetric, non-negative matrices"
+
+
+def _check_transitions(transitions: tuple[Transition, ...], scope: Scope) -> str | None:
+    total = sum(transition.probability for transition in transitions)
+    if abs(total - 1) > 1e-6:
+        return f"must have probabilities that sum to 1, not to {total:g}"
+    return None
+
+
+# The columns of a transition before version 1.0, when it was a row of numbers; the shape was its
+# position in SHAPES.
+_COLUMNS = "shape fade_mm shift_mm residual_length_mm probability residual_variance".split()
+
+
+class _TransitionMapping(Mapping):
+    """A transition, which may be the row of numbers that it was before version 1.0."""
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        if isinstance(value, list):
+            if len(value) != len(_COLUMNS):
+                rule = f"must be a row of {len(_COLUMNS)} numbers, as before version 1.0"
+                raise where.error(rule, value)
+            if value[0] not in range(len(SHAPES)):
+                rule = f"must begin with the number of a shape, 0 to {len(SHAPES) - 1}"
+                raise where.error(rule, value[0])
+            named = dict(zip(_COLUMNS, [SHAPES[int(value[0])], *value[1:]], strict=True))
+            value = named | {"fade_relative_std": 0.0, "shift_std_mm": 0.0}
+        return super()._read(value, where, scope)
+
+
+@declared
 class Carrier:
-    """Curves at one carrier, for J calibrated locations, ascending.
+    """Curves at one carrier, for J calibrated locations and K functions of force."""
 
-    ``force_span_n`` (J, 2), ``coefficients_deg`` (2, J, K) and ``covariance_deg2`` (2, J, K, K) per
-    port; ``noise_deg`` and ``misfit_deg`` are the scatter about the curves and what of it is their
-    form, ``hysteresis_n`` half of the difference between loading and unloading, where known.
-    """
+    frequency_hz: float = key(
+        Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST), doc="Carrier frequency."
+    )
+    untouched_deg: tuple[float, float] = key(
+        Numbers(shape=(2,), unit="deg", as_tuple=True),
+        doc="Phases of the untouched sensor, per port.",
+    )
+    location_mm: np.ndarray = key(
+        Numbers(shape=(None,), unit="mm"),
+        check=_check_locations,
+        doc="Calibrated locations, rising.",
+    )
+    force_span_n: np.ndarray = key(
+        Numbers(shape=(_LOCATIONS, 2), unit="N"), doc="Lowest and highest force at each location."
+    )
+    coefficients_deg: np.ndarray = key(
+        Numbers(shape=(2, _LOCATIONS, _COEFFICIENTS), unit="deg"),
+        doc="Coefficients of the functions of force, per port and location.",
+    )
+    covariance_deg2: np.ndarray = key(
+        Numbers(shape=(2, _LOCATIONS, _COEFFICIENTS, _COEFFICIENTS), unit="deg^2"),
+        check=_check_covariances,
+        doc="Covariance of the coefficients.",
+    )
+    noise_deg: tuple[float, ...] = key(
+        Numbers(shape=(2,), unit="deg", as_tuple=True),
+        doc="Standard deviation of the calibration data about the curves, per port.",
+    )
+    misfit_deg: tuple[float, ...] = key(
+        Numbers(shape=(2,), unit="deg", as_tuple=True),
+        doc="The part of it that is not noise but the curves' form, per port.",
+    )
+    interpolation: tuple[Transition, ...] = key(
+        # As many as calibrations before version 1.0 stored; now at most 16.
+        ListOf(of=_TransitionMapping(of=Transition), least=1, most=64),
+        check=_check_transitions,
+        doc="Ways in which the curves may change between the calibrated locations.",
+    )
+    hysteresis_n: float | None = key(
+        Number(unit="N", low=0, high=MAX_FORCE_N, optional=True),
+        doc="Half of the largest difference between loading and unloading; null where the "
+        "calibration did not hold both.",
+    )
 
-    frequency_hz: float
-    untouched_deg: tuple[float, float]
-    location_mm: np.ndarray
-    force_span_n: np.ndarray
-    coefficients_deg: np.ndarray
-    covariance_deg2: np.ndarray
-    noise_deg: tuple[float, ...]
-    misfit_deg: tuple[float, ...]
-    interpolation: tuple[Transition, ...]
-    hysteresis_n: float | None = None
+
+_MOST_CARRIERS, _MOST_LEFT_OUT = 16, 10_000
+_CARRIER = Number(unit="MHz", low=LEAST_FREQUENCY_HZ / 1e6, high=LARGEST / 1e6)
+_PLACE = Number(unit="mm", low=0, high=MAX_LENGTH_MM)
+_ERROR = Number(unit="deg", low=0, high=LARGEST)
 
 
-@dataclass(frozen=True)
+@declared
+class LeftOut:
+    """A location as the others predict it, at one port."""
+
+    frequency_mhz: float = key(_CARRIER, doc="Carrier.")
+    location_mm: float = key(_PLACE, doc="The location.")
+    port: int = key(Integer(low=1, high=2), doc="The port.")
+    rms_deg: float = key(_ERROR, doc="Difference from the prediction.")
+    expected_deg: float = key(_ERROR, doc="The difference that the model expects.")
+
+
+@declared
+class WrongLocation:
+    """A location that the others contradict."""
+
+    frequency_mhz: float = key(_CARRIER, doc="Carrier.")
+    location_mm: float = key(_PLACE, doc="The location.")
+    exchanged_mm: float | None = key(
+        replace(_PLACE, optional=True), doc="The location that it was exchanged with."
+    )
+    port: int | None = key(Integer(low=1, high=2, optional=True), doc="The only port of these.")
+    fits_mm: float | None = key(replace(_PLACE, optional=True), doc="Where it would fit.")
+
+
+def _check_both_ports(validation: dict[str, Any], scope: Scope) -> str | None:
+    first, second = (
+        {
+            (row["frequency_mhz"], row["location_mm"])
+            for row in validation.get("locations", ())
+            if row["port"] == port
+        }
+        for port in (1, 2)
+    )
+    return None if first == second else "must hold each of its locations at both ports"
+
+
+@declared
 class CurveModel(SensorModel):
-    """A sensor known by its calibration: ``form`` of :data:`FORMS`, and its ``knots_n``."""
+    """A sensor known by its calibration: curves of one form at each carrier."""
 
-    form: str = "power"
-    carriers: tuple[Carrier, ...] = ()
-    knots_n: np.ndarray | None = None
-    permittivity: float = 1.0
-    cross_validation: dict[str, Any] = field(default_factory=dict, compare=False)
+    kind: str = key(Choice(words=("curves",)), default="curves", doc="Calibrated curves.")
+    cross_validation: dict[str, Any] = key(
+        AnyMapping(
+            known={
+                "locations": ListOf(of=LeftOut, most=_MOST_LEFT_OUT),
+                "wrong": ListOf(of=WrongLocation, most=_MOST_CARRIERS),
+            }
+        ),
+        check=_check_both_ports,
+        derived=Derived("an empty mapping", lambda scope: {}),
+        doc="Errors of curves against data that they had not seen.",
+    )
+    form: str = key(Choice(words=FORMS), doc="The functions of force.")
+    knots_n: np.ndarray | None = key(
+        Numbers(shape=(None,), unit="N", optional=True),
+        check=_check_knots,
+        doc="Knots of the functions of force; left out for `power`.",
+    )
+    carriers: tuple[Carrier, ...] = key(
+        ListOf(of=Carrier, least=1, most=_MOST_CARRIERS), doc="The curves at each carrier."
+    )
+
+    @cached_property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Carriers of the curves."""
+        return tuple(carrier.frequency_hz for carrier in self.carriers)
 
     @cached_property
     def _basis(self) -> Basis:

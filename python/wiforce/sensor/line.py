@@ -7,12 +7,18 @@ reflection seen from end i follows from the distance ``d_i`` of the nearer edge 
 untouched line ends in an open: ``psi_i = offset_i - 2 beta L``.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..io.text.schema import declared, key
+from ..io.text.values import LARGEST, Number, Scope
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
+
+# No sensor is beyond these, in N, mm and Hz: squares of their ratios are still numbers.
+LEAST, LEAST_FREQUENCY_HZ = 1e-6, 1.0
+MAX_LENGTH_MM = 10_000
+MAX_FORCE_N = 1e6
+MAX_PERMITTIVITY = 1000
 
 
 def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> float:
@@ -58,7 +64,12 @@ def _inverse_spread_profile(ratio: np.ndarray, half: float) -> np.ndarray:
     return np.interp(-ratio, -profile, u)
 
 
-@dataclass(frozen=True)
+def _check_width(width_mm: float, scope: Scope) -> str | None:
+    inside = width_mm <= scope["length_mm"]
+    return None if inside else f"must not be wider than length_mm, {scope['length_mm']:g}"
+
+
+@declared
 class ContactLaw:
     """A soft beam pressed onto the line.
 
@@ -66,23 +77,39 @@ class ContactLaw:
     by ``exp(-kx) (cos kx + sin kx)`` under a point load, 1/k = ``decay_length_mm``, and touches
     where that exceeds the gap: ``exp(-ka) (cos ka + sin ka) = F_onset / F``. Its held ends tilt the
     short: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)``, ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x =
-    L/2 - l``, asymmetry in [0, 1). A load over ``width_mm`` averages the profile over it.
+    L/2 - l``. A load over ``width_mm`` averages the profile over it.
     """
 
-    onset_force_n: float
-    decay_length_mm: float
-    asymmetry: float
-    fade_mm: float
-    width_mm: float = 0.0
+    decay_length_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST),
+        doc="1/k of the beam on its elastic foundation.",
+    )
+    asymmetry: float = key(
+        Number(low=0, high=0.99),
+        doc="Tilt of the short towards the nearer end, far from the middle of the line.",
+    )
+    fade_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST),
+        doc="Distance from the middle over which the tilt builds up.",
+    )
+    width_mm: float = key(
+        Number(unit="mm", low=0, high=MAX_LENGTH_MM),
+        default=0.0,
+        check=_check_width,
+        doc="Width of the object that presses, evenly loaded; 0 for a point.",
+    )
 
-    def extents_mm(
-        self, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
+    def shorting_points_mm(
+        self, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float, onset_force_n: float
     ) -> np.ndarray:
-        """Extents a_1 and a_2 (..., 2) of the short towards the ports; 0 up to the onset."""
+        """Distances d_1 and d_2, (..., 2), of each end from the nearer edge of the short.
+
+        0 or more; those of the press itself up to the onset.
+        """
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
-        ratio = self.onset_force_n / np.maximum(force, self.onset_force_n)
+        ratio = onset_force_n / np.maximum(force, onset_force_n)
         if self.width_mm:
             u = _inverse_spread_profile(ratio, self.width_mm / 2 / self.decay_length_mm)
         else:
@@ -90,17 +117,9 @@ class ContactLaw:
         half_width = self.decay_length_mm * u
         from_middle = length_mm / 2 - location
         tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
-        return np.stack([half_width * (1 + tilt), half_width * (1 - tilt)], axis=-1)
-
-
-def shorting_points_mm(
-    contact: ContactLaw, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
-) -> np.ndarray:
-    """Distances d_1 and d_2, (..., 2), of each end from the nearer edge of the short; 0 or more."""
-    location = np.asarray(location_mm, float)
-    extents = contact.extents_mm(force_n, location, length_mm)
-    centre = np.stack(np.broadcast_arrays(location, length_mm - location), axis=-1)
-    return np.maximum(centre - extents, 0.0)
+        first = location - half_width * (1 + tilt)
+        second = length_mm - location - half_width * (1 - tilt)
+        return np.maximum(np.stack([first, second], axis=-1), 0.0)
 
 
 def short_phase_deg(
@@ -141,11 +160,3 @@ def transfer_std_deg(
     turn = 2 * np.pi * abs(frequency_hz - from_hz) * delay_s
     one_state = 2 * CONNECTOR_REFLECTION * np.sqrt(1 - np.cos(turn))
     return float(np.degrees(np.sqrt(2) * one_state))
-
-
-def transfer_assumption(from_hz: float, frequency_hz: float) -> str:
-    """What a transferred model assumes, as its provenance states it."""
-    return (
-        f"phases at {frequency_hz / 1e6:g} MHz are those at {from_hz / 1e6:g} MHz times "
-        f"{frequency_hz / from_hz:.6g}: the contact touches the line at the same millimetres"
-    )

@@ -14,14 +14,17 @@ between them. C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for Mac
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..io.text.schema import declared, key
+from ..io.text.values import LARGEST, Choice, Number
+from .line import LEAST
 from .splines import Array, CubicSpline, node_slopes
 
 # The shapes S differ in their tails: exponential on both sides, slow on both sides, or one level up
@@ -57,17 +60,33 @@ _NUGGET = 1e-6
 _STEP_MM = 0.25
 
 
-class Transition(NamedTuple):
+@declared
+class Transition:
     """One way in which the contact may change along the line."""
 
-    shape: str  # of :data:`SHAPES`
-    probability: float  # those of all transitions sum to 1
-    fade_mm: float  # length over which the contact changes
-    fade_relative_std: float
-    shift_mm: float  # distance of the change from the line's middle, away from the port
-    shift_std_mm: float
-    residual_length_mm: float  # correlation length of what the shape does not explain
-    residual_variance: float  # its variance, relative to that over the calibrated locations
+    shape: str = key(Choice(words=SHAPES), doc="Form of the transition between its two levels.")
+    probability: float = key(
+        Number(low=LEAST, high=1), doc="Those of all transitions of a carrier sum to 1."
+    )
+    fade_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST), doc="Length over which the contact changes."
+    )
+    fade_relative_std: float = key(
+        Number(low=0, high=10), doc="Its standard deviation, relative to it."
+    )
+    shift_mm: float = key(
+        Number(unit="mm", low=-LARGEST, high=LARGEST),
+        doc="Distance of the transition from the middle of the line, away from the port.",
+    )
+    shift_std_mm: float = key(Number(unit="mm", low=0, high=LARGEST), doc="Its standard deviation.")
+    residual_length_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST),
+        doc="Correlation length of what the shape does not explain.",
+    )
+    residual_variance: float = key(
+        Number(low=0, high=LARGEST),
+        doc="Variance of that, relative to the variance over the calibrated locations.",
+    )
 
     def hypotheses(self) -> Array:
         """Four equally likely (fade, shift), with the mean and covariance of these; (4, 2)."""
@@ -313,4 +332,4 @@ def _likeliest(found: list[Transition]) -> tuple[Transition, ...]:
     total = np.cumsum([t.probability for t in found])
     kept = found[: int(np.searchsorted(total, 1 - _LEFT_OUT)) + 1]
     share = sum(t.probability for t in kept)
-    return tuple(t._replace(probability=t.probability / share) for t in kept)
+    return tuple(replace(t, probability=t.probability / share) for t in kept)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..io.text.schema import Derived, Mapping, declared, key, plain
+from ..io.text.values import (
+    LARGEST,
+    Choice,
+    Date,
+    KeyPath,
+    Number,
+    Scope,
+    Text,
+    Texts,
+)
+from ..io.text.values import (
+    Array as Numbers,
+)
 from ..signal.carrier import CARRIER_TOLERANCE, same_carrier, wrap_deg
 from . import line
-from .line import transfer_assumption
+from .line import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 from .splines import Array
 
 if TYPE_CHECKING:
@@ -26,11 +40,6 @@ _LEAST_CARRIER_HZ = 1e6  # anything lower was meant in another unit
 # A model is not transferred further than this fraction of its carrier: the phase of a cable or
 # connector is known modulo 360 deg only, so further away nothing about it is known.
 MAX_TRANSFER = 0.1
-# No sensor is beyond these, in N, mm and Hz: squares of their ratios are still numbers.
-LEAST, LEAST_FREQUENCY_HZ = 1e-6, 1.0
-MAX_LENGTH_MM = 10_000
-MAX_FORCE_N = 1e6
-MAX_PERMITTIVITY = 1000
 
 
 def check_onset(where: object, onset_n: float, highest_n: float) -> None:
@@ -40,32 +49,53 @@ def check_onset(where: object, onset_n: float, highest_n: float) -> None:
         raise InputError(where, rule, onset_n)
 
 
-@dataclass(frozen=True)
+@declared
+class Provenance:
+    """Where a sensor model comes from."""
+
+    source: str = key(Text(limit=2000), doc="The data that the model was made from.")
+    date: str = key(Date(), doc="When it was made.")
+    assumed: list[str] = key(
+        Texts(),
+        derived=Derived("an empty list", lambda scope: []),
+        doc="What was assumed because the data did not contain it.",
+    )
+    suspicions: list[str] = key(
+        Texts(),
+        derived=Derived("an empty list", lambda scope: []),
+        doc="Likely mistakes in the data that whoever calibrated has accepted; `plan` and `read` "
+        "repeat them.",
+    )
+
+
+class _ProvenanceMapping(Mapping):
+    """A provenance as a dictionary, with ``suspicions`` only where there are some."""
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> dict[str, Any]:
+        found = plain(Provenance, super()._read(value, where, scope))
+        return {name: each for name, each in found.items() if each or name != "suspicions"}
+
+    def plain(self, value: Any) -> dict[str, Any]:
+        return dict(value)
+
+
+def _check_span(span: tuple[float, float], scope: Scope) -> str | None:
+    return None if span[0] < span[1] else "must be two rising numbers"
+
+
+def _check_location_span(span: tuple[float, float], scope: Scope) -> str | None:
+    if span[0] < span[1] <= scope["length_mm"]:
+        return None
+    return f"must be two rising numbers from 0 to {scope['length_mm']:g}"
+
+
+@declared
 class SensorModel:
-    """A sensor: force and location to the phases of its two ends.
+    """A sensor: force and location to the phases of its two ends; what its file holds.
 
     Subclasses give ``short_deg`` (phases of the pressed line, not wrapped), ``_model_std_deg``
     (one sigma of what calibration left open), ``_untouched_deg`` and ``_scaled`` (what changes at
-    another carrier).
-
-    Attributes
-    ----------
-    name : str
-    length_mm : float
-    frequencies_hz : tuple of float
-        Carriers the model holds.
-    onset_force_n : float
-        Force at which the line is first shorted; below it the sensor shows its untouched phases.
-    force_span_n, location_span_mm : (float, float)
-        What the calibration covers. A reading outside is flagged ``extrapolated``.
-    provenance : dict
-        ``source``, ``date``, ``assumed`` (list of str).
-    transferred_from_hz, transfer_std_deg : float or None
-        Carrier of the calibration where the model was transferred from another one, and the
-        standard deviation of each phase that this adds.
-    ruler_std_mm : float or None
-        Standard deviation of the locations that the calibration was made at. It enters that of
-        every location read.
+    another carrier). ``frequencies_hz`` are the carriers that the model holds.
 
     Examples
     --------
@@ -74,16 +104,53 @@ class SensorModel:
     [106.6, 106.6]
     """
 
-    name: str
-    length_mm: float
-    frequencies_hz: tuple[float, ...]
-    onset_force_n: float
-    force_span_n: tuple[float, float]
-    location_span_mm: tuple[float, float]
-    provenance: dict[str, Any] = field(default_factory=dict, compare=False)
-    transferred_from_hz: float | None = None
-    transfer_std_deg: float | None = None
-    ruler_std_mm: float | None = None
+    name: str = key(Text(), doc="Name of the sensor.")
+    kind: str = key(
+        Choice(words=("line", "curves")),
+        doc="`line`: a physical model. `curves`: calibrated curves.",
+    )
+    length_mm: float = key(
+        Number(unit="mm", low=0, above=True, high=MAX_LENGTH_MM), doc="Length of the line."
+    )
+    onset_force_n: float = key(
+        Number(unit="N", low=LEAST, high=MAX_FORCE_N),
+        doc="Force at which the line is first shorted, below the highest calibrated force.",
+    )
+    force_span_n: tuple[float, float] = key(
+        Numbers(shape=(2,), unit="N", low=0, high=MAX_FORCE_N, as_tuple=True),
+        check=_check_span,
+        doc="Lowest and highest calibrated force. Readings outside are flagged `extrapolated`.",
+    )
+    location_span_mm: tuple[float, float] = key(
+        Numbers(shape=(2,), unit="mm", low=0, high=MAX_LENGTH_MM, as_tuple=True),
+        check=_check_location_span,
+        doc="First and last calibrated location, from port 1.",
+    )
+    permittivity: float = key(
+        Number(low=1, high=MAX_PERMITTIVITY),
+        doc="Effective relative permittivity of the line; 1 for a line in air.",
+    )
+    provenance: dict[str, Any] = key(
+        _ProvenanceMapping(of=Provenance),
+        doc="``source``, ``date`` and, as lists of str, ``assumed`` and ``suspicions``.",
+    )
+    transferred_from_hz: float | None = key(
+        Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST, optional=True),
+        doc="Carrier of the calibration, where `gr-wiforce transfer` made the file.",
+    )
+    transfer_std_deg: float | None = key(
+        Number(unit="deg", low=0, high=180, optional=True),
+        doc="Standard deviation of each phase that the transfer adds.",
+    )
+    ruler_std_mm: float | None = key(
+        Number(unit="mm", low=0, high=MAX_LENGTH_MM, optional=True),
+        doc="Standard deviation of the calibrated locations; enters that of every location read.",
+    )
+
+    @cached_property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Carriers that the model holds."""
+        raise NotImplementedError
 
     def carrier_index(self, frequency_hz: float | None = None) -> int:
         """Index of a carrier that the model must hold; ``None`` stands for the only one."""
@@ -124,12 +191,15 @@ class SensorModel:
         from_hz = float(held[nearest])
         if not abs(frequency_hz - from_hz) <= MAX_TRANSFER * from_hz:
             raise self.carrier_error(frequency_hz)
-        assumed = [*self.provenance.get("assumed", ()), transfer_assumption(from_hz, frequency_hz)]
+        assumed = (
+            f"phases at {frequency_hz / 1e6:g} MHz are those at {from_hz / 1e6:g} MHz times "
+            f"{frequency_hz / from_hz:.6g}: the contact touches the line at the same millimetres"
+        )
+        known = self.provenance.get("assumed", ())
         return replace(
             self,
             name=name or self.name,
-            frequencies_hz=(float(frequency_hz),),
-            provenance=self.provenance | {"assumed": assumed},
+            provenance=self.provenance | {"assumed": [*known, assumed]},
             **self._scaled(nearest, float(frequency_hz)),
         )
 
@@ -302,20 +372,30 @@ class SensorModel:
         return {}
 
 
-@dataclass(frozen=True)
+@declared
 class LineModel(SensorModel):
     """A sensor by physics: a line and its permittivity, a contact law, a constant per port."""
 
-    contact: line.ContactLaw = field(kw_only=True)
-    permittivity: float = 1.0
-    port_offset_deg: tuple[float, float] = (0.0, 0.0)
+    kind: str = key(Choice(words=("line",)), default="line", doc="A physical model.")
+    frequencies_hz: tuple[float, ...] = key(
+        Numbers(shape=(None,), unit="Hz", low=LEAST_FREQUENCY_HZ, as_tuple=True),
+        doc="Carriers that the model holds.",
+    )
+    port_offset_deg: tuple[float, float] = key(
+        Numbers(shape=(2,), unit="deg", as_tuple=True), doc="Constant phase per port."
+    )
+    contact: line.ContactLaw = key(
+        Mapping(of=line.ContactLaw), doc="How the beam touches the line."
+    )
 
     def _untouched_deg(self, carrier: int) -> Array:
         psi = line.open_phase_deg(self.length_mm, self.frequencies_hz[carrier], self.permittivity)
         return psi + np.array(self.port_offset_deg)
 
     def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
-        distance = line.shorting_points_mm(self.contact, force, location, self.length_mm)
+        distance = self.contact.shorting_points_mm(
+            force, location, self.length_mm, self.onset_force_n
+        )
         psi = line.short_phase_deg(distance, self.frequencies_hz[carrier], self.permittivity)
         return psi + np.asarray(self.port_offset_deg)
 
@@ -325,7 +405,8 @@ class LineModel(SensorModel):
     def _scaled(self, index: int, frequency_hz: float) -> dict[str, Any]:
         """Fields that change at another carrier."""
         ratio = frequency_hz / self.frequencies_hz[index]
-        return {"port_offset_deg": tuple(ratio * offset for offset in self.port_offset_deg)}
+        offsets = tuple(ratio * offset for offset in self.port_offset_deg)
+        return {"frequencies_hz": (frequency_hz,), "port_offset_deg": offsets}
 
 
 # Presses that a reading is compared with: finer steps than the 20 deg that separate neighbours

@@ -16,7 +16,7 @@ from gnuradio.wiforce.io.text.values import KeyPath, Scope
 from gnuradio.wiforce.scene import Scene, load_scene, scene_json_schema
 from gnuradio.wiforce.scene.schema import Radio, SceneSensor
 from gnuradio.wiforce.sensor import sensor_from_dict
-from gnuradio.wiforce.sensor.file import FILES, sensor_json_schema
+from gnuradio.wiforce.sensor.file import MODELS, sensor_json_schema
 from wiforce_app.main import main
 
 SCENE_SCHEMA, SENSOR_SCHEMA = map(
@@ -170,7 +170,7 @@ def declared_keys(cls, prefix=""):
             yield from declared_keys(key.type.of, f"{prefix}{name}.")
 
 
-@pytest.mark.parametrize("cls", [Scene, *FILES.values()])
+@pytest.mark.parametrize("cls", [Scene, *MODELS.values()])
 def test_declared_keys_are_documented_and_their_defaults_keep_their_rules(cls):
     for dotted, key in declared_keys(cls):
         assert key.doc.endswith("."), dotted

@@ -135,7 +135,7 @@ def load(tmp_path, values):
         (["carriers", 0, "interpolation"], [[5, 1, 1, 1, 1, 1]], "number of a shape, 0 to 4"),
         (["carriers", 0, "interpolation"], [[[], 1, 1, 1, 1, 1]], "number of a shape, 0 to 4"),
         (["carriers", 0, "interpolation"], [[0, 1, 1, "x", 1, 1]], "residual_length_mm: must be"),
-        (["carriers", 0, "interpolation"], [TRANSITION, [0] * 6, 7], "[0]: must be a row of 6"),
+        (["carriers", 0, "interpolation"], [TRANSITION, [0] * 6], "[1].probability: must be"),
         (["carriers", 0, "interpolation"], [], "interpolation: must be a list"),
         (["carriers", 0, "interpolation"], [TRANSITION | {"probability": 0.5}], "sum to 1"),
         (["carriers", 0, "interpolation"], [TRANSITION | {"fade_mm": 1e-300}], "from 1e-06 to"),

@@ -12,7 +12,7 @@ from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.sensor.line import ContactLaw, round_trip_deg_per_mm, shorting_points_mm
+from gnuradio.wiforce.sensor.line import ContactLaw, round_trip_deg_per_mm
 from gnuradio.wiforce.sensor.microstrip import (
     Microstrip,
     effective_permittivity,
@@ -21,6 +21,7 @@ from gnuradio.wiforce.sensor.microstrip import (
 )
 
 NAMES = {"line-900mhz": 900e6, "line-2400mhz": 2400e6}
+LAW = ContactLaw(decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
 
 
 def movement_mm(name, location):
@@ -62,9 +63,8 @@ def test_below_the_onset_the_line_is_untouched():
 
 
 def test_the_contact_solves_the_beam_on_its_foundation():
-    law = ContactLaw(0.9, 3.95, 0.68, 7.0)
     for force in (0.95, 2.0, 5.0, 12.0):
-        half = law.extents_mm(force, 40.0, 80.0)
+        half = 40.0 - LAW.shorting_points_mm(force, 40.0, 80.0, 0.9)
         assert half[0] == half[1]
         u = half[0] / 3.95
         # deflected by exactly the gap at the edge of the short
@@ -90,13 +90,12 @@ def test_published_short_moves_further_than_that_of_the_line_as_docs_say():
     assert moved[2400, 20, 1] == pytest.approx(5.1, abs=0.06)
     law = load_sensor("line-900mhz").contact
     for place, expected in ((20.0, [4.7, 1.0]), (40.0, [2.9, 2.9])):
-        low, high = shorting_points_mm(law, [2.0, 7.65], place, 80.0)
+        low, high = law.shorting_points_mm([2.0, 7.65], place, 80.0, 0.9)
         assert low - high == pytest.approx(expected, abs=0.06)
 
 
 def test_a_press_by_the_end_shorts_the_connector_and_no_further():
-    law = ContactLaw(0.9, 3.95, 0.68, 7.0)
-    assert shorting_points_mm(law, 8.0, 3.0, 80.0)[0] == 0.0
+    assert LAW.shorting_points_mm(8.0, 3.0, 80.0, 0.9)[0] == 0.0
 
 
 @pytest.mark.parametrize("name", ["line-900mhz", "line-900mhz-calibrated", "plain-trace-900mhz"])

@@ -17,7 +17,7 @@ from ...errors import InputError, unwritable
 from ...io.text.textfile import cell_number, check_output, read_csv
 from ...sensor import line
 from ...sensor.curves import CurveModel
-from ...sensor.model import MAX_FORCE_N
+from ...sensor.line import MAX_FORCE_N
 from ...signal.carrier import same_carrier, wrap_deg
 from ..calibrate import calibrate
 from ..data import LEAST_FORCES, unwrap_over_force, without_incomplete

@@ -237,7 +237,7 @@ class ListOf(ValueType):
     items: str = "mappings"
 
     def __post_init__(self) -> None:
-        self._item = self.of if isinstance(self.of, ValueType) else Mapping(of=self.of)
+        self.item = self.of if isinstance(self.of, ValueType) else Mapping(of=self.of)
 
     @property
     def allowed(self) -> str:
@@ -253,15 +253,15 @@ class ListOf(ValueType):
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
             raise where.error(self.rule, value)
-        return tuple(self._item.read(item, where.item(i), scope) for i, item in enumerate(value))
+        return tuple(self.item.read(item, where.item(i), scope) for i, item in enumerate(value))
 
     def plain(self, value: Any) -> list[Any] | None:
-        return None if value is None else [self._item.plain(item) for item in value]
+        return None if value is None else [self.item.plain(item) for item in value]
 
     def _json_schema(self) -> dict[str, Any]:
         return {
             "type": ["array", "null"] if self.least == 0 else "array",
-            "items": self._item.json_schema(),
+            "items": self.item.json_schema(),
             "minItems": self.least,
             "maxItems": self.most,
         }
