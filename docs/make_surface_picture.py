@@ -52,7 +52,7 @@ def main():
 def draw_law(axis, skin, plate):
     """The reader's law with its stated error, and what the plate does."""
     distance = np.linspace(-30, 30, 301)
-    share, std = skin.spreading.share(distance), skin.spreading.share_std
+    share, std = skin.spreading.mean_share(distance), skin.spreading.share_std
     axis.fill_between(distance, share - 2 * std, share + 2 * std, color=SERIES[0], alpha=0.2, lw=0)
     axis.plot(distance, share, color=SERIES[0], label="the reader's law, two std")
     pressed = plate_share(distance, plate.reach_mm, skin.spacing_mm)

@@ -11,13 +11,9 @@ from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
-from gnuradio.wiforce.surface.calibration import fit_spreading, read_known_presses, taps_of
-from gnuradio.wiforce.surface.file import (
-    borne_together,
-    borne_too_much,
-    surprising_taps,
-    write_spreading,
-)
+from gnuradio.wiforce.surface.calibration import fit_spreading, read_taps, surprising_taps
+from gnuradio.wiforce.surface.skin import borne_together, borne_too_much
+from gnuradio.wiforce.surface.spreading import write_spreading
 
 from ..shell.log import log
 
@@ -40,33 +36,34 @@ def calibrate_surface(table, scene, readings, law, output):
     if skin is None:
         raise InputError("--surface", "must be a scene with a surface", str(scene.path))
     check_output(output, [table, readings, *scene.files[:1]])
-    presses = read_known_presses(table, skin)
     file = ReadingsFile(readings)
-    taps = taps_of(skin, presses, file.rows())
+    taps = read_taps(table, skin, file.rows())
     if file.note:
         log.warning(f"{readings}: {file.note}")
     try:
-        fit = fit_spreading(skin, taps, law)
+        found, rms = fit_spreading(skin, taps, law)
     except InputError as error:
         raise InputError(table, error.rule) from None
-    source = f"{len(presses)} presses of {Path(table).name}, read in {Path(readings).name}"
-    found = replace(fit.law, source=source)
-    skin = replace(skin, spreading=found.spreading())
+    source = f"{len(taps)} presses of {Path(table).name}, read in {Path(readings).name}"
+    found = replace(found, source=source)
+    skin = replace(skin, spreading=found)
     rule = borne_too_much(skin)
     if rule:
         raise InputError(table, f"{rule}; check force_n, and the sensor files of the strips")
     write_spreading(found, output)
-    _report(skin, found, fit)
-    for warning in _warnings(skin, found, fit, taps):
+    _report(skin, taps, rms)
+    for warning in _warnings(skin, taps, rms):
         click.echo(f"warning: {warning}")
     click.echo(f"written: {output}; name it as surface.spreading_file in the scene")
 
 
-def _report(skin, law, fit):
+def _report(skin, taps, rms):
     """What was found, and how far it can be trusted."""
+    law = skin.spreading
+    shown, untouched = np.isfinite(taps.strip_force_n).sum(), taps.untouched.sum()
     click.echo(
-        f"surface {skin.name}: {law.law} law from {fit.shares} shares of touched strips and "
-        f"{fit.untouched} untouched ones"
+        f"surface {skin.name}: {law.law} law from {shown} shares of touched strips and "
+        f"{untouched} untouched ones"
     )
     # Where taps on and beside each strip have determined the law.
     distances = skin.spacing_mm / 2 * np.arange(-2, 3)
@@ -74,21 +71,22 @@ def _report(skin, law, fit):
     click.echo("  mm across  " + "".join(f"{distance:8.1f}" for distance in distances))
     for i in own:
         name = skin.strips[i].sensor if law.law == "strips" else "each strip"
-        shares = skin.spreading.share_of(i, distances)
+        shares = law.share_of(i, distances)
         click.echo(f"  {name:<11.11}" + "".join(f"{share:8.3f}" for share in shares))
     _, together = borne_together(skin)
     click.echo(f"all strips together bear {together.min():.0%} to {together.max():.0%} of a press")
-    click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {fit.rms:.3f} rms)")
+    click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {rms:.3f} rms)")
     click.echo(f"standard deviation of the location {law.location_std_mm:.2f} mm")
 
 
-def _warnings(skin, law, fit, taps):
+def _warnings(skin, taps, rms):
     """What suggests that the table or the scene is wrong."""
+    law = skin.spreading
     most = borne_together(skin)[1].max()
     if most < _LEAST_BORNE:
         yield f"the strips together bear at most {most:.1%} of a press; is force_n in N, not grams?"
     # The residual contains the noise of the strips, and the standard deviation does not.
-    if max(law.share_std, fit.rms) > _POOR_STD:
+    if max(law.share_std, rms) > _POOR_STD:
         yield "presses at one distance differ; check forces, positions and strips"
     surprising = surprising_taps(skin, taps)
     if surprising:

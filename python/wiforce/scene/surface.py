@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..io.text.schema import ListOf, Mapping, declared, key
 from ..io.text.values import Choice, Integer, Text
-from ..surface.file import SpreadingKeys, law_violations, read_spreading
-from ..surface.skin import Skin, Spreading, Strip
+from ..surface.skin import Skin, Strip, law_violations
+from ..surface.spreading import Spreading, read_spreading
 from .effects import POSITION
 from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
 
@@ -52,8 +52,8 @@ class Surface:
         doc="Presses that are resolved at a time. With 2, the second one has rows of its own, "
         "named after the surface with `-2` behind.",
     )
-    spreading: SpreadingKeys | None = key(
-        Mapping(of=SpreadingKeys, optional=True),
+    spreading: Spreading | None = key(
+        Mapping(of=Spreading, optional=True),
         doc="How the skin spreads a press; or `spreading_file`. Without either, the strips are "
         "read, but not the surface.",
     )
@@ -72,7 +72,7 @@ class Surface:
         """Names of its rows in the readings; none without a spreading law."""
         return (self.name, f"{self.name}-2")[: self.presses if self.known else 0]
 
-    def law(self, folder: Path) -> SpreadingKeys:
+    def law(self, folder: Path) -> Spreading:
         """The spreading law, as stated or from its file."""
         if self.spreading is not None:
             return self.spreading
@@ -85,7 +85,7 @@ def skin_of(scene: "Scene") -> Skin | None:
     if bare is None or scene.surface is None or not scene.surface.known:
         return None
     law = scene.surface.law(scene.path.parent if scene.path else Path())
-    return replace(bare, spreading=law.spreading())
+    return replace(bare, spreading=law)
 
 
 def bare_skin(scene: "Scene") -> Skin | None:
@@ -105,7 +105,7 @@ def bare_skin(scene: "Scene") -> Skin | None:
         for each in sorted(surface.strips, key=lambda strip: strip.y_mm)
     )
     indices = tuple(scene.sensor_names.index(strip.sensor) for strip in strips)
-    nothing = Spreading((0.0, 1.0), (1.0, 0.0), 1.0, 1.0)
+    nothing = Spreading(law="table", distance_mm=(0.0, 1.0), shares=(1.0, 0.0))
     return Skin(surface.name, strips, indices, nothing, scene.radio.center_frequency_hz)
 
 

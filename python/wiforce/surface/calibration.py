@@ -2,7 +2,7 @@
 """Surface calibration from taps: their table, the fit, and checks of the file against the scene."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..io.text.textfile import cell_number, read_csv, require_columns
-from .file import SpreadingKeys
-from .skin import Skin, Spreading, gaussian_spreading
-
-Array = NDArray[np.float64]
+from .skin import Skin
+from .spreading import Array, Spreading
 
 # Points of a table per distance of the strips, and how far beyond the presses it may reach.
 _PER_SPACING = 3
@@ -58,18 +56,8 @@ class SurfaceTaps:
         return len(self.force_n)
 
 
-@dataclass(frozen=True)
-class SpreadingFit:
-    """A calibrated spreading law, and how well it explains the taps."""
-
-    law: SpreadingKeys
-    shares: int  # strips that showed a share over all taps; ``untouched`` ones showed none
-    untouched: int
-    rms: float  # residual of the shares
-
-
-def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> SpreadingFit:
-    """Fit a law ``strips``, ``table`` or ``gaussian``, or refuse taps that do not determine it.
+def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[Spreading, float]:
+    """Fit a law ``strips``, ``table`` or ``gaussian``; its keys, and the rms residual of shares.
 
     Its standard deviations are those of taps left out in turn, less the noise of the strips.
     """
@@ -111,14 +99,13 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     for _ in range(3):
         std = _left_out_std(make, data, std)
     keys = make(data, every, std)
-    law_found = SpreadingKeys(share_std=round(std, 4), **keys).spreading()
-    residual = (_expected(law_found, data) - data.share)[shown]
+    residual = (_expected(Spreading(**keys), data) - data.share)[shown]
     # Of the outer taps, which are never left out, only the residual is known.
     std = max(std, _excess_std(residual, data.noise[shown]))
     # Of locations, which are counted from port 1.
     offsets, along = _along(taps, shown)
     offsets *= [-1.0 if strip.reversed else 1.0 for strip in skin.strips]
-    found = SpreadingKeys(
+    found = Spreading(
         share_std=round(std, 4),
         location_std_mm=round(along, 3),
         location_offsets_mm=tuple(offsets.round(3).tolist()),
@@ -126,8 +113,7 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
         strip_sensors=tuple(strip.sensor for strip in skin.strips),
         **keys,
     )
-    rms = float(np.sqrt(np.mean(residual**2)))
-    return SpreadingFit(found, count, int(taps.untouched.sum()), rms)
+    return found, float(np.sqrt(np.mean(residual**2)))
 
 
 def _along(taps: SurfaceTaps, shown: NDArray[np.bool_]) -> tuple[Array, float]:
@@ -219,7 +205,7 @@ def _gaussian(spacing_mm: float, data: _Data) -> _Make:
         from scipy.optimize import least_squares
 
         def residuals(parameters: Array) -> Array:
-            law = gaussian_spreading(parameters[0], parameters[1], 1.0, 1.0)
+            law = Spreading(law="gaussian", share=parameters[0], width_mm=parameters[1])
             off = _expected(law, data) - np.where(data.shown, data.share, data.most)
             off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
             weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
@@ -282,7 +268,7 @@ def _left_out_std(make: _Make, data: _Data, std: float) -> float:
         used = ~inner | (place % folds != fold)
         if not data.shown[used].any() or not data.shown[~used].any():
             continue
-        law = SpreadingKeys(**make(data, used, std)).spreading()
+        law = Spreading(**make(data, used, std))
         off = _expected(law, data) - data.share
         left_out = data.shown & ~used[:, None]
         errors += off[left_out].tolist()
@@ -304,64 +290,21 @@ _COLUMNS = ("start_s", "end_s", "force_n", "x_mm", "y_mm")
 _MOST_TAPS = 10_000
 
 
-@dataclass(frozen=True)
-class KnownPress:
-    """A press at a known point, held from ``start_s`` to ``end_s``."""
+def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -> SurfaceTaps:
+    """Presses at known points of a CSV table, and mean readings of the strips during each.
 
-    start_s: float
-    end_s: float
-    force_n: float
-    x_mm: float
-    y_mm: float
-
-
-def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[KnownPress]:
-    """Read a CSV table of known presses, on the skin if given; an InputError names file and row."""
-    header, rows = read_csv(path)
+    Readings with flags that make them doubtful do not count. An InputError names file and row.
+    """
+    header, lines = read_csv(path)
     require_columns(path, header, _COLUMNS)
-    if len(rows) > _MOST_TAPS:
-        raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(rows))
-    found = []
-    for line, row in rows:
-        where = f"{path}: row {line}"
-        press = KnownPress(**{name: cell_number(row, name, where) for name in _COLUMNS})
-        if not 0 <= press.start_s < press.end_s:
-            rule = "end_s must be later than start_s, and both not negative"
-            raise InputError(where, rule, row["end_s"])
-        if not press.force_n > 0:
-            raise InputError(where, "force_n must be above 0", row["force_n"])
-        if skin is not None:
-            _check_place(skin, press, where)
-        found.append(press)
-    return found
-
-
-def _check_place(skin: Skin, press: KnownPress, where: str) -> None:
-    """Refuse a press that no strip can show."""
-    ends = [strip.ends_mm for strip in skin.strips]
-    if not any(low <= press.x_mm <= high for low, high in ends):
-        low, high = min(end[0] for end in ends), max(end[1] for end in ends)
-        rule = f"x_mm must lie on a strip, {low:g} to {high:g} mm"
-        raise InputError(where, rule, press.x_mm)
-    beyond = REACH_SPACINGS * skin.spacing_mm
-    low, high = skin.y_mm[0] - beyond, skin.y_mm[-1] + beyond
-    if not low <= press.y_mm <= high:
-        rule = (
-            f"y_mm must lie within {REACH_SPACINGS} strip distances of the strips, {low:g} to "
-            f"{high:g} mm"
-        )
-        raise InputError(where, rule, press.y_mm)
-
-
-def taps_of(
-    skin: Skin, presses: Sequence[KnownPress], rows: Iterable[Mapping[str, Any]]
-) -> SurfaceTaps:
-    """Mean readings of the strips during each press, without those that have other flags."""
+    if len(lines) > _MOST_TAPS:
+        raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(lines))
+    presses = [_known_press(skin, f"{path}: row {line}", row) for line, row in lines]
+    starts_s, ends_s, force_n, x_mm, y_mm = np.array(presses).T
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)
     touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]
     untouched = np.zeros(shape, int)
-    starts_s, ends_s = np.array([(press.start_s, press.end_s) for press in presses]).T
     for row in rows:
         if row["sensor"] not in names or _disturbed(row):
             continue
@@ -381,9 +324,47 @@ def taps_of(
     for i, each in enumerate(skin.strips):
         x[:, i] = each.x_of(mean[:, i, 2])
     only = (untouched > 0) & np.isnan(mean[..., 0])
-    force, along, across = np.array([(p.force_n, p.x_mm, p.y_mm) for p in presses]).T
-    return SurfaceTaps(force, along, across, mean[..., 0], mean[..., 1], x, mean[..., 3], only)
+    return SurfaceTaps(force_n, x_mm, y_mm, mean[..., 0], mean[..., 1], x, mean[..., 3], only)
+
+
+def _known_press(skin: Skin, where: str, row: Mapping[str, str]) -> list[float]:
+    """The numbers of a row, of a press that some strip can show."""
+    numbers = [cell_number(row, name, where) for name in _COLUMNS]
+    start_s, end_s, force_n, x_mm, y_mm = numbers
+    ends = [strip.ends_mm for strip in skin.strips]
+    first, last = min(end[0] for end in ends), max(end[1] for end in ends)
+    beyond = REACH_SPACINGS * skin.spacing_mm
+    low, high = skin.y_mm[0] - beyond, skin.y_mm[-1] + beyond
+    for column, holds, rule in (
+        ("end_s", 0 <= start_s < end_s, "must be later than start_s, and both not negative"),
+        ("force_n", force_n > 0, "must be above 0"),
+        (
+            "x_mm",
+            any(end[0] <= x_mm <= end[1] for end in ends),
+            f"must lie on a strip, {first:g} to {last:g} mm",
+        ),
+        (
+            "y_mm",
+            low <= y_mm <= high,
+            f"must lie within {REACH_SPACINGS} strip distances of the strips, {low:g} to "
+            f"{high:g} mm",
+        ),
+    ):
+        if not holds:
+            raise InputError(where, f"{column} {rule}", float(row[column]))
+    return numbers
 
 
 def _disturbed(row: Mapping[str, Any]) -> bool:
     return bool(set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"})
+
+
+def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:
+    """(press, strip) that bears more than one nearer by half a spacing: wrong positions or rows."""
+    known = np.isfinite(taps.strip_force_n) | taps.untouched
+    distance = np.where(known, np.abs(taps.y_mm[:, None] - skin.y_mm), np.inf)
+    force = np.where(np.isfinite(taps.strip_force_n), taps.strip_force_n, 0.0)
+    most, tap = force.argmax(axis=1), np.arange(len(taps))
+    beyond = distance[tap, most] > distance.min(axis=1) + 0.5 * skin.spacing_mm
+    found = np.flatnonzero(beyond & (force[tap, most] > 0))
+    return [(int(i), int(most[i])) for i in found]

@@ -149,7 +149,7 @@ class SurfacePosterior:
         spans = [strip.ends_mm for strip in skin.strips]
         self._x_span = min(span[0] for span in spans), max(span[1] for span in spans)
         tops = [s.model.inverter(skin.frequency_hz).forward.force_n[-1] for s in skin.strips]
-        between = float(skin.spreading.share(skin.spacing_mm / 2))
+        between = float(skin.spreading.mean_share(skin.spacing_mm / 2))
         self._top_n = max(tops) / max(between, 0.05)
         nodes, weights = np.polynomial.hermite_e.hermegauss(_HERMITE)
         # Weights for integrals of the function itself, not of it times the normal density.

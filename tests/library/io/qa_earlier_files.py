@@ -63,7 +63,7 @@ def test_earlier_law_of_a_skin_is_accepted_without_positions_of_its_strips():
     scene["surface"] |= {"spreading": None, "spreading_file": str(FILES / "skin.yaml")}
     law = load_scene(scene).surface.law(Path())
     assert (law.strip_y_mm, law.strip_sensors) == (None, None)
-    assert law.spreading().share_of(3, 0.0) == pytest.approx(0.51761)
+    assert law.share_of(3, 0.0) == pytest.approx(0.51761)
 
 
 def test_earlier_scenes_keep_what_they_state():

@@ -103,7 +103,8 @@ class _Declared:
         return [getattr(self, each.name) for each in fields if each.compare]
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name}={value!r}" for name, value in vars(self).items())
+        names = [each.name for each in dataclasses.fields(self)]  # type: ignore[arg-type]
+        values = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
         return f"{type(self).__qualname__}({values})"
 
     def __eq__(self, other: object) -> bool:

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spreading laws in scene files and in files of their own, and whether they suit their strips."""
+"""How a skin spreads a press over its strips: the law, in scene files and in files of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..io.text.schema import ListOf, declared, key, plain, read
 from ..io.text.textfile import read_yaml, write_yaml
 from ..io.text.values import Choice, KeyPath, Number, Scope, Text
-from .skin import Skin, Spreading, StripSpreading, gaussian_spreading
 
 if TYPE_CHECKING:
-    from .calibration import SurfaceTaps
+    from scipy.interpolate import PchipInterpolator
+
+Array = NDArray[np.float64]
 
 _MOST_POINTS = 200
 _MOST_STRIPS = 16
@@ -26,6 +26,8 @@ LEAST_STEP_MM = 0.01
 _POSITION_MM = 10_000
 # Shares of a table that was calibrated by earlier versions may rise by their noise.
 _MOST_RISE = 0.05
+# Points of a Gaussian, and its reach in widths: beyond, 1.1 % of the largest share are left.
+_POINTS, _REACH = 25, 3.0
 # What is assumed of a law that was not calibrated: two laws with the same share beneath the press
 # and the same width differ by so much (docs/sensors.md).
 _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
@@ -90,8 +92,11 @@ def _check_curves(value: tuple[tuple[float, ...], ...] | None, scope: Scope) -> 
 
 
 @declared
-class SpreadingKeys:
-    """How the skin spreads a press over the strips."""
+class Spreading:
+    """How the skin spreads a press over the strips: the share of it that each of them bears.
+
+    By y of the press less that of the strip, a monotone cubic through the points.
+    """
 
     law: str = key(
         Choice(words=("gaussian", "table", "strips")),
@@ -160,117 +165,51 @@ class SpreadingKeys:
     )
     source: str | None = key(Text(limit=1000, optional=True), doc="Where the law comes from.")
 
-    def spreading(self) -> Spreading:
-        """The law itself."""
-        law = self._law()
-        return replace(law, location_offsets_mm=self.location_offsets_mm or ())
+    @cached_property
+    def _curves(self) -> list[PchipInterpolator]:
+        """The curve of each strip, or the one of all."""
+        from scipy.interpolate import PchipInterpolator
 
-    def _law(self) -> Spreading:
-        errors = self.share_std, self.location_std_mm
-        if self.law == "gaussian":
-            assert self.share is not None and self.width_mm is not None
-            return gaussian_spreading(self.share, self.width_mm, *errors)
-        assert self.distance_mm is not None
-        if self.law == "strips":
-            assert self.strip_shares is not None
-            columns = zip(*self.strip_shares, strict=True)
-            mean = tuple(sum(column) / len(column) for column in columns)
-            return StripSpreading(self.distance_mm, mean, *errors, of_strips=self.strip_shares)
-        assert self.shares is not None
-        return Spreading(self.distance_mm, self.shares, *errors)
+        if self.strip_shares is not None:
+            return [PchipInterpolator(self.distance_mm, row) for row in self.strip_shares]
+        if self.share is not None and self.width_mm is not None:
+            across, floor = np.linspace(0.0, _REACH, _POINTS), np.exp(-0.5 * _REACH**2)
+            shares = self.share * (np.exp(-0.5 * across**2) - floor) / (1 - floor)
+            across = self.width_mm * across
+        else:
+            across, shares = np.array(self.distance_mm), np.array(self.shares)
+        # Mirrored, so that the curve is level beneath the press.
+        points = np.concatenate([-across[:0:-1], across]), np.concatenate([shares[:0:-1], shares])
+        return [PchipInterpolator(*points)]
+
+    def share_of(self, strip: int, distance_mm: ArrayLike) -> Array:
+        """Share of a strip, by its index in the order of y, at y of the press less its own.
+
+        Beyond the points 0, or that at the end for a law of single strips.
+        """
+        curve, distance = self._curves[strip % len(self._curves)], np.asarray(distance_mm, float)
+        inside = np.clip(distance, curve.x[0], curve.x[-1])
+        bears = (inside == distance) | (self.law == "strips")
+        found: Array = np.where(bears, curve(inside), 0.0)
+        return found
+
+    def mean_share(self, distance_mm: ArrayLike) -> Array:
+        """Mean share of the strips at a distance from the press."""
+        each = [self.share_of(i, distance_mm) for i in range(len(self._curves))]
+        return np.asarray(np.mean(each, axis=0))
+
+    def offset_mm(self, strip: int) -> float:
+        """Mean error of the location that a strip, by its index in the order of y, shows."""
+        return self.location_offsets_mm[strip] if self.location_offsets_mm else 0.0
 
 
-def read_spreading(path: str | Path) -> SpreadingKeys:
+def read_spreading(path: str | Path) -> Spreading:
     """Read the file of a spreading law."""
-    return read(SpreadingKeys, read_yaml(path), KeyPath(str(path)))
+    return read(Spreading, read_yaml(path), KeyPath(str(path)))
 
 
-def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
+def write_spreading(law: Spreading, path: str | Path) -> None:
     """Write the file of a spreading law, or refuse it where it could not be read again."""
-    values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
-    read(SpreadingKeys, values, KeyPath(str(path)))
+    values = {name: value for name, value in plain(Spreading, law).items() if value is not None}
+    read(Spreading, values, KeyPath(str(path)))
     write_yaml(path, values)
-
-
-Array = NDArray[np.float64]
-
-# Strips bear a press together, or less where it also rests on what is between them. Those of the
-# tests' skin (tests/models/skin_law.py) bear 103 % at most, since it is bent upward elsewhere; the
-# rest is for the errors of the strips' own calibrations.
-_MOST_BORNE = 1.1
-# Strips can be placed this accurately by hand; accuracy was judged with such errors
-# (docs/sensors.md).
-_PLACED_MM = 0.25
-# Points per distance of the strips at which their shares are added up.
-_PER_SPACING = 24
-
-
-def borne_together(skin: Skin) -> tuple[Array, Array]:
-    """y_mm and share (n,) of a press that all strips bear, from one outer strip to the other."""
-    low, high = skin.y_mm[[0, -1]]
-    # Steps are bounded, since strips may lie kilometres apart and two of them side by side.
-    steps = min(_PER_SPACING * (high - low) / skin.spacing_mm, 1e4)
-    y = np.union1d(np.linspace(low, high, int(steps) + 1), skin.y_mm)
-    share: Array = skin.shares(y).sum(axis=-1)
-    return y, share
-
-
-def borne_too_much(skin: Skin) -> str | None:
-    """The rule that a law breaks by which strips bear more than a press."""
-    # Errors within two standard deviations are part of every reading's own.
-    limit = _MOST_BORNE + 2 * skin.spreading.share_std
-    y, share = borne_together(skin)
-    most = int(share.argmax())
-    if share[most] <= limit:
-        return None
-    return (
-        f"must let all strips together bear at most {limit:.0%} of a press (110 %, and twice "
-        f"share_std); at y = {y[most]:.1f} mm they bear {share[most]:.0%}"
-    )
-
-
-def law_violations(skin: Skin, law: SpreadingKeys) -> Iterator[str]:
-    """What contradicts itself between a law and its strips: rules that are broken."""
-    count = len(skin.strips)
-    for of_strips in (law.strip_shares, law.location_offsets_mm, law.strip_y_mm, law.strip_sensors):
-        if of_strips and len(of_strips) != count:
-            rule = f"must be a law of as many strips as the surface has, {count}"
-            yield f"{rule}, got {len(of_strips)}"
-            return
-    if law.strip_y_mm is not None:
-        moved = skin.y_mm - law.strip_y_mm
-        # Only distances count: where y is 0 is up to the scene.
-        if np.ptp(moved) > _PLACED_MM:
-            yield (
-                f"must be a law of strips that lie as those of the surface do, within {_PLACED_MM} "
-                f"mm (calibrate the skin again): it was calibrated with y_mm = "
-                f"{_listed(law.strip_y_mm)}, got {_listed(skin.y_mm)}"
-            )
-    if law.strip_sensors is not None:
-        names = [strip.sensor for strip in skin.strips]
-        # Sensors may have got other names; those that have not must be in the same order.
-        kept = [name for name in law.strip_sensors if name in names]
-        if kept != [name for name in names if name in kept]:
-            yield (
-                "must be a law of strips in the order of those of the surface (correct y_mm, or "
-                f"calibrate the skin again): along y it was calibrated with "
-                f"{', '.join(law.strip_sensors)}, got {', '.join(names)}"
-            )
-    too_much = borne_too_much(replace(skin, spreading=law.spreading()))
-    if too_much:
-        yield too_much
-
-
-def _listed(values: Iterable[float]) -> str:
-    return ", ".join(f"{value:g}" for value in values)
-
-
-def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:
-    """(press, strip) that bears more than one nearer by half a spacing: wrong positions or rows."""
-    known = np.isfinite(taps.strip_force_n) | taps.untouched
-    distance = np.where(known, np.abs(taps.y_mm[:, None] - skin.y_mm), np.inf)
-    force = np.where(np.isfinite(taps.strip_force_n), taps.strip_force_n, 0.0)
-    most, tap = force.argmax(axis=1), np.arange(len(taps))
-    beyond = distance[tap, most] > distance.min(axis=1) + 0.5 * skin.spacing_mm
-    found = np.flatnonzero(beyond & (force[tap, most] > 0))
-    return [(int(i), int(most[i])) for i in found]
