@@ -3,7 +3,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,12 +33,16 @@ _MOST = 20_000
 
 
 class Track:
-    """One sensor's readings over the last ``history_s`` of signal, and the ``latest``."""
+    """One sensor's readings over the last ``history_s`` of signal, and how they are shown."""
 
-    def __init__(self, history_s: float) -> None:
-        self._history_s = history_s
+    view: SensorView
+
+    def __init__(self, history_s: float, color: str = SERIES[0]) -> None:
+        self._history_s, self.color = history_s, color
         self._past: deque[Reading] = deque(maxlen=_MOST)
         self.latest: Reading | None = None
+        self.seen_s = 0.0  # when the latest one arrived
+        self.curves: list[tuple[pg.PlotDataItem, pg.PlotDataItem]] = []  # in the histories
 
     def add(self, reading: Reading) -> None:
         """Add a reading; one earlier than the latest means that a new run has begun."""
@@ -90,7 +94,6 @@ class History(QWidget):
         self._location.setLabel("bottom", "time (s), \u00d7 flagged")
         self._location.setYRange(0, length_mm, padding=0.05)
         self._force.setXLink(self._location)
-        self._curves: dict[str, list[tuple[pg.PlotDataItem, pg.PlotDataItem]]] = {}
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
@@ -102,25 +105,20 @@ class History(QWidget):
     def minimumSizeHint(self) -> QSize:
         return QSize(0, 0)
 
-    def draw(self, tracks: dict[str, Track], colors: dict[str, str]) -> None:
+    def remove(self, track: Track) -> None:
+        """Remove the history of a track."""
+        for plot, items in zip(self._plots(), track.curves, strict=False):
+            for item in items:
+                plot.removeItem(item)
+
+    def draw(self, tracks: Collection[Track]) -> None:
         """Draw the history of all tracks."""
-        for name in set(self._curves) - set(tracks):
-            for plot, items in zip(self._plots(), self._curves.pop(name), strict=True):
-                for item in items:
-                    plot.removeItem(item)
-        newest, largest = 0.0, _LEAST_FORCE_N
-        for track in tracks.values():
-            largest = max(largest, self._largest_force(track))
-            if track.latest is not None:
-                newest = max(newest, track.latest.time_s)
-        for name, track in tracks.items():
-            if name not in self._curves:
-                self._curves[name] = [_items(plot, colors[name]) for plot in self._plots()]
-            for (line, marks), (column, limit) in zip(
-                self._curves[name],
-                (("force_n", largest), ("location_mm", self._length_mm)),
-                strict=True,
-            ):
+        newest = max((track.latest.time_s for track in tracks if track.latest), default=0.0)
+        largest = max([_LEAST_FORCE_N, *map(self._largest_force, tracks)])
+        columns = ("force_n", largest), ("location_mm", self._length_mm)
+        for track in tracks:
+            track.curves = track.curves or [_items(plot, track.color) for plot in self._plots()]
+            for (line, marks), (column, limit) in zip(track.curves, columns, strict=True):
                 line.setData(*track.series(column))
                 times, flagged = track.series(column, flagged=True)
                 known = np.isfinite(flagged)
@@ -234,9 +232,6 @@ class ForceDisplay(Display):
         # Readings arrive from another thread and wait here for the next refresh.
         self._waiting: deque[Any] = deque(maxlen=_MOST_WAITING)
         self._tracks: dict[str, Track] = {}
-        self._views: dict[str, SensorView] = {}
-        self._colors: dict[str, str] = {}
-        self._seen: dict[str, float] = {}
         self._refreshes = 0
         self._tare_state: dict[str, Any] = {}
         self._warning_text = ""
@@ -293,7 +288,7 @@ class ForceDisplay(Display):
 
     def sensors(self) -> list[str]:
         """Names of the sensors shown, from top to bottom."""
-        return list(self._views)
+        return list(self._tracks)
 
     def latest(self, sensor: str) -> Reading | None:
         """The reading shown for a sensor."""
@@ -315,27 +310,26 @@ class ForceDisplay(Display):
             reading = as_reading(self._waiting.popleft())
             if reading is not None:
                 self._count += 1
-                self._track(reading.sensor).add(reading)
+                track = self._track_of(reading)
+                track.add(reading)
+                track.seen_s = now
                 if not reading.flags:
                     self._warning_text = ""
-                if isinstance(reading, SurfaceReading):
-                    self._show_surface(reading.sensor)
-                self._seen[reading.sensor] = now
-        for name in self.sensors():
+        for name, track in list(self._tracks.items()):
             # What a recording ends with stays.
-            age = now - self._seen[name] if self._late is None else 0.0
+            age = now - track.seen_s if self._late is None else 0.0
             if age > _FORGET_S:
                 self._forget(name)
             else:
-                self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)
-        self._empty.setVisible(not self._views)
+                track.view.show_reading(track.latest, age > _STALE_S)
+        self._empty.setVisible(not self._tracks)
         self._warning.setText(self._warning_text)
         self._warning.setVisible(bool(self._warning_text))
         self._draw_tare(self._tare_state)
         self._refreshes += 1
         self._time.setText(self._progress())
         if self._refreshes % _HISTORY_EVERY == 0 and self._history.isVisible():
-            self._history.draw(self._tracks, self._colors)
+            self._history.draw(self._tracks.values())
 
     def sizeHint(self) -> QSize:
         return QSize(640, 520)
@@ -404,34 +398,29 @@ class ForceDisplay(Display):
         times = [track.latest.time_s for track in self._tracks.values() if track.latest]
         return f"{max(times):.1f} s of signal" if times else ""
 
-    def _track(self, name: str) -> Track:
-        if name not in self._tracks:
-            self._tracks[name] = Track(self._history_s)
-            self._colors[name] = self._free_color()
-            view = SensorView(name, self._colors[name], self._length_mm, self._force_span_n)
-            self._views[name] = view
-            self._rows.addWidget(view)
-        return self._tracks[name]
-
-    def _show_surface(self, name: str) -> None:
-        """Draw a surface from above from its first press on."""
-        if isinstance(self._views[name], SurfaceView):
-            return
-        sizes = self._length_mm, self._force_span_n, self._strips_y_mm
-        view = SurfaceView(name, self._colors[name], *sizes)
-        self._rows.replaceWidget(self._views[name], view)
-        self._views[name].deleteLater()
-        self._views[name] = view
-
-    def _free_color(self) -> str:
-        """The first colour that no sensor has, or the least used one."""
-        return min(SERIES, key=list(self._colors.values()).count)
+    def _track_of(self, reading: Reading) -> Track:
+        """The track of a reading's sensor; a surface is drawn from above from its first press."""
+        name, sizes = reading.sensor, (self._length_mm, self._force_span_n)
+        track = self._tracks.get(name)
+        if track is None:
+            # The first colour that no sensor has, or the least used one.
+            used = [each.color for each in self._tracks.values()]
+            track = Track(self._history_s, min(SERIES, key=used.count))
+            track.view = SensorView(name, track.color, *sizes)
+            self._tracks[name] = track
+            self._rows.addWidget(track.view)
+        if isinstance(reading, SurfaceReading) and not isinstance(track.view, SurfaceView):
+            view = SurfaceView(name, track.color, *sizes, self._strips_y_mm)
+            self._rows.replaceWidget(track.view, view)
+            track.view.deleteLater()
+            track.view = view
+        return track
 
     def _forget(self, name: str) -> None:
-        del self._tracks[name], self._seen[name], self._colors[name]
-        view = self._views.pop(name)
-        self._rows.removeWidget(view)
-        view.deleteLater()
+        track = self._tracks.pop(name)
+        self._history.remove(track)
+        self._rows.removeWidget(track.view)
+        track.view.deleteLater()
 
 
 def _positions(strips_y_mm: Sequence[float]) -> list[float]:

@@ -76,7 +76,7 @@ def test_display_press_is_drawn_at_location_with_length_of_force(display, qt):
         image = picture(
             display, qt, PRESSED | {"location_mm": location_mm, "force_n": force_n, "time_s": 1.0}
         )
-        (view,) = display._views.values()
+        (view,) = (track.view for track in display._tracks.values())
         top = view.mapTo(display, QtCore.QPoint(0, 0)).y()
         line = view.fontMetrics().height()
         rows = range(top + 3 * line // 2, top + view.height())
@@ -137,7 +137,7 @@ def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatc
     assert display.sensors() == ["arm"]
     picture(display, qt, PRESSED, other)
     assert display.sensors() == ["arm", "finger"]
-    colors = {view._color.name() for view in display._views.values()}
+    colors = {track.color for track in display._tracks.values()}
     assert len(colors) == 2
 
 
@@ -173,7 +173,7 @@ def drawn(display, column):
     """(values of the line, values of the crosses, upper limit of the axis) of a history."""
     history = display._history
     plot = history._plots()[column]
-    line, marks = history._curves["arm"][column]
+    line, marks = display._tracks["arm"].curves[column]
     return line.getData()[1], marks.getData()[1], plot.viewRange()[1][1]
 
 
@@ -277,9 +277,9 @@ def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_p
     block.widget.refresh()
     read = reader.counts.clear + reader.counts.flagged
     assert read == 8 and block.widget._time.text() == f"recording ended, {read} readings"
-    block.widget._seen["arm"] -= 60
+    block.widget._tracks["arm"].seen_s -= 60
     block.widget.refresh()
-    assert block.widget.sensors() == ["arm"] and not block.widget._views["arm"]._stale
+    assert block.widget.sensors() == ["arm"] and not block.widget._tracks["arm"].view._stale
     assert block.start() and block.widget._time.text()
     block.widget.refresh()
     assert "recording ended" not in block.widget._time.text()

@@ -103,7 +103,7 @@ def test_qt_display_draws_a_surface_from_above(qt):
 
         blank = image({"time_s": 0.9, "sensor": "skin", "touch": 0})
         low, high = image(press(1.0, y_mm=2.0)), image(press(1.1, y_mm=34.0))
-        assert isinstance(display._views["skin"], SurfaceView)
+        assert isinstance(display._tracks["skin"].view, SurfaceView)
         doubtful = image(press(1.2, y_mm=34.0, flags=("weak",)))
         assert (
             len({bytes(i.bits().asarray(i.byteCount())) for i in (blank, low, high, doubtful)}) == 4
