@@ -77,8 +77,8 @@ def decibels(amplitude):
 
 def papers_error(scene, key, folder):
     """Error of the paper's method in a scene."""
-    with simulated(scene, folder) as (_, truth, channels):
-        changes = paper_changes(channels, scene)
+    with simulated(scene, folder) as (recording, truth):
+        changes = paper_changes(recording, scene)
     return paper_errors(scene, 0, changes, truth, detrend=True)[key]
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -19,7 +18,7 @@ from gnuradio.wiforce.simulation.truth import read_truth
 from ..read.recordings import read_capture
 from .causes import OWN, other_causes, with_cause
 from .error_summary import pooled_summary, scored
-from .paper_method import paper_changes, paper_errors, plan_without_survey, snapshot_channels
+from .paper_method import paper_changes, paper_errors, read_without_survey
 
 # Rows of the report: this receiver by the plan alone, whatever is in the room, and the paper's
 # method with the constant offset of the tag's clock removed.
@@ -31,13 +30,13 @@ def run(scene_name, work_folder):
     """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
     Per sensor: errors with and without a survey, of the paper's method with and without the clock's
-    offset, those of the plan, readings and truth; ``causes``: errors with each disturbance that
-    explains a published figure. Phase errors compare changes with the mean reflection of a group;
-    calibration errors and changes within it are part of the others only.
+    offset, and those of the plan; ``causes``: errors with each disturbance that explains a
+    published figure. Phase errors compare changes with the mean reflection of a group; calibration
+    errors and changes within it are part of the others only.
     """
     scene = load_scene(scene_name)
-    with simulated(scene, work_folder) as (recording, truth, channels):
-        sensors, readings = _read(scene, recording, truth, channels, unsurveyed=True)
+    with simulated(scene, work_folder) as (recording, truth):
+        sensors, readings = _read(scene, recording, truth, unsurveyed=True)
     return {
         "scene": str(scene_name),
         "about": about_scene(scene_name),
@@ -50,24 +49,22 @@ def run(scene_name, work_folder):
 
 @contextmanager
 def simulated(scene, work_folder):
-    """A temporary capture of a scene: the recording, rows of truth, channels (N, K)."""
+    """A temporary capture of a scene: the recording, and rows of truth."""
     with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
         capture = Path(folder) / "capture"
         simulate(scene, capture)
         truth = with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
-        recording = open_capture(capture)
-        yield recording, truth, snapshot_channels(recording, scene, Path(folder) / "channels")
+        yield open_capture(capture), truth
 
 
-def _read(scene, recording, truth, channels, unsurveyed=False):
+def _read(scene, recording, truth, unsurveyed=False):
     """Results of every sensor, and all readings with a survey; ``unsurveyed``: also without one."""
     read = {"ours": []}
     read_capture(recording, scene, read["ours"].append)
     if unsurveyed:
-        reader = RecordingReader(recording, plan_without_survey(scene), 0, survey=False)
-        read[UNSURVEYED] = [reading for batch in reader for reading in batch]
+        read[UNSURVEYED] = read_without_survey(recording, scene)
     found = {method: scored(scene, readings, truth) for method, readings in read.items()}
-    changes, expected = paper_changes(channels, scene), expect(plan(scene))
+    changes, expected = paper_changes(recording, scene), expect(plan(scene))
     sensors = []
     for i, sensor in enumerate(scene.sensors):
         rows = [row for row in truth if row["sensor"] == sensor.name]
@@ -75,7 +72,9 @@ def _read(scene, recording, truth, channels, unsurveyed=False):
         methods = {method: pooled_summary([each]) for method, each in own.items()}
         for method, detrend in (("paper", False), (CORRECTED, True)):
             methods[method] = paper_errors(scene, i, changes, rows, detrend)
-        of_sensor = [reading for reading in read["ours"] if reading.sensor == sensor.name]
+        flags = {
+            f for reading in read["ours"] if reading.sensor == sensor.name for f in reading.flags
+        }
         sensors.append(
             {
                 "sensor": sensor.name,
@@ -86,7 +85,7 @@ def _read(scene, recording, truth, channels, unsurveyed=False):
                 "false": own["ours"].false,
                 "flagged": own["ours"].flagged,
                 "not_readable": why_not_readable(scene, i),
-                "flags": sorted({flag for reading in of_sensor for flag in reading.flags}),
+                "flags": sorted(flags),
                 "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected[i].phase_std_deg)))),
                 "radio_noise": scene.simulation.radio_noise is not None,
                 "expected": {
@@ -94,8 +93,6 @@ def _read(scene, recording, truth, channels, unsurveyed=False):
                     "force_n": expected[i].force_error_n,
                     "location_mm": expected[i].location_error_mm,
                 },
-                "readings": [reading.row() for reading in of_sensor],
-                "truth": rows,
             }
         )
     return sensors, read["ours"]

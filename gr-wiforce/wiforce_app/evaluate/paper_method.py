@@ -4,68 +4,36 @@
 from dataclasses import replace
 
 import numpy as np
-from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
-from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.truth import steady_rows
-from gnuradio.wiforce.wiforce_kernels import folded_reader
-from scipy.fft import fft
 
 from .error_summary import calibration_bias_deg, summary
 
-# Samples of folded frames that are read at a time: 32 MB.
-_BATCH_SAMPLES = 1 << 22
 
-
-def snapshot_channels(recording, scene, path):
-    """H of every snapshot of the first receive antenna, (N, K) of complex64, in a new file."""
-    waveform = scene.waveform()
-    factors = waveform.equalizer().astype(np.complex64)
-    frames = folded_reader(**frame_settings(recording, waveform, frame_offset=0))
-    with open(path, "wb") as file:
-        while len(folded := frames.read(_BATCH_SAMPLES // waveform.symbol_length)["folded"]):
-            (fft(folded, axis=1) * factors).tofile(file)
-    return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]
-
-
-_ESTIMATOR = "paper"
-_BATCH = 64  # groups
-
-
-def plan_without_survey(scene):
-    """The plan by which a scene is read without a survey, of clocks that need none."""
+def read_without_survey(recording, scene, on_groups=None):
+    """Readings by the plan of a scene alone, of clocks that need no survey."""
     sensors = [
         replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
         for sensor in scene.sensors
     ]
-    return plan(replace(scene, sensors=tuple(sensors)))
+    settings = plan(replace(scene, sensors=tuple(sensors)))
+    reader = RecordingReader(recording, settings, 0, on_groups=on_groups, survey=False)
+    return [reading for batch in reader for reading in batch]
 
 
-def paper_changes(channels, scene):
+def paper_changes(recording, scene):
     """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3)."""
-    settings = plan_without_survey(
-        replace(
-            scene,
-            phase_group=replace(scene.phase_group, estimator=_ESTIMATOR),
-            environment=replace(scene.environment, receive_antennas=1),
-        )
+    scene = replace(
+        scene,
+        phase_group=replace(scene.phase_group, estimator="paper"),
+        environment=replace(scene.environment, receive_antennas=1),
     )
     changes = []
-    receiver = Receiver(
-        settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
-    )
-    length, weights = settings.group_length, settings.table.weights
-    for first in range(0, len(channels) // length, _BATCH):
-        whole = channels[first * length : (first + _BATCH) * length]
-        whole = whole[: len(whole) // length * length].reshape(-1, length, channels.shape[1])
-        tones = np.stack([tones_of(weights, snapshots) for snapshots in whole])
-        receiver.process(Groups(first + np.arange(len(tones)), tones))
-    receiver.finish()
+    read_without_survey(recording, scene, lambda groups: changes.append(groups.ratios))
     return np.concatenate(changes)
 
 

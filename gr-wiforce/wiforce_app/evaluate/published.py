@@ -6,12 +6,11 @@ on the VNA data, the phases' scatter (and, where it says so, one calibration pre
 another trial. From trial 3 nothing is learnt.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import PressTracker, smooth_press
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -97,7 +96,6 @@ _WALK_N_PER_READING = 0.5
 # Where the published offsets make both phases move alike with force and with location.
 UNOBSERVABLE_MM = 40.0
 _RESAMPLES = 1000
-_SAME_FORCE_N = 0.01
 
 # Median errors claimed by the paper, on a test set of its own: force (N), location (mm).
 CLAIMS = {900e6: (0.56, 0.86), 2400e6: (0.34, 0.59)}
@@ -117,42 +115,22 @@ LIMITS = (
 )
 
 
-@dataclass(frozen=True)
-class WirelessPress:
-    """One published wireless press: readings in order."""
-
-    frequency_hz: float
-    location_mm: float
-    trial: str
-    force_n: np.ndarray
-    phases_deg: np.ndarray
-
-
-def read_presses(path):
-    """Presses of a VNA table with trials, both ports at the same forces."""
-    table = read_vna_csv(path)
+def published_presses():
+    """Rows of each published wireless press, without what trial 3 repeats of trial 2."""
     presses = []
-    keys = dict.fromkeys(zip(table.frequency_hz, table.location_mm, table.press, strict=True))
-    for frequency, location, trial in keys:
-        rows = (
-            (table.frequency_hz == frequency)
-            & (table.location_mm == location)
-            & (table.press == trial)
-        )
-        ends = [table.take(rows & (table.port == port)) for port in (1, 2)]
-        force = [end.force_n for end in ends]
-        if force[0].size != force[1].size or np.max(np.abs(force[0] - force[1])) > _SAME_FORCE_N:
-            rule = f"must have both ports at the same forces ({location:g} mm, trial {trial})"
-            raise InputError(path, rule)
-        phases = np.column_stack([end.phase_deg for end in ends])
-        presses.append(WirelessPress(frequency, location, trial, force[0], phases))
+    for name in ("wireless.csv", "wireless_trial3.csv"):
+        table = read_vna_csv(FOLDER / name)
+        columns = table.frequency_hz, table.location_mm, table.press
+        for frequency, location, trial in dict.fromkeys(zip(*columns, strict=True)):
+            own = (columns[0] == frequency) & (columns[1] == location) & (columns[2] == trial)
+            presses.append(table.take(own))
     return presses
 
 
-def published_presses():
-    """The presses of all published wireless trials, without what trial 3 repeats of trial 2."""
-    files = ("wireless.csv", "wireless_trial3.csv")
-    return [press for name in files for press in read_presses(FOLDER / name)]
+def forces_and_phases(press):
+    """Forces (n,) of a press, which both ports share, and their phases (n, 2)."""
+    first, second = (press.take(press.port == port) for port in (1, 2))
+    return first.force_n, np.column_stack([first.phase_deg, second.phase_deg])
 
 
 def bench_model(table):
@@ -171,12 +149,12 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
     frames = []
     for frequency in FREQUENCIES_HZ:
         bench = bench_model(read_vna_csv(vna_path, frequency))
-        own = [press for press in presses if press.frequency_hz == frequency]
+        own = [press for press in presses if press.frequency_hz[0] == frequency]
         for trial, learnt_from in LEARNT_FROM.items():
-            other = [press for press in own if press.trial == learnt_from]
-            scored = [press for press in own if press.trial == trial]
+            other = [press for press in own if press.press[0] == learnt_from]
+            scored = [press for press in own if press.press[0] == trial]
             for refined in (False, True):
-                model = refine(bench, _taps(other)) if refined else bench
+                model = refine(bench, CalibrationTable.joined(other)) if refined else bench
                 std = model.noise_deg() if refined else _scatter(bench, other)
                 frames += [
                     pandas.DataFrame(
@@ -185,9 +163,8 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
                             "form": bench.form,
                             "wireless_calibration": int(refined),
                             "method": method,
-                            "location_mm": press.location_mm,
-                            "trial": press.trial,
-                            "force_n": press.force_n,
+                            "location_mm": press.location_mm[0],
+                            "trial": trial,
                             **_read_press(model, std, press, method),
                         }
                     )
@@ -205,42 +182,30 @@ def models_scored():
 
 def _scatter(model, presses):
     """Root mean square (2,) of the phases about the model's, in other presses."""
-    away = [
-        wrap_deg(press.phases_deg - model.phases_deg(press.force_n, press.location_mm))
-        for press in presses
-    ]
+    away = []
+    for press in presses:
+        force_n, phases = forces_and_phases(press)
+        away.append(wrap_deg(phases - model.phases_deg(force_n, press.location_mm[0])))
     return np.sqrt(np.mean(np.concatenate(away) ** 2, axis=0))
 
 
-def _taps(presses):
-    rows = [
-        (press.frequency_hz, press.location_mm, port, force, phase, press.trial)
-        for press in presses
-        for port in (1, 2)
-        for force, phase in zip(press.force_n, press.phases_deg[:, port - 1], strict=True)
-    ]
-    frequency, location, port, force, phase, trial = map(np.array, zip(*rows, strict=True))
-    source = f"wireless trial {presses[0].trial}"
-    number = np.arange(1, len(rows) + 1)
-    return CalibrationTable(source, number, frequency, location, port, force, phase, trial)
-
-
 def _read_press(model, std, press, method):
-    """Columns of the readings of a press."""
+    """Columns of the forces and readings of a press."""
+    (force_n, phases), walk = forces_and_phases(press), {"force_walk_n": _WALK_N_PER_READING}
     if method == "causal tracker":
-        tracker = PressTracker(model, 1.0, force_walk_n=_WALK_N_PER_READING)
-        *values, flags = zip(*(tracker.update(each, std) for each in press.phases_deg), strict=True)
+        tracker = PressTracker(model, 1.0, **walk)
+        *values, flags = zip(*(tracker.update(each, std) for each in phases), strict=True)
     else:
         if method == "smoother":
-            walk = {"force_walk_n": _WALK_N_PER_READING}
-            found = smooth_press(model, press.phases_deg, std, 1.0, **walk)
+            found = smooth_press(model, phases, std, 1.0, **walk)
         else:
-            known = press.location_mm if method == "location known" else None
-            found = model.invert(press.phases_deg, std, location_mm=known)
+            known = press.location_mm[0] if method == "location known" else None
+            found = model.invert(phases, std, location_mm=known)
         values = found.force_n, found.force_std_n, found.location_mm, found.location_std_mm
         flags = found.flags
     names = "estimated_force_n", "force_std_n", "estimated_location_mm", "location_std_mm"
-    return {**dict(zip(names, values, strict=True)), "flags": [" ".join(f) for f in flags]}
+    columns = dict(zip(names, values, strict=True))
+    return {"force_n": force_n, **columns, "flags": [" ".join(words) for words in flags]}
 
 
 def errors(scores):

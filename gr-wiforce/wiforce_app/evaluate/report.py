@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report of evaluated scenes: error tables, a picture per scene."""
+"""The tables of evaluated scenes, and the page that holds them."""
 
 import platform
 from pathlib import Path
@@ -7,11 +7,8 @@ from string import Template
 
 import numpy as np
 from gnuradio.wiforce._config import VERSION
-from gnuradio.wiforce.io.readings import as_reading
-from gnuradio.wiforce.scene import load_scene
 
 from ..shell import tables
-from ..shell.plots import plot_readings
 from ..shell.tables import Column
 from .error_summary import figure_text
 from .experiment import CORRECTED, UNSURVEYED
@@ -122,12 +119,11 @@ def _ranges(causes):
 
 
 def write_report(results, folder, figures):
-    """Writes ``report.md``, and ``NAME.png`` for every result."""
+    """Write ``report.md``: both tables, and how each scene was simulated and read."""
     import scipy
 
     names = " ".join(result["scene"] for result in results)
-    for result in results:
-        _plot(result, folder)
+    causes = cause_table(results, figures)
     template = Template(Path(__file__).with_suffix(".md").read_text(encoding="utf-8"))
     page = template.substitute(
         command=f"gr-wiforce evaluate {names}",
@@ -136,33 +132,29 @@ def write_report(results, folder, figures):
         numpy=np.__version__,
         scipy=scipy.__version__,
         table=table(results, figures),
-        causes=_CAUSES + causes + "\n\n" if (causes := cause_table(results, figures)) else "",
-        sections="\n".join(_section(result, figures) for result in results),
+        causes=f"{_CAUSES}{causes}\n\n" if causes else "",
+        scenes=tables.table(_scene_rows(results), _SCENES),
     )
     (folder / "report.md").write_text(page, encoding="utf-8")
 
 
-def _plot(result, folder):
-    """Draws the readings of all sensors over time, with the truth."""
-    readings = [as_reading(row) for sensor in result["sensors"] for row in sensor["readings"]]
-    truth = [row for sensor in result["sensors"] for row in sensor["truth"]]
-    scene, name = load_scene(result["scene"]), Path(result["scene"]).stem
-    length_mm = max(sensor.load_model(scene).length_mm for sensor in scene.sensors)
-    plot_readings(readings, folder / f"{name}.png", name, truth, length_mm)
+_SCENES = (
+    Column("scene", "scene"),
+    Column("seed", "seed"),
+    Column("sensor", "sensor"),
+    Column("simulated with", "truth_model"),
+    Column("read with", "model"),
+    Column("missed touches", "missed"),
+    Column("false touches", "false"),
+    Column("flags", "flags"),
+    Column("not readable", "not_readable"),
+    Column("about", "about"),
+)
 
 
-def _section(result, figures):
-    name = Path(result["scene"]).stem
-    lines = [f"## {name}", "", result["about"], ""]
-    if "text" in (figure := figures.get(name, {})):
-        lines += [f"The paper: {figure['text']}.", ""]
-    lines += [f"Seed {result['seed']}.", ""]
-    for sensor in result["sensors"]:
-        lines += [
-            f"- {sensor['sensor']}: simulated with {sensor['truth_model']}, read with "
-            f"{sensor['model']}. Missed touches: {sensor['missed']} groups; false touches: "
-            f"{sensor['false']} groups. Flags: {', '.join(sensor['flags']) or 'none'}.",
-        ]
-        if sensor["not_readable"]:
-            lines.append(f"  Not readable: {sensor['not_readable']}.")
-    return "\n".join([*lines, "", f"![{name}]({name}.png)", ""])
+def _scene_rows(results):
+    for result in results:
+        first = {key: result[key] for key in ("scene", "seed", "about")}
+        for sensor in result["sensors"]:
+            yield {**first, **sensor, "flags": " ".join(sensor["flags"])}
+            first = {}

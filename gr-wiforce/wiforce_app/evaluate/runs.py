@@ -17,42 +17,36 @@ from .causes import other_causes, paper_figures
 from .report import cause_table, table, write_report
 
 # Of the stored results; those of another one are computed again.
-_FORMAT = 4
+_FORMAT = 5
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
     """Run scenes (or ``all``) without a stored result, or ``fresh`` ones, and report."""
     names = list(dict.fromkeys(sampled_scenes() if "all" in names else names))
-    stems = [Path(name).stem for name in names]
-    for name, stem in zip(names, stems, strict=True):
-        if stems.count(stem) > 1:
+    files = [folder / f"{Path(name).stem}.json" for name in names]
+    for name, file in zip(names, files, strict=True):
+        if files.count(file) > 1:
             raise InputError("scenes", "must have different file names", name)
     # Invalid scenes are refused before any work is done.
-    scenes = {name: load_scene(name) for name in names}
-    for name, scene in scenes.items():
+    scenes = [load_scene(name) for name in names]
+    hashes = []
+    for name, scene in zip(names, scenes, strict=True):
         if scene.packets is not None:
             raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
         for warning in simulation_warnings(scene):
             log.warning(f"{name}: {warning}")
-    fingerprints = {
-        name: fingerprint(scene, other_causes(str(name)), _FORMAT, simulated=True)
-        for name, scene in scenes.items()
-    }
-    inputs = [file for scene in scenes.values() for file in scene.files]
+        hashes.append(fingerprint(scene, other_causes(str(name)), _FORMAT, simulated=True))
     folder.mkdir(parents=True, exist_ok=True)
-    for output in ("report.md", *(f"{stem}.{kind}" for stem in stems for kind in ("json", "png"))):
-        check_output(folder / output, inputs)
-    missing = [
-        name for name in names if fresh or result_of(folder, name, fingerprints[name]) is None
-    ]
-    tasks = [(name, str(folder)) for name in missing]
+    for output in (folder / "report.md", *files):
+        check_output(output, [file for scene in scenes for file in scene.files])
+    results = [None if fresh else stored(*known) for known in zip(files, hashes, strict=True)]
+    missing = [i for i, result in enumerate(results) if result is None]
     with progress("evaluating", len(missing)) as step:
-        for outcome in run_tasks(_run, tasks, jobs):
-            name = missing[outcome.index]
-            kept = {"fingerprint": fingerprints[name], "result": outcome.get()}
-            write_whole(_file(folder, name), json.dumps(kept))
+        for outcome in run_tasks(_run, [(names[i], str(folder)) for i in missing], jobs):
+            i = missing[outcome.index]
+            results[i] = outcome.get()
+            write_whole(files[i], json.dumps({"fingerprint": hashes[i], "result": results[i]}))
             step(1)
-    results = [result_of(folder, name, fingerprints[name]) for name in names]
     figures = paper_figures()
     write_report(results, folder, figures)
     click.echo(table(results, figures))
@@ -67,14 +61,10 @@ def _run(task):
     return run(*task)
 
 
-def _file(folder, name):
-    return folder / f"{Path(name).stem}.json"
-
-
-def result_of(folder, name, current):
-    """The stored result of a scene; None when there is none with this hash."""
+def stored(file, current):
+    """The result that a file holds; None when there is none with this hash."""
     try:
-        content = json.loads(_file(folder, name).read_text(encoding="utf-8"))
+        content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return content["result"] if content.get("fingerprint") == current else None
