@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene, shipped_scenes

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import read_vna_csv
+from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv
 from gnuradio.wiforce.sensor import LineModel, write_sensor
 from gnuradio.wiforce.sensor.line import ContactLaw
 

@@ -46,7 +46,7 @@ _MODULES = {
     "plot": "receiver.plotting",
     "plan_for_capture": "receiver.captures",
     "read": "receiver.captures",
-    "score": "calibration.gauges.comparison",
+    "score": "calibration.gauge_comparison",
     "simulate": "receiver.captures",
     "calibrate": "calibration.calibrate",
     "survey": "receiver.captures",

@@ -3,8 +3,8 @@
 
 import time
 
-from gnuradio.wiforce.calibration.gauges.file import parse_force
-from gnuradio.wiforce.calibration.guided.press_measurement import (
+from gnuradio.wiforce.calibration.gauges import parse_force
+from gnuradio.wiforce.calibration.press_measurement import (
     measure_press,
     measure_untouched,
     steady_deg,
@@ -161,8 +161,7 @@ class GuidedCalibration:
             gauge.check_alive(time.monotonic())
             self._idle()
             time.sleep(0.02)
-        force_n, std_n, _ = gauge.mean(begin_s, time.monotonic())
-        return force_n, std_n, readings
+        return *gauge.mean(begin_s, time.monotonic()), readings
 
     def _store(self, press):
         self._session.add(press)

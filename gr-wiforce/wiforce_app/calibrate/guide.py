@@ -12,7 +12,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import click
-from gnuradio.wiforce.calibration.guided.press_measurement import LEAST_GROUPS
+from gnuradio.wiforce.calibration.press_measurement import LEAST_GROUPS
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
 
@@ -225,7 +225,7 @@ def table_of(table, output, guided):
 
 def complete_settings(settings, guided):
     """Settings of the calibration with those that have another default with ``--live``."""
-    from gnuradio.wiforce.calibration.guided.session import RULER_STD_MM
+    from gnuradio.wiforce.calibration.session import RULER_STD_MM
 
     if settings["ruler_std_mm"] is not None:
         return settings
@@ -234,7 +234,7 @@ def complete_settings(settings, guided):
 
 def guide(table, guided, settings):
     """Lead a person through measurements stored in ``table``; the carrier in Hz, None if quit."""
-    from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan
+    from gnuradio.wiforce.calibration.session import CalibrationSession, SessionPlan
     from gnuradio.wiforce.scene import load_scene
 
     from .scales import open_scale

@@ -6,7 +6,7 @@ import os
 import stat
 import time
 
-from gnuradio.wiforce.calibration.gauges.file import ForceGauge, parse_force, unit_n
+from gnuradio.wiforce.calibration.gauges import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 

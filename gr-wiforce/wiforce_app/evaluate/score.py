@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.calibration.gauges.comparison import compare_with_gauge, timed_forces
-from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
+from gnuradio.wiforce.calibration.gauge_comparison import compare_with_gauge, timed_forces
+from gnuradio.wiforce.calibration.gauges import read_gauge_file
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.formats import format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile

@@ -10,8 +10,7 @@ import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import read_vna_csv, write_vna_csv
+from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv, write_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.files.writers import open_writer

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..errors import InputError
+from ..io.text.values import Choice, KeyPath, Number, Scope, ValueType
 from ..sensor import curves
 from ..sensor.line import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 from ..sensor.model import check_onset
@@ -30,7 +31,14 @@ from .wrong_entries import (
     wrong_location_text,
 )
 
-_LOCATION_STEPS = ("nearest", "given", "line")
+_SETTINGS: dict[str, ValueType] = {
+    "length_mm": Number(low=0, above=True, high=MAX_LENGTH_MM),
+    "onset_force_n": Number(low=0, above=True, high=MAX_FORCE_N, optional=True),
+    "permittivity": Number(low=1, high=MAX_PERMITTIVITY),
+    "form": Choice(words=("auto", "auto-beyond", *curves.FORMS)),
+    "location_steps": Choice(words=("nearest", "given", "line")),
+    "ruler_std_mm": Number(low=0, high=MAX_LENGTH_MM),
+}
 
 
 def calibrate(
@@ -99,7 +107,7 @@ def calibrate(
     --------
     >>> import numpy as np
     >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+    >>> from gnuradio.wiforce.calibration.tables import measure_vna
     >>> true = load_sensor("line-900mhz")
     >>> table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], np.linspace(1, 8, 15), 0.2)
     >>> model = calibrate(table, "arm", form="power")
@@ -107,32 +115,9 @@ def calibrate(
     >>> bool(np.all(np.abs(error_deg) < 2.0))
     True
     """
-    form_choices = ("auto", "auto-beyond", *curves.FORMS)
-    positive = "must be positive and at most {:g}".format
-    onset_n = MAX_FORCE_N if onset_force_n is None else onset_force_n
-    _check(
-        ("length_mm", length_mm, 0 < length_mm <= MAX_LENGTH_MM, positive(MAX_LENGTH_MM)),
-        ("onset_force_n", onset_n, 0 < onset_n <= MAX_FORCE_N, positive(MAX_FORCE_N)),
-        (
-            "permittivity",
-            permittivity,
-            1 <= permittivity <= MAX_PERMITTIVITY,
-            f"must be at least 1 and at most {MAX_PERMITTIVITY:g}",
-        ),
-        ("form", form, form in form_choices, f"must be one of {', '.join(form_choices)}"),
-        (
-            "location_steps",
-            location_steps,
-            location_steps in _LOCATION_STEPS,
-            f"must be one of {', '.join(_LOCATION_STEPS)}",
-        ),
-        (
-            "ruler_std_mm",
-            ruler_std_mm,
-            0 <= ruler_std_mm <= length_mm,
-            f"must be 0 to {length_mm:g}",
-        ),
-    )
+    given = (length_mm, onset_force_n, permittivity, form, location_steps, ruler_std_mm)
+    for (setting, kind), value in zip(_SETTINGS.items(), given, strict=True):
+        kind.read(value, KeyPath(setting), Scope())
     check_table(table, length_mm)
     assumed: list[str] = []
     data = [
@@ -148,7 +133,7 @@ def calibrate(
         assumed.append("phases of different locations as given, multiples of 360 deg included")
     validation = validate_forms(data)
     form = validation["best"].get(form, form)
-    forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
+    forces = np.concatenate([curve.force_n for d in data for curve in d.curves])
     knots = curves.force_knots(form, forces)
     fits = [fit_carrier(d, form, knots) for d in data]
     validation |= contradicting_locations(fits, ruler_std_mm)
@@ -162,17 +147,17 @@ def calibrate(
     if onset_force_n is not None:
         check_onset("onset_force_n", onset_force_n, np.max(forces))
     elif seen:
-        onset_n = float(np.mean(seen))
+        onset_force_n = float(np.mean(seen))
     else:
-        onset_n = 0.5 * float(np.min(forces))
-        half = f"{onset_n:.3g} N, half the least calibrated force"
+        onset_force_n = 0.5 * float(np.min(forces))
+        half = f"{onset_force_n:.3g} N, half the least calibrated force"
         assumed.append(f"the line is first shorted at {half}")
     carriers = [fit.carrier() for fit in fits]
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     return curves.CurveModel(
         name=name,
         length_mm=float(length_mm),
-        onset_force_n=float(onset_n),
+        onset_force_n=float(onset_force_n),
         force_span_n=(float(spans[:, 0].min()), float(spans[:, 1].max())),
         location_span_mm=(
             float(max(d.location_mm[0] for d in data)),
@@ -193,13 +178,6 @@ def calibrate(
         ruler_std_mm=float(ruler_std_mm) or None,
         cross_validation=validation,
     )
-
-
-def _check(*settings: tuple[str, object, bool, str]) -> None:
-    """Refuse the first setting, by name and value, that does not hold its rule."""
-    for name, value, holds, rule in settings:
-        if not holds:
-            raise InputError(name, rule, value)
 
 
 # Prior standard deviation of the difference between bench and air per location: a constant, and a

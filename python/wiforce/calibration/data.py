@@ -2,6 +2,7 @@
 """Calibration data per location and port, checked: the phase added by the contact, over force."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -132,6 +133,8 @@ class ContactCurve:
     loading, -1 while unloading, 0 where unknown; ``copied`` where mirrored from another location.
     """
 
+    port: int
+    location_mm: float
     force_n: np.ndarray
     added_deg: np.ndarray
     press: np.ndarray
@@ -141,15 +144,16 @@ class ContactCurve:
 
 @dataclass(frozen=True)
 class CarrierData:
-    """A table's data of one carrier, by port and location (J,), and the line that they are of.
+    """A table's data of one carrier at J locations, and the line that they are of.
 
-    ``untouched_deg`` are means of ``untouched_rows_deg``; ``onset`` is the largest untouched and
-    the least touched force of sweeps from before the contact, in N; None without such rows.
+    ``curves`` (2 J) are those of port 1 and then of port 2, by location; ``untouched_deg`` are
+    means of ``untouched_rows_deg``; ``onset`` is the largest untouched and the least touched force
+    of sweeps from before the contact, in N; None without such rows.
     """
 
     frequency_hz: float
     location_mm: np.ndarray
-    curves: list[list[ContactCurve]]
+    curves: list[ContactCurve]
     untouched_deg: tuple[float, float] | None
     untouched_rows_deg: tuple[np.ndarray, ...]
     onset: tuple[float, float] | None
@@ -161,10 +165,6 @@ class CarrierData:
         """Change of the phase along the line, in deg/mm."""
         return line.round_trip_deg_per_mm(self.frequency_hz, self.permittivity)
 
-    def all_curves(self) -> list[ContactCurve]:
-        """The curves of both ports, one after the other."""
-        return [curve for port in self.curves for curve in port]
-
     @property
     def anchor_n(self) -> float:
         """Middle of the span of force that all locations share, in N."""
@@ -173,7 +173,7 @@ class CarrierData:
     @property
     def shared_span_n(self) -> tuple[float, float]:
         """Least and greatest force that all locations share; in reverse where they share none."""
-        spans = np.array([curve.force_n[[0, -1]] for curve in self.all_curves()])
+        spans = np.array([curve.force_n[[0, -1]] for curve in self.curves])
         return float(spans[:, 0].max()), float(spans[:, 1].min())
 
 
@@ -216,23 +216,18 @@ def carrier_data(
         touched = _mirrored(touched, length_mm, assumed)
     _check_places(touched)
     places = np.unique(touched.location_mm)
-    curves_of = [
-        [
-            _curve(
-                touched.take((touched.location_mm == place) & (touched.port == port)),
-                line.short_phase_deg(distance, frequency, permittivity),
-                line.round_trip_deg_per_mm(frequency, permittivity),
-                place not in own,
-            )
-            for place, distance in zip(places, distances, strict=True)
-        ]
-        for port, distances in ((1, places), (2, length_mm - places))
-    ]
+    slope = line.round_trip_deg_per_mm(frequency, permittivity)
+    contact_curves = []
+    for port, place in product((1, 2), places.tolist()):
+        rows = touched.take((touched.location_mm == place) & (touched.port == port))
+        distance = place if port == 1 else length_mm - place
+        short_deg = line.short_phase_deg(distance, frequency, permittivity)
+        contact_curves.append(_curve(rows, short_deg, slope, place not in own))
     single = table.take(table.untouched)
     data = CarrierData(
         frequency,
         places,
-        curves_of,
+        contact_curves,
         untouched,
         tuple(single.phase_deg[single.port == port] for port in (1, 2) if untouched),
         onset,
@@ -305,24 +300,29 @@ def _curve(
         parts.append((one.force_n[order], phase, one.press[order], direction))
     force, added, presses, directions = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(force, kind="stable")
-    return ContactCurve(force[order], added[order], presses[order], copied, directions[order])
+    return ContactCurve(
+        int(rows.port[0]),
+        float(rows.location_mm[0]),
+        force[order],
+        added[order],
+        presses[order],
+        copied,
+        directions[order],
+    )
 
 
 def _with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
     """Shift the phases of each location, ``nearest``, ``given`` or by the ``line``."""
     if location_steps == "given":
         return data
-    rows = []
-    for port in data.curves:
-        if location_steps == "line":
-            shifts = np.array([-_value_at(curve, data.anchor_n) for curve in port])
-        else:
-            # the phase added by the contact differs little from one location to the next
-            middles = np.array([np.median(curve.added_deg) for curve in port])
-            shifts = np.unwrap(middles, period=360.0) - middles
-        moved = zip(port, shifts.tolist(), strict=True)
-        rows.append([replace(curve, added_deg=curve.added_deg + by) for curve, by in moved])
-    return replace(data, curves=rows)
+    if location_steps == "line":
+        shifts = np.array([-_value_at(curve, data.anchor_n) for curve in data.curves])
+    else:
+        # the phase added by the contact differs little from one location to the next
+        middles = np.reshape([np.median(curve.added_deg) for curve in data.curves], (2, -1))
+        shifts = (np.unwrap(middles, period=360.0) - middles).ravel()
+    moved = zip(data.curves, shifts.tolist(), strict=True)
+    return replace(data, curves=[replace(c, added_deg=c.added_deg + by) for c, by in moved])
 
 
 def _value_at(curve: ContactCurve, force: float) -> float:
@@ -335,7 +335,7 @@ def compared_forces(data: CarrierData) -> np.ndarray:
     """Forces (9,) in N over the span that all locations share, else the middle of all forces."""
     low, high = data.shared_span_n
     if low >= high:
-        every = np.concatenate([curve.force_n for curve in data.all_curves()])
+        every = np.concatenate([curve.force_n for curve in data.curves])
         low, high = np.quantile(every, [0.25, 0.75])
     return np.linspace(low, high, _FORCES_COMPARED)
 

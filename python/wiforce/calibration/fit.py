@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Curves of phase over force at each location, and the model of a carrier that they make."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,9 +122,8 @@ def _monotone(
     return cumulate @ best.x, cumulate[:, best.active_mask == 0]
 
 
-def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
+def noise_and_misfit(fits: Sequence[ForceCurve]) -> tuple[float, float]:
     """Scatter about the curves, and the part by products of neighbouring residuals, in deg."""
-    fits = list(fits)
     total = sum(np.sum(fit.residual**2) for fit in fits)
     noise = np.sqrt(total / sum(fit.freedom for fit in fits))
     products = np.concatenate([fit.residual[1:] * fit.residual[:-1] for fit in fits])
@@ -158,7 +157,7 @@ class CarrierFit:
 
     data: CarrierData
     fitter: CurveFitter
-    fits: list[list[ForceCurve]]
+    fits: list[ForceCurve]  # of the data's curves
     coefficients_deg: np.ndarray
     covariance_deg2: np.ndarray
     noise_deg: tuple[float, ...]
@@ -172,7 +171,7 @@ class CarrierFit:
         if untouched is None:
             psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
             untouched = (float(wrap_deg(psi)),) * 2
-        spans = np.array([[curve.force_n[[0, -1]] for curve in port] for port in data.curves])
+        spans = np.reshape([curve.force_n[[0, -1]] for curve in data.curves], (2, -1, 2))
         difference_n = find_hysteresis(self)
         return curves.Carrier(
             frequency_hz=data.frequency_hz,
@@ -190,12 +189,13 @@ class CarrierFit:
 
 def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> CarrierFit:
     """Fit the curves of one carrier's data."""
-    fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.all_curves()])
-    fits = [[fitter.fit(c.force_n, c.added_deg) for c in port] for port in data.curves]
-    noise, misfit = zip(*map(noise_and_misfit, fits), strict=True)
-    coefficients = np.array([[fit.coefficients for fit in port] for port in fits])
-    covariance = np.array([[fit.unit_covariance for fit in port] for port in fits])
-    covariance *= np.square(noise)[:, None, None, None]
+    fitter = CurveFitter(form, knots, [(c.force_n, c.added_deg) for c in data.curves])
+    fits = [fitter.fit(c.force_n, c.added_deg) for c in data.curves]
+    count, size = len(data.location_mm), fitter.size
+    noise, misfit = zip(*map(noise_and_misfit, (fits[:count], fits[count:])), strict=True)
+    coefficients = np.reshape([fit.coefficients for fit in fits], (2, count, size))
+    covariance = np.reshape([fit.unit_covariance for fit in fits], (2, count, size, size))
+    covariance = covariance * np.square(noise)[:, None, None, None]
     basis = fitter.basis(compared_forces(data))
     contact = ContactValues(
         data.location_mm,
@@ -233,10 +233,9 @@ def find_hysteresis(fitted: CarrierFit) -> float | None:
     A soft beam opens later than it closed, and creeps: residuals over the slope, of opposite sign
     in the two branches, are fitted by a polynomial in force. 0 within noise, None without both.
     """
-    pairs = zip(fitted.data.all_curves(), [f for port in fitted.fits for f in port], strict=True)
     rows = [
         (c.force_n, fit.residual, fitted.fitter.slope(fit, c.force_n), c.direction)
-        for c, fit in pairs
+        for c, fit in zip(fitted.data.curves, fitted.fits, strict=True)
         if not c.copied
     ]
     columns = np.concatenate([np.array(row, float) for row in rows], axis=1)

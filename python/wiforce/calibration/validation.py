@@ -29,7 +29,7 @@ def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
     One ``press`` is left out at a time, or a block of neighbouring ``forces``, those at the ends of
     a location only for ``auto-beyond``.
     """
-    several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
+    several = any(len(set(c.press)) > 1 for d in data for c in d.curves)
     folds = {
         form: [fold for d in data for fold in _fold_errors(d, form, several)]
         for form in curves.FORMS
@@ -74,11 +74,11 @@ def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
 
 def _fold_errors(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.ndarray, bool]]:
     """Squared errors of each fold, and whether the fold is extrapolated."""
-    knots = curves.force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
-    samples = [(c.force_n, c.added_deg) for c in data.all_curves()]
+    knots = curves.force_knots(form, np.concatenate([c.force_n for c in data.curves]))
+    samples = [(c.force_n, c.added_deg) for c in data.curves]
     fitter = CurveFitter(form, knots, samples)
     folds = []
-    for curve in data.all_curves():
+    for curve in data.curves:
         for out, rim in [] if curve.copied else _folds(curve, by_press):
             if not np.any(out) or np.count_nonzero(~out) < _LEAST_LEFT:
                 continue
@@ -166,19 +166,8 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
     limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
-    apart = {
-        row["location_mm"] for row in contradictions(_rows_at(model, "locations", frequency_hz))
-    }
-    if apart:
-        listed = ", ".join(f"{place:g}" for place in sorted(apart))
-        limit = f"locations that contradict each other: {listed} mm"
-    for row in _rows_at(model, "wrong", frequency_hz):
-        place = f"{row['location_mm']:g}"
-        limit = (
-            f"locations {place} and {row['exchanged_mm']:g} mm, which would fit exchanged"
-            if row.get("exchanged_mm") is not None
-            else f"location {place} mm, which does not fit the others"
-        )
+    if location_warnings(model, index):
+        limit = "locations that contradict each other"
     unusable = ""
     # Of a force that is anywhere in the span.
     guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)

@@ -17,8 +17,8 @@ from scipy.optimize import nnls
 
 from ..sensor import line
 from ..signal.carrier import wrap_deg
-from .data import CarrierData, ContactCurve
-from .fit import CarrierFit, ContactValues, CurveFitter, ForceCurve, interpolate
+from .data import CarrierData
+from .fit import CarrierFit, ContactValues, ForceCurve, interpolate
 
 # What an explanation may leave, and how much better another one must be, in standard deviations.
 _UNEXPECTED = 3.0
@@ -198,54 +198,57 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
 def find_wrong_rows(fitted: CarrierFit) -> list[str]:
     """Rows of a location whose exchange explains the phases better, or without which they fit.
 
-    A phase follows force smoothly, with noise of its own and of the force. Tried are the pair whose
-    exchange fits best, then the row farthest beside the others, above the onset.
+    A phase follows force smoothly, with noise of its own and of the force. Tried are the two rows
+    of a press that lie farthest above and below the curve, then the farthest one, above the onset.
     """
     without_n, touched_n = fitted.data.onset or (0.0, 0.0)
     fitter = fitted.fitter
     found: list[str] = []
     own = [
-        (place, port, curve, fit, fitter.slope(fit, curve.force_n))
-        for port, (row, fits) in enumerate(zip(fitted.data.curves, fitted.fits, strict=True), 1)
-        for place, curve, fit in zip(fitted.data.location_mm, row, fits, strict=True)
+        (curve, fit, fitter.slope(fit, curve.force_n))
+        for curve, fit in zip(fitted.data.curves, fitted.fits, strict=True)
         if not curve.copied
     ]
-    places = {place for place, *_ in own}
+    places = {curve.location_mm for curve, *_ in own}
     if len(places) < 2:
         return found  # nothing tells the noise
     # Where rows of both ports are wrong, only other locations tell the noise.
     noises = {
-        place: _Noise([(curve, slope) for at, _, _, curve, slope in own if at != place])
+        place: _Noise([(fit, slope) for curve, fit, slope in own if curve.location_mm != place])
         for place in places
     }
-    exchanges = [_best_exchange(curve, fitter, fit, without_n) for _, _, curve, fit, _ in own]
-    pairs, rows = sum(count for _, count in exchanges), sum(len(slope) for *_, slope in own)
-    for (place, port, curve, fit, slope), (pair, _) in zip(own, exchanges, strict=True):
-        noise = noises[place]
-        where = f"at location {place:g} mm, port {port},"
-        if pair is not None:
+    rows = [len(slope) for *_, slope in own]
+    pairs = sum(count * (count - 1) // 2 for count in rows)
+    for curve, fit, slope in own:
+        noise, force_n = noises[curve.location_mm], curve.force_n
+        where = f"at location {curve.location_mm:g} mm, port {curve.port},"
+        basis = fitter.basis(force_n)
+        # What a fit leaves of a row, exactly where the coefficients are free.
+        rest = np.maximum(1.0 - np.sum(basis @ fit.unit_covariance * basis, axis=1), 1e-9)
+        beside = fit.residual / np.sqrt(rest)
+        pressed = np.where(force_n > without_n, beside, 0.0)
+        pair = np.sort([np.argmin(pressed), np.argmax(pressed)])
+        if pair[0] < pair[1] and curve.press[pair[0]] == curve.press[pair[1]]:
             exchanged = curve.added_deg.copy()
-            exchanged[list(pair)] = exchanged[list(pair[::-1])]
-            after = fitter.fit(curve.force_n, exchanged)
+            exchanged[pair] = exchanged[pair[::-1]]
+            after = fitter.fit(force_n, exchanged)
             if _is_better(noise.log_ratio(fit, after.residual, after.freedom, slope), pairs):
-                low, high = curve.force_n[list(pair)]
+                low, high = force_n[pair]
                 found.append(
                     f"the phases of {low:g} and {high:g} N {where} would fit the others exchanged: "
                     "were rows exchanged?"
                 )
                 continue
-        # The row that lies farthest beside a curve of the others.
-        rest = np.maximum(_rest(fitter.basis(curve.force_n), fit.unit_covariance), 1e-9)
-        row = int(np.argmax((curve.force_n > touched_n) * fit.residual**2 / rest))
-        if not (curve.force_n[row] > touched_n and fit.residual[row]):
+        row = int(np.argmax((force_n > touched_n) * beside**2))
+        if not (force_n[row] > touched_n and fit.residual[row]):
             continue
-        after = fitter.fit(np.delete(curve.force_n, row), np.delete(curve.added_deg, row))
+        after = fitter.fit(np.delete(force_n, row), np.delete(curve.added_deg, row))
         residual = np.insert(after.residual, row, 0.0)
-        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), rows):
-            beside = curve.added_deg[row] - fitter.value(after, curve.force_n[row])
+        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), sum(rows)):
+            off_deg = curve.added_deg[row] - fitter.value(after, force_n[row])
             found.append(
-                f"the phase of {curve.force_n[row]:g} N {where} is {beside:+.1f} deg beside the "
-                "curve of the others: was it measured, or typed, wrong?"
+                f"the phase of {force_n[row]:g} N {where} is {off_deg:+.1f} deg beside the curve "
+                "of the others: was it measured, or typed, wrong?"
             )
     return found
 
@@ -293,32 +296,3 @@ def find_untouched_scatter(fitted: CarrierFit) -> list[str]:
                 "fixed?"
             )
     return found
-
-
-def _rest(basis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """What a fit leaves of a row (n,), exactly where the coefficients are free."""
-    return np.asarray(1.0 - np.sum(basis @ covariance * basis, axis=1))
-
-
-def _best_exchange(
-    curve: ContactCurve, fitter: CurveFitter, fit: ForceCurve, without_n: float
-) -> tuple[tuple[int, int] | None, int]:
-    """Rows of a press whose exchange reduces the squares most, or None, and how many could."""
-    pressed = curve.force_n > without_n
-    pair, most, count = None, 0.0, 0
-    for press in np.unique(curve.press[pressed]):
-        rows = np.flatnonzero(pressed & (curve.press == press))
-        added, residual = curve.added_deg[rows], fit.residual[rows]
-        basis = fitter.basis(curve.force_n[rows])
-        weighed, rest = basis @ fit.unit_covariance, _rest(basis, fit.unit_covariance)
-        # A row at a time: all pairs of a press with 30 000 rows would not fit in memory.
-        for first in range(len(rows) - 1):
-            later = slice(first + 1, None)
-            step = added[later] - added[first]
-            size = rest[first] + rest[later] + 2 * (basis[later] @ weighed[first])
-            gain = step * (2 * (residual[later] - residual[first]) - step * size)
-            best = int(np.argmax(gain))
-            if gain[best] > most:
-                pair, most = (int(rows[first]), int(rows[first + 1 + best])), float(gain[best])
-        count += len(rows) * (len(rows) - 1) // 2
-    return pair, count

@@ -16,14 +16,14 @@ from .tracker import PressTracker, smooth_press
 
 # Where `calibration` and `gauges` have the names that programs import from here.
 _ELSEWHERE = {
-    "CalibrationSession": "calibration.guided.session",
+    "CalibrationSession": "calibration.session",
     "CalibrationTable": "calibration.tables",
-    "SessionPlan": "calibration.guided.session",
+    "SessionPlan": "calibration.session",
     "calibrate": "calibration.calibrate",
     "calibration_warnings": "calibration.validation",
     "estimate_line": "calibration.mistakes",
-    "measure_press": "calibration.guided.press_measurement",
-    "measure_vna": "calibration.simulated_vna",
+    "measure_press": "calibration.press_measurement",
+    "measure_vna": "calibration.tables",
     "read_tap_csv": "calibration.tables",
     "read_touchstone_index": "calibration.tables",
     "read_vna_csv": "calibration.tables",

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import refused, run_command, succeeded
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.calibration.tables import measure_vna, write_vna_csv
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor
 

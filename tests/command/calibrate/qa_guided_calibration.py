@@ -7,9 +7,9 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from gnuradio.wiforce.calibration.gauges.file import ForceGauge
-from gnuradio.wiforce.calibration.guided.press_measurement import measure_press, measure_untouched
-from gnuradio.wiforce.calibration.guided.session import CalibrationSession, SessionPlan
+from gnuradio.wiforce.calibration.gauges import ForceGauge
+from gnuradio.wiforce.calibration.press_measurement import measure_press, measure_untouched
+from gnuradio.wiforce.calibration.session import CalibrationSession, SessionPlan
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor

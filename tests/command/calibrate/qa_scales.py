@@ -13,7 +13,7 @@ from wiforce_app.calibrate.scales import open_scale
 def latest(scale, since_s):
     """Force after what has arrived is taken."""
     scale.poll()
-    return scale.gauge.mean(since_s, time.monotonic()).force_n
+    return scale.gauge.mean(since_s, time.monotonic())[0]
 
 
 def test_csv_pipe_gives_forces_as_they_are_written(tmp_path):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from command_runs import refused, rows_of, run_command, succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.gauges.comparison import (
+from gnuradio.wiforce.calibration.gauge_comparison import (
     TimedForces,
     compare_with_gauge,
     timed_forces,
 )
-from gnuradio.wiforce.calibration.gauges.file import GaugeRecord, read_gauge_file
+from gnuradio.wiforce.calibration.gauges import GaugeRecord, read_gauge_file
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.writers import open_writer

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.guided.session import (
+from gnuradio.wiforce.calibration.session import (
     DEFAULT_FORCES_N,
     DEFAULT_LOCATIONS_MM,
     RULER_STD_MM,
 )
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.sensor import load_sensor
 from guided_operator import GuidedOperator
 from live_runs import FRAMES, GAINS, SLOW, scene_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg

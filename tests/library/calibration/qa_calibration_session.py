@@ -9,8 +9,8 @@ import os
 import numpy as np
 import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.guided.press_measurement import PressMeasurement
-from gnuradio.wiforce.calibration.guided.session import (
+from gnuradio.wiforce.calibration.press_measurement import PressMeasurement
+from gnuradio.wiforce.calibration.session import (
     CalibrationSession,
     SessionPlan,
     Target,

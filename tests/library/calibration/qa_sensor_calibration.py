@@ -9,8 +9,8 @@ import pytest
 from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.fit import CurveFitter, noise_and_misfit
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.calibration.tables import (
+    measure_vna,
     read_tap_csv,
     read_touchstone_index,
     read_vna_csv,

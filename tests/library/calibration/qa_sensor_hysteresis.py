@@ -8,8 +8,7 @@ import pytest
 from command_runs import succeeded
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.data import sweep_directions
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
-from gnuradio.wiforce.calibration.tables import CalibrationTable, write_vna_csv
+from gnuradio.wiforce.calibration.tables import CalibrationTable, measure_vna, write_vna_csv
 from gnuradio.wiforce.scene.effects import Beam
 from gnuradio.wiforce.scene.simulated import Press
 from gnuradio.wiforce.sensor import load_sensor

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.gauges.file import read_gauge_file
+from gnuradio.wiforce.calibration.gauges import read_gauge_file
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile

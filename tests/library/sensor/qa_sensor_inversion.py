@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from scipy.optimize import fsolve

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ def as_number(value: Any) -> float | None:
     """A value of a YAML file as a finite float, also text such as ``900e6``; None otherwise."""
     if isinstance(value, str) and re.match(_NUMBER_AS_TEXT, value):
         value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):  # also one of NumPy
         return None
     try:
         value = float(value)

@@ -13,18 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import InputError, unwritable
-from ...io.text.textfile import cell_number, check_output, read_csv
-from ...sensor import line
-from ...sensor.curves import CurveModel
-from ...sensor.line import MAX_FORCE_N
-from ...signal.carrier import same_carrier, wrap_deg
-from ..calibrate import calibrate
-from ..data import LEAST_FORCES, unwrap_over_force, without_incomplete
-from ..gauges.file import UNITS_N
-from ..tables import CalibrationTable, read_tap_csv
-from ..validation import location_warnings
+from ..errors import InputError, unwritable
+from ..io.text.textfile import cell_number, check_output, read_csv
+from ..sensor import line
+from ..sensor.curves import CurveModel
+from ..sensor.line import MAX_FORCE_N
+from ..signal.carrier import same_carrier, wrap_deg
+from .calibrate import calibrate
+from .data import LEAST_FORCES, unwrap_over_force, without_incomplete
+from .gauges import UNITS_N
 from .press_measurement import PressMeasurement
+from .tables import CalibrationTable, read_tap_csv
+from .validation import location_warnings
 
 # The widening of the short is compared with what the five nearest forces at this location suggest
 # by a line over F^(-1/3), which describes a soft beam. With gauge errors of 1 % and 0.03 N it stays

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
-from ...errors import InputError
-from ...io.files.readings_files import ReadingsFile, frame_rows
-from .file import GaugeRecord, gauge_of, read_gauge_file
+from ..errors import InputError
+from ..io.files.readings_files import ReadingsFile, frame_rows
+from .gauges import GaugeRecord, gauge_of, read_gauge_file
 
 if TYPE_CHECKING:
     import pandas

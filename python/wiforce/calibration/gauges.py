@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
+import warnings
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InputError
-from ...io.text.textfile import read_bytes
+from ..errors import InputError
+from ..io.text.textfile import read_bytes
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 _POUND_N = 0.45359237 * STANDARD_GRAVITY_M_S2
@@ -60,14 +62,6 @@ def parse_force(text: str) -> float:
     return float(number.replace(",", ".")) * unit_n(named or "N", "force")
 
 
-class GaugeForce(NamedTuple):
-    """Mean force over an interval, its standard deviation, NaN for one value, and their number."""
-
-    force_n: float
-    std_n: float
-    values: int
-
-
 class ForceGauge:
     """What a gauge sends, line by line, with arrival times; ``unit`` of lines without one."""
 
@@ -109,20 +103,20 @@ class ForceGauge:
         rule = f"has sent no force for {silence:.0f} s; check its cable, power and output mode"
         raise InputError(self.name, rule)
 
-    def mean(self, since_s: float, until_s: float) -> GaugeForce:
-        """Mean force of the values that arrived within an interval."""
+    def mean(self, since_s: float, until_s: float) -> tuple[float, float]:
+        """Mean force in N of the values that arrived within an interval, and their deviation."""
         values = [force for time_s, force in self._values if since_s <= time_s <= until_s]
         if not values:
             self.check_alive(until_s)
             raise InputError(self.name, "has sent no force during the measurement")
         mean = math.fsum(values) / len(values)
         if len(values) == 1:
-            return GaugeForce(mean, math.nan, 1)
+            return mean, math.nan
         std = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
         if std > max(_UNSTEADY_N, _UNSTEADY_PART * abs(mean)):
             span = f"{min(values):.2f} to {max(values):.2f} N"
             raise InputError(self.name, "must show a steady force while it is measured", span)
-        return GaugeForce(mean, std, len(values))
+        return mean, std
 
 
 if TYPE_CHECKING:
@@ -202,41 +196,33 @@ def gauge_of(
 
 
 def _table(path: str | Path) -> pd.DataFrame:
-    import io
-
     import pandas as pd
 
     data = read_bytes(path, _MAX_BYTES)
     first = data.lstrip(b"\xef\xbb\xbf").split(b"\n", 1)[0]
-    separator = max(b",;\t", key=lambda sign: (first.count(sign), sign == ord(",")))
-    text = chr(separator)
-    commas = text != "," and b"," in data and b"." not in data.split(b"\n", 1)[-1][:4096]
+    separator = chr(max(b",;\t", key=lambda sign: (first.count(sign), sign == ord(","))))
+    commas = separator != "," and b"," in data and b"." not in data.split(b"\n", 1)[-1][:4096]
     try:
-        table = pd.read_csv(
-            io.BytesIO(data),
-            sep=text,
-            decimal="," if commas else ".",
-            skipinitialspace=True,
-            encoding="utf-8-sig",
-            index_col=False if _ends_in(data, text) else None,
-        )
+        with warnings.catch_warnings():
+            # Of fields beyond the columns; an empty one behind a last separator is none.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table = pd.read_csv(
+                io.BytesIO(data),
+                sep=separator,
+                decimal="," if commas else ".",
+                skipinitialspace=True,
+                encoding="utf-8-sig",
+                index_col=False,
+            )
+    except pd.errors.ParserWarning as error:
+        rule = "rows must not have more fields than there are columns"
+        raise InputError(path, rule) from error
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(path, f"is not a CSV file ({str(error).splitlines()[0]})") from error
-    if len(table) and not isinstance(table.index, pd.RangeIndex):
-        raise InputError(path, "rows must not have more fields than there are columns")
     table.columns = [str(name).strip() for name in table.columns]
     if table.shape[1] < 2:
         raise InputError(path, "must have columns of times and forces, and a row with their names")
-    if not len(table):
-        raise InputError(path, "must hold two forces or more", 0)
     return table
-
-
-def _ends_in(data: bytes, separator: str) -> bool:
-    """Whether the first rows, but not the names of the columns, end in a separator."""
-    first, second = (data.split(b"\n", 2) + [b"", b""])[:2]
-    sign = separator.encode()
-    return second.rstrip(b"\r ").endswith(sign) and not first.rstrip(b"\r ").endswith(sign)
 
 
 def _column(

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import InputError
-from ...io.readings import WEAK_PHASE_DEG, Reading
-from ...sensor import line
-from ...signal.carrier import wrap_deg
+from ..errors import InputError
+from ..io.readings import WEAK_PHASE_DEG, Reading
+from ..sensor import line
+from ..signal.carrier import wrap_deg
 
 # Fewest phase groups of a measurement: halves of four give a drift and its error.
 LEAST_GROUPS = 8
