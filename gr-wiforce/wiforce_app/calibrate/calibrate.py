@@ -14,7 +14,7 @@ from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 from ..shell.commands import GroupedHelp
 from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
 from ..shell.plots import check_picture
-from .guide import complete_settings, guide, guided_options, table_of
+from .guide import check_guided, guide, guided_options, table_of
 
 # What --frequency-hz says of a table that does not say it itself.
 _CARRIER_OF = {
@@ -30,7 +30,8 @@ _OPTION_OF = {
     "ruler_std_mm": "--ruler-std-mm",
     "name": "--name",
 }
-_STEPS = ("nearest", "given", "line")
+# Parameters of the library that options set.
+_SETTINGS = "length_mm permittivity form onset_force_n location_steps mirror ruler_std_mm".split()
 
 
 @click.command(
@@ -78,7 +79,7 @@ _STEPS = ("nearest", "given", "line")
 @click.option("--onset-force-n", type=Number(), help="Force at which the line is first shorted.")
 @click.option(
     "--location-steps",
-    type=click.Choice(_STEPS),
+    type=click.Choice(["nearest", "given", "line"]),
     default="nearest",
     show_default=True,
     help="Phases from one location to the next: as measured, turns of 360 deg by the line; as "
@@ -133,8 +134,8 @@ def calibrate(
     surface,
     readings,
     law,
-    guided,
-    **settings,
+    live,
+    **guided,
 ):
     """Make a sensor model of a TABLE of known presses.
 
@@ -151,31 +152,35 @@ def calibrate(
     y_mm), and the spreading law is written to OUTPUT.
     """
     from gnuradio.wiforce import sensor
+    from gnuradio.wiforce.calibration.session import RULER_STD_MM
 
+    settings = {key: guided.pop(key) for key in _SETTINGS}
+    check_guided(live, guided)
     if surface is None and (readings, law) != (None, None):
         raise InputError("--readings" if readings else "--law", "is for --surface only")
     if surface is not None:
         from .surface import calibrate_surface
 
-        others = {"--live": guided, "--refine": refined, "--plot": plot_path, "--kind": kind}
-        for option, value in {**others, "--accept": accept or None}.items():
-            if value is not None:
+        others = {"--live": live, "--refine": refined, "--plot": plot_path, "--kind": kind}
+        for option, value in {**others, "--accept": accept}.items():
+            if value:
                 raise InputError(option, "cannot be given with --surface")
         return calibrate_surface(table, surface, readings, law or "strips", output)
-    table = table_of(table, output, guided)
-    settings = complete_settings(settings, guided)
+    table = table_of(table, output, live)
+    if settings["ruler_std_mm"] is None:
+        settings["ruler_std_mm"] = RULER_STD_MM if live else 0.0
     inputs = [table, *([refined] if refined else [])]
     check_output(output, inputs)
     check_picture(plot_path, inputs)
     name = name or Path(output).stem
-    if guided is not None:
+    if live:
         if (frequency_hz, kind) != (None, None):
             raise InputError("--live", "must be given without --frequency-hz and --kind")
         frequency_hz, kind = guide(table, guided, settings), "taps"
         if frequency_hz is None:
             return
     data = _read(sensor, table, kind, frequency_hz)
-    data = data if guided is None else _without_incomplete(data)
+    data = _without_incomplete(data) if live else data
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
     line = {key: settings[key] for key in ("length_mm", "permittivity")}
     if bench is not None:

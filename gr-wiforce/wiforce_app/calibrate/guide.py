@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Guided calibration of ``calibrate --live``: the person, the reader, and what is asked."""
 
-import functools
 import math
 import os
 import select
@@ -193,43 +192,30 @@ _OPTIONS = (
 
 
 def guided_options(command):
-    """Add the options of ``--live`` as one argument ``guided``; None, and refused, without."""
-
-    @functools.wraps(command)
-    def with_guided(*values, live, **parameters):
-        guided = {name: parameters.pop(name) for name in names}
-        context = click.get_current_context()
-        for name in () if live else guided:
-            if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-                option = name.replace("scene_path", "scene").replace("_", "-")
-                raise click.UsageError(f"--{option} needs --live.", context)
-        return command(*values, guided=guided if live else None, **parameters)
-
+    """Add the options of ``--live``."""
     for option in reversed(_OPTIONS):
-        with_guided = option(with_guided)
-    before = {parameter.name for parameter in getattr(command, "__click_params__", ())}
-    names = [p.name for p in with_guided.__click_params__ if p.name not in before | {"live"}]
-    return with_guided
+        command = option(command)
+    return command
 
 
-def table_of(table, output, guided):
+def check_guided(live, guided):
+    """Refuse options of ``--live`` that were typed without it."""
+    context = click.get_current_context()
+    for name in () if live else guided:
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            option = name.replace("scene_path", "scene").replace("_", "-")
+            raise click.UsageError(f"--{option} needs --live.", context)
+
+
+def table_of(table, output, live):
     """Path of the table: the argument, or with ``--live`` a file beside the output by default."""
-    if table is None and guided is None:
+    if table is None and not live:
         raise click.UsageError("Missing argument 'TABLE'.", click.get_current_context())
     if table is None:
         return str(Path(output).with_suffix(".taps.csv"))
-    if guided is not None and Path(table).suffix.lower() != ".csv":
+    if live and Path(table).suffix.lower() != ".csv":
         raise InputError(table, "file of a session must end in .csv")
     return table
-
-
-def complete_settings(settings, guided):
-    """Settings of the calibration with those that have another default with ``--live``."""
-    from gnuradio.wiforce.calibration.session import RULER_STD_MM
-
-    if settings["ruler_std_mm"] is not None:
-        return settings
-    return settings | {"ruler_std_mm": 0.0 if guided is None else RULER_STD_MM}
 
 
 def guide(table, guided, settings):
@@ -242,7 +228,6 @@ def guide(table, guided, settings):
     for name, option in (("scene_path", "--scene"), ("args", "--args")):
         if guided[name] is None:
             raise InputError(option, "must be given with --live")
-    guided = dict(guided)
     scene = load_scene(guided.pop("scene_path"))
     sensor = _sensor_named(scene, guided.pop("sensor"))
     own_mm = sensor.load_model(scene).length_mm

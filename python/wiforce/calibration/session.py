@@ -23,7 +23,7 @@ from .calibrate import calibrate
 from .data import LEAST_FORCES, unwrap_over_force, without_incomplete
 from .gauges import UNITS_N
 from .press_measurement import PressMeasurement
-from .tables import CalibrationTable, read_tap_csv
+from .tables import read_tap_csv
 from .validation import location_warnings
 
 # The widening of the short is compared with what the five nearest forces at this location suggest
@@ -37,13 +37,6 @@ _WIDENING_MM, _WIDENING_PART, _WIDENING_STDS = 0.75, 0.5, 3.0
 _STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
 # Part of the asked force, and force in N, by which another force is no slip of the hand.
 _FORCE_PART, _FORCE_N = 0.4, 0.5
-
-
-def force_warning(force_n: float, asked_n: float) -> list[str]:
-    """Warning of a force that is far from the one that was asked for."""
-    if abs(force_n - asked_n) <= max(_FORCE_N, _FORCE_PART * asked_n):
-        return []
-    return [f"the force is {force_n:g} N where about {asked_n:g} N was asked for"]
 
 
 def press_warnings(
@@ -288,9 +281,13 @@ class CalibrationSession:
 
     def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
         """Why a press may be an error of the person who measures, a sentence each."""
-        plan = self.plan
-        asked = force_warning(press.force_n, target.force_n) if target is not None else []
-        return asked + press_warnings(
+        plan, found = self.plan, []
+        asked_n = press.force_n if target is None else target.force_n
+        if abs(press.force_n - asked_n) > max(_FORCE_N, _FORCE_PART * asked_n):
+            found.append(
+                f"the force is {press.force_n:g} N where about {asked_n:g} N was asked for"
+            )
+        return found + press_warnings(
             press, self.presses, plan.frequency_hz, plan.length_mm, plan.permittivity
         )
 
@@ -353,37 +350,31 @@ class CalibrationSession:
         counts, sweeps = np.array(list(self.counts().values())), self.plan.sweeps
         return int(np.minimum(counts, sweeps).sum()), counts.size * sweeps
 
-    def _complete(self) -> CalibrationTable | None:
-        """Rows of the file without locations that have too few forces; None without a press."""
-        if not self.presses:
-            return None
-        return without_incomplete(read_tap_csv(self.path, self.plan.frequency_hz))
-
     def model(self, name: str | None = None) -> CurveModel:
         """Calibrate with the locations that have enough forces."""
-        table = self._complete()
-        if table is None:
+        if not self.presses:
             raise InputError(self.path, "has no row with a force")
-        return self._calibrated(table, name or self.plan.sensor)
-
-    def _calibrated(self, table: CalibrationTable, name: str) -> CurveModel:
+        table = without_incomplete(read_tap_csv(self.path, self.plan.frequency_hz))
         line = {"length_mm": self.plan.length_mm, "permittivity": self.plan.permittivity}
-        return calibrate(table, name, **{**self.settings, **line})
+        return calibrate(table, name or self.plan.sensor, **{**self.settings, **line})
 
     def fit(self) -> tuple[list[Residual], list[str]]:
         """Residuals by location, from two on, and those that others contradict, from three on.
 
         Residuals do not show a wrong mark of the ruler: each location has curves of its own.
         """
-        table = self._complete()
-        if table is None:
+        at: dict[float, list[PressMeasurement]] = {}
+        for press in sorted(self.presses, key=lambda press: press.location_mm):
+            at.setdefault(press.location_mm, []).append(press)
+        complete = {
+            place: here
+            for place, here in at.items()
+            if len({press.force_n for press in here}) >= LEAST_FORCES
+        }
+        if len(complete) < 2:
             return [], []
-        places = np.unique(table.location_mm[~table.untouched]).tolist()
-        if len(places) < 2:
-            return [], []
-        model, rows = self._calibrated(table, self.plan.sensor), []
-        for place in places:
-            here = [each for each in self.presses if each.location_mm == place]
+        model, rows = self.model(), []
+        for place, here in complete.items():
             force, phases = (
                 np.array([getattr(p, k) for p in here]) for k in ("force_n", "phase_deg")
             )
@@ -394,7 +385,7 @@ class CalibrationSession:
             rows.append(
                 Residual(place, (first, second), float(largest[worst]), float(force[worst]))
             )
-        return rows, location_warnings(model) if len(places) > 2 else []
+        return rows, location_warnings(model) if len(complete) > 2 else []
 
     def _write(self, cells: Sequence[object]) -> None:
         text = io.StringIO()

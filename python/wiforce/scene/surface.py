@@ -105,8 +105,9 @@ def bare_skin(scene: "Scene") -> Skin | None:
         for each in sorted(surface.strips, key=lambda strip: strip.y_mm)
     )
     indices = tuple(scene.sensor_names.index(strip.sensor) for strip in strips)
-    nothing = Spreading(law="table", distance_mm=(0.0, 1.0), shares=(1.0, 0.0))
-    return Skin(surface.name, strips, indices, nothing, scene.radio.center_frequency_hz)
+    nothing: dict[str, Any] = {"law": "table", "distance_mm": (0.0, 1.0), "shares": (1.0, 0.0)}
+    carrier_hz = scene.radio.center_frequency_hz
+    return Skin(surface.name, strips, indices, Spreading(**nothing), carrier_hz)
 
 
 def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:

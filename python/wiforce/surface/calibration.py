@@ -201,11 +201,14 @@ def _strips(spacing_mm: float, data: _Data) -> _Make:
 
 
 def _gaussian(spacing_mm: float, data: _Data) -> _Make:
+    def keys(share: float, width_mm: float) -> dict[str, Any]:
+        return {"law": "gaussian", "share": share, "width_mm": width_mm}
+
     def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
         from scipy.optimize import least_squares
 
         def residuals(parameters: Array) -> Array:
-            law = Spreading(law="gaussian", share=parameters[0], width_mm=parameters[1])
+            law = Spreading(**keys(*parameters))
             off = _expected(law, data) - np.where(data.shown, data.share, data.most)
             off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
             weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
@@ -214,8 +217,7 @@ def _gaussian(spacing_mm: float, data: _Data) -> _Make:
         bounds = [0.01, 0.1], [1.0, 1000.0]
         share, width = least_squares(residuals, [0.5, 0.8 * spacing_mm], bounds=bounds).x
         # YAML holds Python's numbers, not NumPy's.
-        share, width_mm = round(float(share), 5), round(float(width), 4)
-        return {"law": "gaussian", "share": share, "width_mm": width_mm}
+        return keys(round(float(share), 5), round(float(width), 4))
 
     return make
 
