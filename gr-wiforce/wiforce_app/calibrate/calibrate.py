@@ -300,21 +300,7 @@ def _report(model):
         elif half_n is not None:
             yield "  loading and unloading do not differ by more than noise"
     if validation := model.cross_validation:
-        yield (
-            "\ncross-validation, phase error where the fit has not seen the data (left out: "
-            f"{validation['left_out']}):"
-        )
-        for form, row in validation["forms"].items():
-            yield f"  {form:7s} {row['inside_deg']:.2f} deg within the span"
-        for row in validation.get("locations", []):
-            yield (
-                f"  location {row['location_mm']:g} mm left out, port {row['port']}: "
-                f"{row['rms_deg']:.2f} deg (the model says {row['expected_deg']:.2f})"
-            )
-        if not validation.get("locations"):
-            yield "  too few locations to leave one out: between them nothing is tested"
-        yield (
-            "  no other location checks the outermost ones: an error of the ruler there shifts "
-            "the readings near them by as much"
-        )
+        forms = (f"{form} {row['inside_deg']:.2f} deg" for form, row in validation["forms"].items())
+        left_out = f"cross-validation within the span, {validation['left_out']} left out"
+        yield f"\n{left_out}: {', '.join(forms)}"
     yield from (f"assumed: {line}" for line in model.provenance.get("assumed", []))

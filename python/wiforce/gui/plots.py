@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer
-from PyQt5.QtWidgets import QApplication, QVBoxLayout
+from PyQt5.QtWidgets import QVBoxLayout
 
 from ..errors import InputError
 from ..io.palette import SERIES
@@ -23,8 +23,6 @@ class _OnePlot(Display):
     """A plot that is drawn again five times per second."""
 
     def __init__(self, left: str, bottom: str, title: str | None, size: QSize) -> None:
-        if QApplication.instance() is None:  # Qt itself ends the process
-            raise RuntimeError(f"{type(self).__name__}: a QApplication must exist")
         super().__init__()
         self._size = size
         self._plot = time_plot(left)

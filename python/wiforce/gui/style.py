@@ -7,7 +7,7 @@ from typing import Any
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer
 from PyQt5.QtGui import QColor, QShowEvent
-from PyQt5.QtWidgets import QScrollArea, QWidget
+from PyQt5.QtWidgets import QApplication, QScrollArea, QWidget
 
 from ..io import palette
 from ..io.readings import Reading
@@ -40,6 +40,11 @@ def time_plot(label: str) -> pg.PlotWidget:
 
 class Display(QWidget):
     """A widget that is seen whole when its window opens, also in the scroll areas of Companion."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        if QApplication.instance() is None:  # Qt itself ends the process
+            raise RuntimeError(f"{type(self).__name__}: a QApplication must exist")
+        super().__init__(parent)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

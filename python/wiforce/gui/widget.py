@@ -11,7 +11,6 @@ import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer, pyqtSignal
 from PyQt5.QtGui import QFontMetrics, QPalette, QResizeEvent
 from PyQt5.QtWidgets import (
-    QApplication,
     QHBoxLayout,
     QLabel,
     QPushButton,
@@ -222,8 +221,6 @@ class ForceDisplay(Display):
         for name, value in sizes.items():
             if not 0 < value < np.inf:
                 raise InputError(name, "must be positive", value)
-        if QApplication.instance() is None:  # Qt itself ends the process
-            raise RuntimeError("ForceDisplay: a QApplication must exist")
         super().__init__(parent)
         self._length_mm = float(length_mm)
         self._force_span_n = float(force_span_n)

@@ -15,6 +15,8 @@ from ..signal.carrier import wrap_deg
 from .skin import Skin
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from ..sensor.model import SensorModel
 
 
@@ -27,8 +29,15 @@ _FORCES, _REACH = 25, 4.5
 _STEPS = 2
 
 
+class _Rows:
+    """Arrays of n readings."""
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Self:
+        return type(self)(*(values[rows] for values in vars(self).values()))
+
+
 @dataclass(frozen=True)
-class StripProfile:
+class StripProfile(_Rows):
     """Profile likelihood over the force of n readings of one strip."""
 
     force_n: Array  # (n, k), equally spaced, from the onset or higher
@@ -36,9 +45,6 @@ class StripProfile:
     log_weight: Array
     location_mm: Array  # (n, k), that explains the phases best at each force, with ``variance_mm2``
     variance_mm2: Array
-
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> StripProfile:
-        return StripProfile(*(values[rows] for values in vars(self).values()))
 
 
 def strip_profile(
@@ -95,7 +101,7 @@ _AT_ONCE = 16
 
 
 @dataclass(frozen=True)
-class SurfaceEvidence:
+class SurfaceEvidence(_Rows):
     """What n readings of all S strips show."""
 
     # Of arrays (n, S, k), with the locations along x; meaningless where untouched.
@@ -104,9 +110,6 @@ class SurfaceEvidence:
     touched: NDArray[np.bool_]
     untouched: NDArray[np.bool_]
     other_n: Array  # (n, S), force that something else may add to each strip: a standard deviation
-
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfaceEvidence:
-        return SurfaceEvidence(*(values[rows] for values in vars(self).values()))
 
     def __len__(self) -> int:
         return len(self.touched)
@@ -118,16 +121,13 @@ class SurfaceEvidence:
 
 
 @dataclass(frozen=True)
-class SurfacePress:
+class SurfacePress(_Rows):
     """Presses of n readings."""
 
     mean: Array  # (n, 3), force in N, x and y in mm
     covariance: Array  # (n, 3, 3)
     misfit: Array  # (n,), squared residual of the strips at the best press, in standard deviations
     freedom: Array  # (n,), of which so much is expected
-
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfacePress:
-        return SurfacePress(*(values[rows] for values in vars(self).values()))
 
 
 class SurfacePosterior:
