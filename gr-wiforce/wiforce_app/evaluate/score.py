@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 
 import click
-import numpy as np
 from gnuradio.wiforce.calibration.gauge_comparison import compare_with_gauge, timed_forces
 from gnuradio.wiforce.calibration.gauges import read_gauge_file
 from gnuradio.wiforce.errors import InputError
@@ -19,8 +18,6 @@ from ..shell.log import log
 from ..shell.options import FiniteRange, Number, capture_scene, sample_type
 from ..shell.plots import check_picture, save_picture
 
-# Intervals of the force, at most, over which errors have a median in the picture.
-_BINS = 40
 _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 
 
@@ -141,7 +138,7 @@ def _plot_comparison(readings, gauge, found, path, title):
     gauge_n = found.sign * (gauge.force_n - found.zero_n)
     over_time.plot(gauge.time_s - found.offset_s, gauge_n, color=TRUTH, lw=3, label="gauge")
     clear, touched = readings.clear, readings.touched
-    reading, median = ({"ms": ms, **series_style(i)} for i, ms in enumerate((2.5, 4)))
+    reading = {"ms": 2.5, **series_style(0)}
     times_s, forces_n = readings.time_s[clear], readings.force_n[clear]
     over_time.plot(times_s, forces_n, ls="", label="reading", **reading)
     flagged = touched & ~clear
@@ -163,23 +160,10 @@ def _plot_comparison(readings, gauge, found, path, title):
     errors.axhline(0, color=TRUTH, lw=1)
     errors.set_ylabel("reading - gauge (N)\nbars: 2 std")
     errors.set_xlabel("time (s)")
-    of_force.plot(found.gauge_n, found.error_n, ls="", label="error", **reading)
-    of_force.plot(
-        *_medians(found.gauge_n, found.error_n), label="median over\nan interval of force", **median
-    )
+    of_force.plot(found.gauge_n, found.error_n, ls="", **reading)
     of_force.axhline(0, color=TRUTH, lw=1)
     of_force.set_xlabel("force of the gauge (N)")
     of_force.set_ylabel("reading - gauge (N)")
-    legend_beside(of_force)
     for axis in (over_time, errors, of_force):
         axis.grid(alpha=0.3)
     save_picture(canvas, path)
-
-
-def _medians(force_n, error_n):
-    """Medians of the errors over intervals of the force with at least five of them."""
-    edges = np.linspace(force_n.min(), force_n.max(), max(2, min(_BINS, len(force_n) // 20)) + 1)
-    place = np.clip(np.digitize(force_n, edges) - 1, 0, len(edges) - 2)
-    kept = [each for each in range(len(edges) - 1) if np.sum(place == each) >= 5]
-    centres = [(edges[each] + edges[each + 1]) / 2 for each in kept]
-    return centres, [np.median(error_n[place == each]) for each in kept]

@@ -85,7 +85,6 @@ class _Presses:
     """
 
     frequency_hz: float
-    rows: CalibrationTable
     untouched_deg: tuple[float, float] | None
     location_mm: np.ndarray
     known: np.ndarray
@@ -147,7 +146,7 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
                 mean = np.mean(np.exp(1j * np.radians(here.phase_deg[light])))
                 direction[at] = mean / max(abs(mean), 1e-12)
                 change[at], std[at] = _line_over_force(here)
-        yield _Presses(frequency, rows, untouched, places, known, direction, change, std)
+        yield _Presses(frequency, untouched, places, known, direction, change, std)
 
 
 def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
@@ -296,12 +295,11 @@ def _unconnected(own: _Presses, slope: float) -> list[str]:
     dead = []
     moves = np.any(np.abs(own.change_deg) > _SIGNIFICANT * own.std_deg, axis=1)
     for port in np.flatnonzero(~moves & (own.known.sum(axis=1) > 1)):
-        rows = own.rows.take(own.rows.port == port + 1)
-        mean = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(rows.phase_deg)))))
-        about, places = wrap_deg(rows.phase_deg - mean), own.location_mm[own.known[port]]
-        means = [np.mean(about[rows.location_mm == place]) for place in places]
-        if np.ptp(means) <= _SMALLEST_SHARE * slope * np.ptp(places):
-            dead.append(f"{port + 1} ({mean:.0f} deg)")
+        along, places = own.direction[port, own.known[port]], own.location_mm[own.known[port]]
+        mean_deg = float(np.degrees(np.angle(along.mean())))
+        about_deg = wrap_deg(np.degrees(np.angle(along)) - mean_deg)
+        if np.ptp(about_deg) <= _SMALLEST_SHARE * slope * np.ptp(places):
+            dead.append(f"{port + 1} ({mean_deg:.0f} deg)")
     return dead and [
         f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
         "forces: is the sensor connected?"
