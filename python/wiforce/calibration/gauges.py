@@ -173,6 +173,8 @@ def gauge_of(
     names = [str(name) for name in table.columns]
     time_name = _column(path, names, time_column, _TIME, "time")
     force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))
+    if len(table) < 2:
+        raise InputError(path, "must hold two forces or more", len(table))
     times = _times(path, table[time_name], time_name)
     forces = _numbers(path, table[force_name], force_name) * _newtons(force_name, unit)
     if np.nanmax(np.abs(forces), initial=0) > _MOST_N:
