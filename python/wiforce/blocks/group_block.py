@@ -26,48 +26,25 @@ _NAMES = [item.name for item in dataclasses.fields(Groups) if item.name not in _
 
 def state_to_pmt(group: Groups) -> Any:
     """A batch of one group as a pmt dict, with a row of each array that is not None."""
-    result = pmt.make_dict()
-    for name in _NAMES:
-        values = getattr(group, name)
-        if values is not None:
-            result = pmt.dict_add(result, pmt.intern(name), _to_pmt(values[0]))
-    return result
+    known = {name: getattr(group, name) for name in _NAMES}
+    rows = {name: np.asarray(values[0]) for name, values in known.items() if values is not None}
+    return pmt.to_pmt({name: _sendable(row) for name, row in rows.items()})
+
+
+def _sendable(row: Array) -> Any:
+    """A number, or a vector of a type that pmt has."""
+    if row.ndim == 0:
+        return row.item()
+    if row.dtype == bool:
+        return row.astype(np.uint8)
+    return row.astype(complex if np.iscomplexobj(row) else float)
 
 
 def state_from_pmt(value: Any) -> Groups:
     """A batch of one group from :func:`state_to_pmt`."""
-    arrays = {}
-    for name in _NAMES:
-        item = pmt.dict_ref(value, pmt.intern(name), pmt.PMT_NIL)
-        if not pmt.is_null(item):
-            arrays[name] = _from_pmt(item)[None]
-    return Groups(**arrays)
-
-
-def _to_pmt(row: Array) -> Any:
-    if np.ndim(row) == 0:
-        if row.dtype == bool:
-            return pmt.from_bool(bool(row))
-        return pmt.from_double(float(row)) if row.dtype == float else pmt.from_uint64(int(row))
-    if row.dtype == bool:
-        return pmt.init_u8vector(row.size, row.astype(np.uint8).tolist())
-    if np.iscomplexobj(row):
-        return pmt.init_c64vector(row.size, row.astype(complex).tolist())
-    return pmt.init_f64vector(row.size, row.astype(float).tolist())
-
-
-def _from_pmt(item: Any) -> Array:
-    if pmt.is_bool(item):
-        return np.array(pmt.to_bool(item))
-    if pmt.is_u8vector(item):
-        return np.array(pmt.u8vector_elements(item), bool)
-    if pmt.is_c64vector(item):
-        return np.array(pmt.c64vector_elements(item))
-    if pmt.is_f64vector(item):
-        return np.array(pmt.f64vector_elements(item))
-    if pmt.is_real(item):
-        return np.array(pmt.to_double(item))
-    return np.array(pmt.to_uint64(item))
+    rows = {name: np.array(row) for name, row in pmt.to_python(value).items() if name in _NAMES}
+    flags = {name: row.astype(bool) for name, row in rows.items() if row.dtype == np.uint8}
+    return Groups(**{name: row[None] for name, row in (rows | flags).items()})
 
 
 def noise_value(noise: Array) -> Any:
