@@ -10,11 +10,11 @@ from .wire import TICK_RATE
 
 
 def _overflow(hardware, samples, stop=None):
-    hardware.receive[0].overflow(samples, restart=stop is None)
+    hardware.receive.overflow(samples, restart=stop is None)
 
 
 def _late(hardware, which):
-    (hardware.receive[0] if which == "rx" else hardware.transmit).make_late()
+    (hardware.receive if which == "rx" else hardware.transmit).make_late()
 
 
 def _set_clock(hardware, sensor, ppm):
@@ -32,8 +32,8 @@ def _switch_on(hardware, sensor):
 # Arguments of each kind, optional ones in brackets, and what it does to the hardware.
 _KINDS = {
     "overflow": ("samples [stop]", _overflow),
-    "lose": ("packets", lambda hardware, packets: hardware.receive[0].packets.lose(packets)),
-    "swap": ("", lambda hardware: hardware.receive[0].packets.swap()),
+    "lose": ("packets", lambda hardware, packets: hardware.receive.packets.lose(packets)),
+    "swap": ("", lambda hardware: hardware.receive.packets.swap()),
     "late": ("rx|tx", _late),
     "cut": ("seconds", lambda hardware, seconds: hardware.cut(seconds)),
     "stall": ("seconds", lambda hardware, seconds: time.sleep(seconds)),

@@ -18,7 +18,6 @@ from .frontend import DAUGHTERBOARDS, FrontEnd
 from .receive import ReceiveChain
 from .transmit import TransmitChain
 from .wire import (
-    RX_PORTS,
     SR_GPIO,
     SR_RX_CONTROL,
     SR_RX_DSP,
@@ -97,7 +96,7 @@ class Hardware:
         self.air = air
         self.clock = air.clock = DeviceClock()
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
-        self.receive = [ReceiveChain(self.clock, air, 3 + k) for k in range(len(RX_PORTS))]
+        self.receive = ReceiveChain(self.clock, air)
         self.front_end = air.front_end = FrontEnd(DAUGHTERBOARDS[board], self.transmit.dsp)
         self.origin = None
         self._cut_until_s = -float("inf")
@@ -123,14 +122,13 @@ class Hardware:
     @property
     def receiving(self):
         """Whether a received stream runs or is queued."""
-        return any(chain.waiting for chain in self.receive)
+        return self.receive.waiting
 
     @property
     def longest_step(self):
         """Ticks that one step may take, so that its packets fit the host's socket."""
-        spacings = [chain.dsp.ticks_per_sample for chain in self.receive if chain.waiting]
-        if self.transmit.busy:
-            spacings.append(self.transmit.dsp.ticks_per_sample)
+        busy = [self.receive] * self.receiving + [self.transmit] * self.transmit.busy
+        spacings = [chain.dsp.ticks_per_sample for chain in busy]
         return min((_STEP_SAMPLES * spacing for spacing in spacings), default=_IDLE_STEP_TICKS)
 
     def next_event(self, start, end):
@@ -139,20 +137,17 @@ class Hardware:
         command = self.fifo.next_tick()
         if command is not None:
             ticks.append(max(command, start))
-        finished = (chain.finish_tick() for chain in self.receive)
-        ticks += [tick for tick in finished if tick is not None and tick > start]
+        finished = self.receive.finish_tick()
+        if finished is not None and finished > start:
+            ticks.append(finished)
         return min(ticks)
 
     def run(self, start, end):
-        """Let both directions run up to ``end``; (receive chain, packets, size of each) to send."""
+        """Let both directions run up to ``end``; packets to send, and the size of each."""
         self.transmit.run(start, end)
-        packets = []
-        for index, chain in enumerate(self.receive):
-            if not chain.waiting:
-                continue
-            packets += [(index, data, size) for data, size in chain.run(start, end)]
-            if self.origin is None:
-                self.origin = chain.stream_start
+        packets = self.receive.run(start, end)
+        if self.origin is None:
+            self.origin = self.receive.stream_start
         return packets
 
     def advance(self, tick):
@@ -167,14 +162,14 @@ class Hardware:
             "streaming_s": 0.0
             if self.origin is None
             else (self.clock.ticks - self.origin) / TICK_RATE,
-            "rx_streaming": any(chain.active for chain in self.receive),
+            "rx_streaming": self.receive.active,
             "tx_streaming": self.transmit.in_burst,
             "tx_carrier_hz": self.front_end.tx_carrier_hz,
-            "rx_carrier_hz": self.front_end.rx_carrier_hz(self.receive[0].dsp),
+            "rx_carrier_hz": self.front_end.rx_carrier_hz(self.receive.dsp),
             "tx_gain_db": self.front_end.tx_gain_db,
             "rx_gain_db": self.front_end.rx_gain_db,
-            "rx_dropped_samples": sum(chain.dropped_samples for chain in self.receive),
-            "rx_dropped_packets": sum(chain.packets.dropped_packets for chain in self.receive),
+            "rx_dropped_samples": self.receive.dropped_samples,
+            "rx_dropped_packets": self.receive.packets.dropped_packets,
             "tx_underflows": self.transmit.underflows,
             "tx_late_packets": self.transmit.late_packets,
             "tx_sequence_errors": self.transmit.sequence_errors,
@@ -187,16 +182,14 @@ class Hardware:
         registers.attach(SR_GPIO, 5, self.front_end.poke_gpio)
         registers.attach(SR_TX_CONTROL, 6, self.transmit.poke)
         registers.attach(SR_TX_DSP, 3, self.transmit.dsp.poke)
-        for chain, control, dsp in zip(self.receive, SR_RX_CONTROL, SR_RX_DSP, strict=True):
-            registers.attach(control, 9, chain.poke)
-            registers.attach(dsp, 3, chain.dsp.poke)
+        registers.attach(SR_RX_CONTROL, 9, self.receive.poke)
+        registers.attach(SR_RX_DSP, 3, self.receive.dsp.poke)
         return registers
 
     def _end_session(self):
         """Return to the state after power-on, for the next host."""
-        for chain in self.receive:
-            chain.stop()
-            chain.stream_start = None
+        self.receive.stop()
+        self.receive.stream_start = None
         self.origin = None
         self.air.restart()
         self._on_close()

@@ -13,9 +13,9 @@ from .wire import (
     ALL_PORTS,
     CONTROL_PORT,
     FIFO_PORT,
-    GPS_PORT,
-    RX_PORTS,
+    RX_PORT,
     TX_PORT,
+    UNUSED_PORTS,
     Malformed,
     is_announcement,
 )
@@ -141,8 +141,7 @@ class HostLink:
         self._sockets = sockets
         self._hardware = hardware
         self._throttle = throttle
-        self._rx_peers = [None] * len(RX_PORTS)
-        self._tx_peer = None
+        self._rx_peer = self._tx_peer = None
         self._outbox = deque()
 
     def serve(self, ready):
@@ -159,14 +158,10 @@ class HostLink:
         self.run_commands()
         if CONTROL_PORT in ready:
             self._handle(self._sockets.drain(CONTROL_PORT), self._answer)
-        for index, port in enumerate(RX_PORTS):
-            if port in ready:
-                self._handle(
-                    self._sockets.drain(port),
-                    lambda data, peer, index=index: self._announce_rx(index, data, peer),
-                )
-        if GPS_PORT in ready:
-            self._sockets.drain(GPS_PORT)
+        if RX_PORT in ready:
+            self._handle(self._sockets.drain(RX_PORT), self._announce_rx)
+        for port in ready.intersection(UNUSED_PORTS):
+            self._sockets.drain(port)
         if samples:
             self._throttle.tx_arrived()
         self._handle(samples, self._accept)
@@ -182,23 +177,21 @@ class HostLink:
         if packets and self._hardware.is_cut:
             self.discard()
             return
-        for index, data, size in packets:
-            if self._rx_peers[index] is not None:
-                self._outbox.append((index, memoryview(data), size))
+        if self._rx_peer is not None:
+            self._outbox.extend((memoryview(data), size) for data, size in packets)
 
     def deliver(self):
         """Send queued packets; False when the host has no room for all of them yet."""
         while self._outbox:
-            index, data, size = self._outbox.popleft()
-            peer = self._rx_peers[index]
-            room = self._throttle.room(peer, size)
+            data, size = self._outbox.popleft()
+            room = self._throttle.room(self._rx_peer, size)
             if room is None:  # the host's socket is closed
-                self._hardware.receive[index].stop()
+                self._hardware.receive.stop()
                 continue
             part, rest = data[: room * size], data[room * size :]
-            self._sockets.send_segments(RX_PORTS[index], part, size, peer)
+            self._sockets.send_segments(RX_PORT, part, size, self._rx_peer)
             if rest:
-                self._outbox.appendleft((index, rest, size))
+                self._outbox.appendleft((rest, size))
                 return False
         return True
 
@@ -230,10 +223,10 @@ class HostLink:
         if reply is not None:
             self._sockets.send(CONTROL_PORT, reply, peer)
 
-    def _announce_rx(self, index, datagram, peer):
+    def _announce_rx(self, datagram, peer):
         if not is_announcement(datagram):
-            raise Malformed("a receive port takes announcements only")
-        self._rx_peers[index] = peer
+            raise Malformed("the receive port takes announcements only")
+        self._rx_peer = peer
 
     def _accept(self, datagram, peer):
         if is_announcement(datagram):

@@ -24,11 +24,11 @@ _DEFAULT_SAMPLES_PER_PACKET = 363  # what fits the driver's frames of 1472 bytes
 class PacketStream:
     """Collects samples into packets of equal size and numbers them, dropped ones as well."""
 
-    def __init__(self, clock, stream_id):
+    def __init__(self, clock):
         self.samples_per_packet = _DEFAULT_SAMPLES_PER_PACKET
         self.dropped_packets = 0
         self._clock = clock
-        self._stream_id = stream_id
+        self._stream_id = 3
         self._packet_count = 0
         self._lose = 0
         self._swap = False
@@ -146,10 +146,10 @@ class ReceiveChain:
     ``stream_start`` is its first tick since opening, but for single samples that flush.
     """
 
-    def __init__(self, clock, air, stream_id=3):
+    def __init__(self, clock, air):
         self.dsp = DspRegisters(cic_power=4)
         self.stream_start = None
-        self.packets = PacketStream(clock, stream_id)
+        self.packets = PacketStream(clock)
         self.dropped_samples = 0
         self._clock = clock
         self._air = air

@@ -50,8 +50,7 @@ class SceneAir(Cable):
     def receive(self, chain, tick, spacing, count):
         if chain.stream_start is None:
             return np.zeros(count, np.complex64)
-        if self._leader is None or self._leader is chain:
-            self._follow(chain, tick, spacing)
+        self._follow(chain, tick, spacing)
         self._advance(chain, tick + (count - 1) * spacing)
         return self._received.take(tick, spacing, count)
 
@@ -82,7 +81,7 @@ class SceneAir(Cable):
             self._channel = AirChannel(self._scene_at(spacing, own_hz))
             self._silent = True
         self._received = SampleHistory()
-        self._leader, self._origin, self._next = None, None, 0
+        self._origin, self._next = None, 0
 
     def _scene_at(self, spacing, carrier_hz):
         rate_hz = TICK_RATE / spacing
@@ -90,12 +89,12 @@ class SceneAir(Cable):
         return replace(self._scene, radio=radio)
 
     def _follow(self, chain, tick, spacing):
-        """Run at the rate and carrier of the first chain that receives, and continue at `tick`."""
+        """Run at the rate and carrier of the streams, and continue at `tick`."""
         carrier_hz = self._known_carrier()
         if (spacing, carrier_hz) != (self._spacing, self._carrier_hz):
             self._prepare(spacing, carrier_hz)
-        if self._leader is None:
-            self._leader, self._origin = chain, chain.stream_start
+        if self._origin is None:
+            self._origin = chain.stream_start
         position = -(-(tick - self._origin) // spacing)
         if position != self._next:
             self._channel.restart(position)

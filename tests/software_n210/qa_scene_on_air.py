@@ -112,10 +112,10 @@ class Connectors:
     def send(self, samples, spacing=8):
         self.air.transmit(4000, spacing, samples.astype(np.complex64))
 
-    def receive(self, count, first=0, spacing=8, chain=None):
+    def receive(self, count, first=0, spacing=8):
         """Codes I Q I Q, as the ADC gives them."""
         tick = 4000 + first * spacing
-        samples = self.air.receive(chain or self.chain, tick, spacing, count)
+        samples = self.air.receive(self.chain, tick, spacing, count)
         return np.rint(samples.view(np.float32) * 32767).astype(int)
 
 
