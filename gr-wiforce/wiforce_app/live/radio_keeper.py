@@ -44,7 +44,7 @@ class RadioKeeper:
         self._next_s = self._running_s = self._lost_s = now()
         self._pace = WarningPace(now)
         self._reason, self._reminded_s = "", -_REMIND_S
-        self.state, self.losses = OPENING, 0
+        self.state = OPENING
 
     @property
     def waits(self) -> bool:
@@ -122,7 +122,6 @@ class RadioKeeper:
             raise error
         now = self._now()
         if self.state == RUNNING:
-            self.losses += 1
             self._lost_s = now - self._session.silent_s
             self.state = RECONNECTING
         self._next_s = now + self._pause_s
