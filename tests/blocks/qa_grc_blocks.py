@@ -224,18 +224,6 @@ def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path
     assert any(key in message for _, message in block.iter_error_messages())
 
 
-SECTIONS = {"sensors", "radio", "sounding", "phase_group", "environment", "reference_s"}
-
-
-def planned(**changes):
-    """The plan of a scene with one sensor, as typed into GRC; changes of the scene or sensor."""
-    sensor = {"name": "arm", "model": "line-900mhz"}
-    sensor |= {key: value for key, value in changes.items() if key not in SECTIONS}
-    scene = {"sensors": [sensor]}
-    scene |= {key: value for key, value in changes.items() if key in SECTIONS}
-    return f"wiforce.plan({scene})"
-
-
 REFUSED = [
     ("wiforce_preamble_fold", {"frame_length": 319}),
     ("wiforce_preamble_fold", {"first_averaged": -1}),
@@ -252,26 +240,8 @@ REFUSED = [
     ("wiforce_recording_source", {"segments": []}),
     ("wiforce_recording_source", {"header_bytes": 10**9}),
     ("wiforce_recording_source", {"frame_length": 319}),
-    ("wiforce_end_separation", {"plan": planned(sensors=[])}),
-    ("wiforce_end_separation", {"plan": planned(clock_hz=0.0)}),
-    ("wiforce_end_separation", {"plan": planned(clock_hz=2200.0)}),
-    ("wiforce_end_separation", {"plan": planned(sounding={"frame_length": -720})}),
-    ("wiforce_end_separation", {"plan": planned(sounding={"frame_length": 319})}),
-    ("wiforce_end_separation", {"plan": planned(radio={"sample_rate_hz": 0})}),
-    ("wiforce_end_separation", {"plan": planned(phase_group={"snapshots": 0})}),
-    ("wiforce_end_separation", {"plan": planned(phase_group={"snapshots": 12})}),
-    ("wiforce_end_separation", {"plan": planned(environment={"moving_clutter_hz": 1000})}),
-    ("wiforce_end_separation", {"plan": planned(environment={"moving_clutter_hz": -1})}),
-    ("wiforce_end_separation", {"plan": planned(clock_tolerance_ppm=-1)}),
-    ("wiforce_end_separation", {"plan": planned(clock_tolerance_ppm=[50, 50])}),
     ("wiforce_end_separation", {"plan": "wiforce.plan('demo', estimator='music')"}),
-    ("wiforce_conjugate_difference", {"plan": planned(reference_s=0.01)}),
     ("wiforce_subcarrier_average", {"plan": "wiforce.plan('dome')"}),
-    ("wiforce_force_inversion", {"plan": planned(model="missing.yaml")}),
-    ("wiforce_force_inversion", {"plan": planned(model="wiforce-800mhz")}),
-    ("wiforce_force_inversion", {"plan": planned(off_reflection=[0.1, 0.1, 0.1])}),
-    ("wiforce_force_inversion", {"plan": planned(off_reflection=1.0)}),
-    ("wiforce_force_inversion", {"plan": planned(radio={"center_frequency_hz": 0})}),
     ("wiforce_force_inversion", {"output": "readings.txt"}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 0}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 600}),
