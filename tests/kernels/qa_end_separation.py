@@ -15,16 +15,13 @@ from gnuradio.wiforce.wiforce_kernels import (
     tone_peaks,
     whiten,
 )
+from plain import normal
 
 CLOCKS_HZ, SNAPSHOTS, T, TA = (1000.0, 1790.0), 625, 57.6e-6, 20.48e-6
 SUBCARRIERS, GROUPS, NOISE = 20, 14, 0.01
 RATES = 2 * np.pi * np.array(CLOCKS_HZ)
 PHASES, PPM, PULSES = (0.4, 2.0), (3.0, -5.0), [(0.1, 0.25, 0.24), (0.0, 0.25, 0.25)]
 PLACES, TAGS = (0, 2), 3  # of the locked tags, among all
-
-
-def normal(rng, *shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 class Run:
@@ -36,8 +33,8 @@ class Run:
         mask = np.arange(SNAPSHOTS) % 10 > 0
         partial = self.table.for_present(mask)
         gain = np.ones((len(self.table.tones), 1))
-        whole = GroupWeights(self.table, gain, self.table.times_s)
-        part = GroupWeights(partial, gain, self.table.times_s[mask], 10 / 9)
+        whole = GroupWeights(self.table, gain)
+        part = GroupWeights(partial, gain, 10 / 9)
         self.weights = [part if g == 5 else whole for g in range(GROUPS)]
         self.center_s = (np.arange(GROUPS) + 0.5) * SNAPSHOTS * T
         self.sent = ends = normal(rng, 2, 2, SUBCARRIERS)

@@ -15,12 +15,9 @@ from gnuradio.wiforce.wiforce_kernels import (
     raised_subcarriers,
     whiten,
 )
+from plain import normal
 
 GROUPS, TONES, SUBCARRIERS = 3, 14, 6
-
-
-def normal(rng, *shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def fitted(tags, seed=1):
@@ -152,7 +149,7 @@ def test_switched_tones_are_those_of_the_waveforms_in_numpy():
     """Every reading is computed from these; delays and duty cycles are those of real tags."""
     table = design_weights(CLOCKS_HZ, 625, 57.6e-6)
     gain = 1 - np.abs(np.linspace(-0.5, 0.5, len(table.tones)))[:, None]
-    weights = GroupWeights(table, gain, table.times_s)
+    weights = GroupWeights(table, gain)
     rng, groups = np.random.default_rng(1), 20
     phase = rng.uniform(-20, 20, (groups, 2))
     phase[0] = 0, np.pi  # a snapshot in the middle of a pulse
@@ -208,7 +205,7 @@ def test_parts_of_white_noise_are_white_and_follow_the_waveforms(present):
     table = design_weights(CLOCKS_HZ, 625, 57.6e-6)
     mask = np.ones(625, bool) if present is None else present
     own = table if present is None else table.for_present(mask)
-    weights = GroupWeights(own, np.ones((len(table.tones), 1)), table.times_s[mask])
+    weights = GroupWeights(own, np.ones((len(table.tones), 1)))
     np.testing.assert_allclose(weights.mixer.T @ weights.mixer, np.eye(len(table.tones)), atol=1e-9)
     waveform = np.random.default_rng(3).standard_normal((mask.sum(), 3))
     white, _ = whiten(own.whitener, (own.weights @ waveform)[None])

@@ -16,6 +16,11 @@ T = WAVEFORM.snapshot_period_s
 TA = WAVEFORM.averaging_s
 
 
+def normal(rng, *shape):
+    """Complex noise of variance 1."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
 def _both_on(cycles, delay_cycles, duty):
     """Whether each switch is on: near whole cycles, and near odd quarters."""
     near_quarter = cycles - (delay_cycles + 0.25)

@@ -22,23 +22,19 @@ _LOUD = 10.0
 class GroupWeights(group_weights):
     """Weights from the n snapshots received of a group to its M tones.
 
-    ``line_gain`` (M, 1) is 1 / ``ToneTable.symbol_gain``, ``times_s`` (n,) from the group's centre,
-    ``loss`` N over n. ``whitener`` (M, M) makes the noise of the tones' parts
+    ``line_gain`` (M, 1) is 1 / ``ToneTable.symbol_gain``, ``loss`` N over n, ``times_s`` (n,) are
+    times from the group's centre. ``whitener`` (M, M) makes the noise of the tones' parts
     (``signal.weights.parts_of``) white, with the variance of H, ``colorer`` tones of these;
     ``mixer`` (n, M) leads from snapshots to whitened parts, ``switched`` from clocks.
     """
 
     def __init__(
-        self,
-        weights: ToneTable | PartialWeights,
-        line_gain: Array,
-        times_s: Array,
-        loss: float = 1.0,
+        self, weights: ToneTable | PartialWeights, line_gain: Array, loss: float = 1.0
     ) -> None:
         pairs = np.repeat(line_gain[len(line_gain) // 2 :], 2, axis=0)
-        mixer = (weights.whitener @ (pairs * weights.parts)).T
-        super().__init__(mixer, times_s, weights.whitener, loss)
-        self.whitener, self.times_s, self.mixer = weights.whitener, times_s, mixer
+        self.whitener, self.times_s = weights.whitener, weights.times_s
+        self.mixer = (self.whitener @ (pairs * weights.parts)).T
+        super().__init__(self.mixer, self.times_s, self.whitener, loss)
 
     def mix(self, waveforms: Array) -> Array:
         """Whitened parts (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""
@@ -54,7 +50,7 @@ class GroupTones:
     center_s: Array  # (G,), times of their centres
     tones: Array  # (G, M, K), P
     missing: Array  # (G,), snapshots that are absent
-    weights: list[GroupWeights]  # from snapshots to tones
+    weights: Array  # (G,), GroupWeights from snapshots to tones
 
     def __len__(self) -> int:
         return len(self.group)
@@ -62,27 +58,19 @@ class GroupTones:
     def __getitem__(self, rows: slice | Array) -> GroupTones:
         """The groups of some rows: a slice, or an array of indices."""
         count = len(self.group)
-        if isinstance(rows, slice):
-            if rows.indices(count) == (0, count, 1):
-                return self
-            numbers: Sequence[int] = range(count)[rows]
-        else:
-            numbers = rows.tolist()
-        group, center_s, tones, missing = (values[rows] for values in self._arrays)
-        weights = [self.weights[row] for row in numbers]
-        return GroupTones(group, center_s, tones, missing, weights)
+        if isinstance(rows, slice) and rows.indices(count) == (0, count, 1):
+            return self
+        return GroupTones(*(values[rows] for values in self._arrays))
 
     @property
-    def _arrays(self) -> tuple[Array, Array, Array, Array]:
-        return self.group, self.center_s, self.tones, self.missing
+    def _arrays(self) -> tuple[Array, ...]:
+        return self.group, self.center_s, self.tones, self.missing, self.weights
 
     @staticmethod
     def concatenate(parts: Sequence[GroupTones]) -> GroupTones:
         """Join groups that follow each other."""
-        each = zip(*(part._arrays for part in parts), strict=True)
-        group, center_s, tones, missing = map(np.concatenate, each)
-        weights = [weights for part in parts for weights in part.weights]
-        return GroupTones(group, center_s, tones, missing, weights)
+        every = zip(*(part._arrays for part in parts), strict=True)
+        return GroupTones(*map(np.concatenate, every))
 
     @cached_property
     def _whitened(self) -> tuple[Array, Array]:

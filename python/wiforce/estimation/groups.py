@@ -71,7 +71,7 @@ class Groups:
     slipped : ndarray of bool, shape (G,)
         Whether samples were lost or inserted before the group without a trace, so that times from
         there on are known but for whole frames.
-    timed : ndarray of TimedWeights, shape (G,), optional
+    timed : ndarray of PartialWeights, shape (G,), optional
         Weights of groups whose snapshots have times of their own, which the tones were computed
         with; None in the place of a group whose tones cannot be used.
 

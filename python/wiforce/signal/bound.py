@@ -6,9 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .lines import clutter_basis
-from .switching import switch_averages
-
-_STEP = 1e-5  # of a clock's phase in rad, for the derivatives of the waveforms
+from .switching import switch_averages_and_slopes
 
 
 def phase_bound_deg(
@@ -75,18 +73,24 @@ def phase_bound_deg(
     if clutter is None:
         period = snapshot_period_s or times_s[1] - times_s[0]
         clutter = clutter_basis(len(times_s), period, clutter_hz)
-    waveforms, channels = _derivatives(ends, clocks, times_s, averaging_s)
+    clock_hz, phase = np.array(clocks)[:, :, None].swapaxes(0, 1)
+    half_window = np.pi * clock_hz[:, 0] * averaging_s
+    courses = switch_averages_and_slopes(phase + 2 * np.pi * clock_hz * times_s, half_window)
+    waves, slopes = (course.swapaxes(0, 1).reshape(len(times_s), -1) for course in courses)
+    elapsed = (times_s - times_s.mean())[:, None]
+    # Changes of phase and amplitude of each end, of its clock's phase, and of that with time.
+    waveforms = np.hstack([waves, waves, slopes, slopes * elapsed])
     if mask is not None:
         waveforms, clutter = waveforms[mask], np.linalg.qr(clutter[mask])[0]
     waveforms = waveforms - clutter @ (clutter.T @ waveforms)
-    correlation = waveforms.T @ waveforms
-    information = np.zeros((len(channels), len(channels)))
-    for a, terms_a in enumerate(channels):
-        for b, terms_b in enumerate(channels):
-            for column_a, channel_a in terms_a:
-                for column_b, channel_b in terms_b:
-                    overlap = np.sum((channel_a.conj() * channel_b).real / noise)
-                    information[a, b] += 2 * overlap * correlation[column_a, column_b]
+    count = len(ends)
+    factors = np.repeat([1j, 1, 1, 1], count)
+    overlap = np.tile((ends.conj() / noise) @ ends.T, (4, 4)) * np.outer(factors.conj(), factors)
+    information = 2 * (waveforms.T @ waveforms) * overlap.real
+    # Both ends of a tag have the same clock.
+    sums = np.vstack([np.eye(2 * count, 4 * count), np.zeros((count, 4 * count))])
+    sums[2 * count :, 2 * count :] = np.kron(np.eye(count), [1, 1])
+    information = sums @ information @ sums.T
     # Where no snapshot meets an edge, a clock's phase changes nothing: it costs nothing either.
     felt = np.flatnonzero(np.diag(information) > 0)
     information = information[np.ix_(felt, felt)]
@@ -94,29 +98,3 @@ def phase_bound_deg(
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
     variance = np.diag(covariance)[: len(ends)] * (1 + 1 / reference_groups)
     return np.degrees(np.sqrt(variance))
-
-
-def _derivatives(
-    ends: np.ndarray,
-    clocks: Sequence[tuple[float, float]],
-    times_s: np.ndarray,
-    averaging_s: float,
-) -> tuple[np.ndarray, list[list[tuple[int, np.ndarray]]]]:
-    """Waveforms as columns, and the (column, channel) terms of each of the bound's parameters."""
-    columns, slopes = [], []
-    for clock_hz, phase in clocks:
-        phases = phase + 2 * np.pi * clock_hz * times_s
-        half = np.pi * clock_hz * averaging_s
-        columns.append(switch_averages(phases, half))
-        upper, lower = (switch_averages(phases + sign * _STEP, half) for sign in (1, -1))
-        slopes.append((upper - lower) / (2 * _STEP))
-    elapsed = (times_s - times_s.mean())[:, None]
-    count = len(ends)
-    waveforms = np.hstack(columns + slopes + [slope * elapsed for slope in slopes])
-    parameters = [[(i, 1j * ends[i])] for i in range(count)]
-    parameters += [[(i, ends[i])] for i in range(count)]
-    for kind in (1, 2):
-        for tag in range(len(clocks)):
-            first = kind * count + 2 * tag
-            parameters.append([(first, ends[2 * tag]), (first + 1, ends[2 * tag + 1])])
-    return waveforms, parameters

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from ..errors import InputError
 from .lines import Tone, with_mirrors
-from .weights import WORST_PARTIAL_GAIN, PartialWeights, ToneTable, parts_of_waves
+from .weights import WORST_PARTIAL_GAIN, PartialWeights, ToneTable, noise_gain, parts_of_waves
 
 # Lines whose correlation over the times exceeds the first are one tone: sinc(0.3), as on a grid
 # (lines.py). A line is left out where its correlation with its own mirror image, or the share of
@@ -33,12 +32,8 @@ _WORST_CONDITION = 1e6
 # Groups of which a table keeps the fit, of some 0.2 MB each.
 _KEPT = 64
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TimedWeights(PartialWeights):
-    """Least-squares weights at the times (n,) of a group's snapshots, all present."""
-
-    times_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
+# Weights, and an orthonormal basis (columns, n) of what is solved for.
+_Fit = tuple[PartialWeights, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,29 +48,10 @@ class TimedTable(ToneTable):
         """Times of the typical group from its centre, in s; shape (N,)."""
         return self.typical_s
 
-    def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> TimedWeights | None:
+    def at(self, times_s: np.ndarray, states: np.ndarray | None = None) -> PartialWeights | None:
         """Weights at times (n,) from the centre, a constant per state; None if undetermined."""
         fit = self._fit(times_s, states)
-        if fit is None:
-            return None
-        return TimedWeights(np.ones(len(times_s), bool), fit.parts, times_s=times_s)
-
-    def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> "_Fit | None":
-        """Least squares at these times; None when they do not determine the tones."""
-        key, state = times_s.tobytes(), b"" if states is None else states.tobytes()
-        former, fit = self._fits.get(key, (None, None))
-        if former != state:
-            fit = _Fit.of(self._columns(times_s, states), len(self.tones))
-            if key in self._fits or len(self._fits) < _KEPT:
-                self._fits[key] = state, fit
-        # Noise of a tone over that of a snapshot.
-        worst = WORST_PARTIAL_GAIN / max(len(times_s), 1)
-        return fit if fit is not None and len(fit.gain) and fit.gain.max() <= worst else None
-
-    @cached_property
-    def _fits(self) -> dict[bytes, tuple[bytes, "_Fit | None"]]:
-        """States and fits of some groups by their times: packets are divided several times."""
-        return {}
+        return None if fit is None else fit[0]
 
     def tone_noise(
         self, times_s: np.ndarray, channel: np.ndarray, states: np.ndarray | None = None
@@ -84,11 +60,27 @@ class TimedTable(ToneTable):
         fit = self._fit(times_s, states)
         if fit is None:
             return None
-        power, basis = np.sum(np.abs(channel) ** 2), fit.orthogonal.T
+        weights, basis = fit
+        power = np.sum(np.abs(channel) ** 2)
         # Parts by themselves: complex channels would make the basis complex.
         explained = np.sum((basis @ channel.real) ** 2) + np.sum((basis @ channel.imag) ** 2)
         freedom = (len(times_s) - len(basis)) * channel.shape[1]
-        return float(fit.gain.mean() * (power - explained) / max(freedom, 1))
+        return float(noise_gain(weights.parts).mean() * (power - explained) / max(freedom, 1))
+
+    def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> _Fit | None:
+        """Least squares at these times; None when they do not determine the tones."""
+        key, state = times_s.tobytes(), b"" if states is None else states.tobytes()
+        former, fit = self._fits.get(key, (None, None))
+        if former != state:
+            fit = self._solved(times_s, self._columns(times_s, states))
+            if key in self._fits or len(self._fits) < _KEPT:
+                self._fits[key] = state, fit
+        return fit
+
+    @cached_property
+    def _fits(self) -> dict[bytes, tuple[bytes, _Fit | None]]:
+        """States and fits of some groups by their times: packets are divided several times."""
+        return {}
 
     def _columns(self, times_s: np.ndarray, states: np.ndarray | None) -> np.ndarray:
         """Cosines, sines and clutter at some times, and what differs from state to state."""
@@ -100,6 +92,22 @@ class TimedTable(ToneTable):
             # The constant of the first state is in the clutter.
             columns += [(states == state)[:, None] for state in np.unique(states)[1:]]
         return np.hstack(columns)
+
+    def _solved(self, times_s: np.ndarray, columns: np.ndarray) -> _Fit | None:
+        tones = len(self.tones)
+        if not tones or len(columns) <= columns.shape[1]:
+            return None
+        scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        orthogonal, triangle = np.linalg.qr(columns * scale)
+        sizes = np.linalg.svd(triangle, compute_uv=False)
+        if not sizes[-1] * _WORST_CONDITION > sizes[0]:
+            return None
+        # Rows of the pseudo-inverse that are cosines, then sines.
+        rows = np.linalg.inv(triangle)[:tones] * scale[:tones, None] @ orthogonal.T
+        parts = parts_of_waves(rows / 2)
+        if noise_gain(parts).max() * len(times_s) > WORST_PARTIAL_GAIN:
+            return None
+        return PartialWeights(times_s, parts), orthogonal.T
 
 
 def timed_table(
@@ -116,7 +124,7 @@ def timed_table(
         tones, empty, None, period_s / len(times_s), typical_s=times_s, clutter_hz=clutter_hz
     )
     found = table.at(times_s)
-    if found is None or not tones:
+    if found is None:
         rule = (
             f"must be longer: its {len(times_s)} packets do not determine {len(tones)} lines of "
             f"the tags beside clutter of {clutter_hz:g} Hz"
@@ -186,34 +194,3 @@ def _prolate_functions(band: float, order: int) -> np.ndarray:
     _, functions = np.linalg.eigh(matrix)
     normalised: np.ndarray = functions[:, :order] * np.sqrt(k + 0.5)[:, None]
     return normalised
-
-
-class _Fit(NamedTuple):
-    """Least-squares fit of cosines, sines and clutter (n, columns): A diag(scale) = Q R."""
-
-    orthogonal: np.ndarray  # Q
-    inverse: np.ndarray  # rows of diag(scale) R^-1 that are cosines, then sines
-
-    @classmethod
-    def of(cls, columns: np.ndarray, tones: int) -> "_Fit | None":
-        """None if undetermined."""
-        if len(columns) <= columns.shape[1]:
-            return None
-        scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        orthogonal, triangle = np.linalg.qr(columns * scale)
-        sizes = np.linalg.svd(triangle, compute_uv=False)
-        if not sizes[-1] * _WORST_CONDITION > sizes[0]:
-            return None
-        return cls(orthogonal, np.linalg.inv(triangle)[:tones] * scale[:tones, None])
-
-    @property
-    def gain(self) -> np.ndarray:
-        """Variance of each tone of the upper half over that of a snapshot."""
-        power = np.sum(self.inverse**2, axis=1).reshape(2, -1)
-        gain: np.ndarray = (power[0] + power[1]) / 4
-        return gain
-
-    @property
-    def parts(self) -> np.ndarray:
-        """Parts (tones, n) of the rows of the pseudo-inverse that are tones."""
-        return parts_of_waves(self.inverse @ self.orthogonal.T / 2)

@@ -351,20 +351,14 @@ _NAME = "packets"
 
 @dataclass(frozen=True)
 class PacketWaveform(Waveform):
-    """Packets instead of frames, of which channels are given; of :class:`.Waveform` only K counts.
+    """Packets instead of frames, of which channels are given: each is a frame of one sample.
 
-    ``interval_s`` is the mean time between two, ``window_s`` what an estimate averages, Ta,
-    ``frequency_hz`` (K,) that of each channel, for each combination of antennas.
+    ``window_s`` is what an estimate averages, Ta, ``frequency_hz`` (K,) that of each channel, for
+    each combination of antennas.
     """
 
-    interval_s: float = 1e-3
     window_s: float = 6.4e-6
     frequency_hz: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
-
-    @property
-    def snapshot_period_s(self) -> float:
-        """Mean time between two channel snapshots, in s."""
-        return self.interval_s
 
     @property
     def averaging_s(self) -> float:
@@ -372,24 +366,9 @@ class PacketWaveform(Waveform):
         return self.window_s
 
     @property
-    def bins(self) -> np.ndarray:
-        """Index of each channel; shape (K,)."""
-        return np.arange(len(self.frequency_hz))
-
-    @property
-    def mirrored(self) -> np.ndarray:
-        """Index of the channel at the opposite frequency, for each; shape (K,)."""
-        return np.arange(len(self.frequency_hz))[::-1]
-
-    @property
     def outermost_hz(self) -> tuple[float, float]:
         """Lowest and highest frequency against the carrier, in Hz."""
         return float(self.frequency_hz.min()), float(self.frequency_hz.max())
-
-    @property
-    def channel_noise_gain(self) -> float:
-        """Noise variance in H over that of a sample: 1, since H is what is given."""
-        return 1.0
 
     @property
     def folding(self) -> dict[str, int]:
@@ -426,15 +405,16 @@ def packet_waveform(
     else:
         hertz = (np.arange(subcarriers) - (subcarriers - 1) / 2) * spacing_hz
     hertz = np.repeat(hertz, channels)
-    index = np.arange(len(hertz))
+    count = len(hertz)
     return PacketWaveform(
         _NAME,
         1,
         1 / interval_s,
-        index,
-        np.ones(len(hertz), complex),
+        np.arange(count),
+        np.ones(count, complex),
         np.zeros(0, complex),
-        interval_s=interval_s,
+        repetitions=1,
+        symbol_length=count,
         window_s=window_s,
         frequency_hz=hertz,
     )

@@ -30,11 +30,11 @@ _LEAST_PIVOT = 1e-8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartialWeights:
-    """Exact least-squares weights over the snapshots present in an incomplete group."""
+    """Exact least-squares weights over the snapshots present in a group."""
 
-    mask: np.ndarray  # (N,), True where a snapshot is present
+    times_s: np.ndarray  # (n,), of these snapshots from the group's centre
     parts: np.ndarray  # (M, n), as :attr:`ToneTable.parts`
-    # Of the noise of the snapshots present; None where it is white.
+    # Of the noise of these snapshots; None where it is white.
     covariance: np.ndarray | None = None
 
     @property
@@ -44,66 +44,12 @@ class PartialWeights:
 
     @cached_property
     def whitener(self) -> np.ndarray:
-        """As :attr:`~.weights.ToneTable.whitener`."""
-        return whitener_of(self.parts, self.covariance)
-
-    @property
-    def missing(self) -> int:
-        """Number of snapshots that are absent."""
-        return int(len(self.mask) - self.mask.sum())
+        """As :attr:`ToneTable.whitener`."""
+        return _whitener_of(self.parts, self.covariance)
 
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
         """Tones of a group from the snapshots present, as :func:`tones_of`."""
         return _tones(self.parts, snapshots)
-
-
-class PartialSolver:
-    """Solves the weights of incomplete groups by a basis (N, M + clutter order), tones first."""
-
-    def __init__(self, basis: np.ndarray, tones: int) -> None:
-        self._half = tones // 2
-        upper = basis[:, self._half : tones]
-        # Cosines, sines and clutter, all of unit norm.
-        columns = np.hstack([upper.real, upper.imag, basis[:, tones:].real])
-        self._scale = 1 / np.linalg.norm(columns, axis=0)
-        self._basis = columns * self._scale
-        self._gram = self._basis.T @ self._basis
-
-    def solve(self, mask: np.ndarray) -> PartialWeights | None:
-        """Weights over the snapshots present; None when they do not determine the tones."""
-        present = self._basis[mask]
-        count, columns = present.shape
-        if count <= columns:
-            return None
-        try:
-            rows = self._rows(present, self._basis[~mask]) * self._scale[: 2 * self._half, None]
-        except np.linalg.LinAlgError:
-            return None  # LAPACK may give up on a basis that is nearly singular
-        noise_gain = np.einsum("ij,ij->i", rows, rows).reshape(2, -1).sum(axis=0) / 4 * len(mask)
-        if noise_gain.max() > WORST_PARTIAL_GAIN:
-            return None
-        return PartialWeights(mask, parts_of_waves(rows / 2))
-
-    def _rows(self, present: np.ndarray, absent: np.ndarray) -> np.ndarray:
-        """The rows of the pseudo-inverse that belong to cosines and sines."""
-        tones = 2 * self._half
-        if len(absent) < len(present):
-            gram = self._gram - absent.T @ absent
-        else:
-            gram = present.T @ present
-        try:
-            factor = np.linalg.cholesky(gram)
-        except np.linalg.LinAlgError:
-            return pseudo_inverse(present)[:tones]
-        pivot = float(np.min(factor.diagonal())) ** 2
-        if pivot < _LEAST_PIVOT:
-            return pseudo_inverse(present)[:tones]
-        inverse = np.linalg.inv(factor)
-        solver = inverse.T @ inverse
-        rows: np.ndarray = solver[:tones] @ present.T
-        if pivot < _REFINED_PIVOT:
-            rows += (np.eye(tones, len(gram)) - rows @ present) @ solver @ present.T
-        return rows
 
 
 def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
@@ -137,10 +83,16 @@ def _of_parts(parts: np.ndarray) -> np.ndarray:
     return np.vstack([(first - second)[::-1], first + second])
 
 
-def whitener_of(parts: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
+def _whitener_of(parts: np.ndarray, covariance: np.ndarray | None) -> np.ndarray:
     """Inverse Cholesky factor (M, M) of W C W^T, of parts W (M, n) and the noise's covariance C."""
     colored = parts if covariance is None else parts @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ parts.T))
+
+
+def noise_gain(parts: np.ndarray) -> np.ndarray:
+    """Variance of each tone of positive frequency over that of a snapshot."""
+    gain: np.ndarray = np.sum(parts**2, axis=1).reshape(-1, 2).sum(axis=1)
+    return gain
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
@@ -193,8 +145,8 @@ class ToneTable:
 
     @cached_property
     def whitener(self) -> np.ndarray:
-        """As :func:`whitener_of`, C being the covariance of the noise."""
-        return whitener_of(self.parts, self.room.covariance() if self.room else None)
+        """Inverse Cholesky factor (M, M) of W C W^T, C being the covariance of the noise."""
+        return _whitener_of(self.parts, self.room.covariance() if self.room else None)
 
     @property
     def parts(self) -> np.ndarray:
@@ -216,41 +168,68 @@ class ToneTable:
 
     def for_present(self, mask: np.ndarray) -> PartialWeights | None:
         """Weights of a group with the snapshots of ``mask``; None if they do not suffice."""
-        if self.basis is None:
-            parts = self.parts[:, mask] * (len(mask) / max(mask.sum(), 1))
-            return PartialWeights(mask, parts) if mask.any() else None
-        if self.room is None:
-            return self._solver.solve(mask)
-        present = self.basis[mask]
-        if present.shape[0] <= present.shape[1]:
+        count, covariance = int(np.count_nonzero(mask)), None
+        if count <= (0 if self.basis is None else self.basis.shape[1]):
             return None
-        covariance = self.room.covariance(mask)
-        parts = _tone_parts(present, len(self.tones), covariance)
-        noise_gain = np.sum(parts**2, axis=1).reshape(-1, 2).sum(axis=1) * self.group_length
-        if noise_gain.max() > WORST_PARTIAL_GAIN:
+        try:
+            if self.basis is None:
+                parts = self.parts[:, mask] * (len(mask) / count)
+            elif self.room is None:
+                parts = parts_of_waves(self._rows(mask) / 2)
+            else:
+                covariance = self.room.covariance(mask)
+                parts = _tone_parts(self.basis[mask], len(self.tones), covariance)
+        except np.linalg.LinAlgError:
+            return None  # LAPACK may give up on a basis that is nearly singular
+        if noise_gain(parts).max() * self.group_length > WORST_PARTIAL_GAIN:
             return None
-        return PartialWeights(mask, parts, covariance)
+        return PartialWeights(self.times_s[mask], parts, covariance)
+
+    def _rows(self, mask: np.ndarray) -> np.ndarray:
+        """The rows of the pseudo-inverse over some snapshots that belong to cosines and sines."""
+        columns, gram, norms = self._unit_columns
+        present, absent, tones = columns[mask], columns[~mask], len(self.tones)
+        gram = gram - absent.T @ absent if len(absent) < len(present) else present.T @ present
+        try:
+            factor = np.linalg.cholesky(gram)
+            pivot = float(np.min(factor.diagonal())) ** 2
+        except np.linalg.LinAlgError:
+            pivot = 0.0
+        if pivot < _LEAST_PIVOT:
+            rows = pseudo_inverse(present)[:tones]
+        else:
+            inverse = np.linalg.inv(factor)
+            solver = inverse.T @ inverse
+            rows = solver[:tones] @ present.T
+            if pivot < _REFINED_PIVOT:
+                rows += (np.eye(tones, len(gram)) - rows @ present) @ solver @ present.T
+        return rows / norms[:tones, None]
 
     @cached_property
-    def _solver(self) -> PartialSolver:
-        if self.basis is None:
-            raise ValueError("a Fourier sum has nothing to solve")
-        return PartialSolver(self.basis, len(self.tones))
+    def _unit_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns of the basis (N, M + clutter order) of norm 1, their products and norms."""
+        assert self.basis is not None
+        columns = _real_columns(self.basis, len(self.tones))
+        norms = np.linalg.norm(columns, axis=0)
+        return columns / norms, columns.T @ columns / np.outer(norms, norms), norms
 
 
-def _tone_parts(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
+def _real_columns(basis: np.ndarray, tones: int) -> np.ndarray:
+    """Cosines and sines instead of opposite tones, the same in real numbers, then clutter."""
+    upper = basis[:, tones // 2 : tones]
+    return np.hstack([upper.real, upper.imag, basis[:, tones:].real])
+
+
+def _tone_parts(basis: np.ndarray, tones: int, covariance: np.ndarray | None) -> np.ndarray:
     """Parts (M, n) of the tones in the (generalised, with a covariance) least-squares solution."""
-    half, scale = tones // 2, np.sqrt(2)
-    upper = scale * basis[:, half:tones]
-    # Cosines and sines instead of opposite tones: the same in real numbers.
-    columns = np.hstack([upper.real, upper.imag, basis[:, tones:].real])
+    columns = _real_columns(basis, tones)
     if covariance is None:
         rows = pseudo_inverse(columns)[:tones]
     else:
         factor = np.linalg.cholesky(covariance)
         rows = pseudo_inverse(np.linalg.solve(factor, columns))[:tones]
         rows = np.linalg.solve(factor.T, rows.T).T
-    return parts_of_waves(rows / scale)
+    return parts_of_waves(rows / 2)
 
 
 def design_weights(
@@ -284,9 +263,8 @@ def design_weights(
         raise InputError("group_length", rule, group_length)
     weights = _of_parts(_tone_parts(basis, len(tones), room.covariance() if room else None))
     weights = weights.astype(np.complex64).astype(complex)
-    noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
     # With a room, tones that it disturbs may be noisy: they count for less.
-    if room is None and noise_gain.max() > WORST_GAIN:
+    if room is None and noise_gain(parts_of(weights)).max() * group_length > WORST_GAIN:
         rule = f"is too short to separate the lines from clutter of {clutter_hz:g} Hz"
         raise InputError("group_length", rule, group_length)
     return ToneTable(tones, weights, basis, snapshot_period_s, room)

@@ -7,7 +7,16 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference, SubcarrierAverage
 from long_cases import cases
-from plain import WAVEFORM, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
+from plain import (
+    WAVEFORM,
+    errors_deg,
+    make_air,
+    make_plan,
+    normal,
+    random_tag,
+    run_chain,
+    stated_deg,
+)
 
 K = len(WAVEFORM.bins)
 
@@ -20,10 +29,6 @@ def group_of(index, ends, gain, noise=1.0):
         gain=np.array([gain], float),
         noise=np.broadcast_to(noise, (1, K)),
     )
-
-
-def normal(rng, *shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def averaged(groups, difference, tare_at=None):

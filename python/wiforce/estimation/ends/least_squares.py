@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from ...signal.weights import ToneTable
+from ...signal.weights import PartialWeights, ToneTable
 from ...wiforce_kernels import end_fit, end_separation, noise_estimate, predict_clocks, tone_peaks
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag
 from ..group_tones import GroupFit, GroupTones, GroupWeights
@@ -83,7 +83,7 @@ class ToneModel:
 
     @cached_property
     def _complete(self) -> GroupWeights:
-        return GroupWeights(self.table, self._line_gain, self.table.times_s)
+        return GroupWeights(self.table, self._line_gain)
 
     @property
     def locked(self) -> list[TrackedTag]:
@@ -101,7 +101,7 @@ class ToneModel:
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, list[bool]]:
         """The tones of a batch; also which groups have tones, all of them finite."""
-        weights = [self._complete] * len(groups)
+        weights = np.full(len(groups), self._complete, object)
         usable = [peak > 0 for peak in tone_peaks(groups.tones).tolist()]
         rows: list[int] = []
         if groups.timed is not None:
@@ -113,28 +113,23 @@ class ToneModel:
             if partial is None:
                 usable[row] = False
             else:
-                weights[row] = partial
+                length = self.table.group_length
+                weights[row] = GroupWeights(partial, self._line_gain, length / len(partial.times_s))
         center_s = np.array([(i + 0.5) * self.group_period_s for i in groups.index.tolist()])
         for first, late_s in self.slips:
             center_s[groups.index >= first] += late_s
         return GroupTones(groups.index, center_s, groups.tones, groups.missing, weights), usable
 
-    def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
+    def _partial(self, groups: Groups, row: int) -> PartialWeights | None:
         """Weights of a group that has its own, None where they do not exist."""
+        if not np.isfinite(groups.tones[row]).all():
+            return None
         if groups.timed is not None:
-            timed = groups.timed[row]
-            if timed is None or not np.isfinite(groups.tones[row]).all():
-                return None
-            loss = self.table.group_length / len(timed.times_s)
-            return GroupWeights(timed, self._line_gain, timed.times_s, loss)
-        if groups.snapshot_weights is None or not np.isfinite(groups.tones[row]).all():
+            timed: PartialWeights | None = groups.timed[row]
+            return timed
+        if groups.snapshot_weights is None:
             return None
-        mask = groups.snapshot_weights[row] > 0
-        partial = self.table.for_present(mask) if mask.any() else None
-        if partial is None:
-            return None
-        times_s = self.table.times_s[mask]
-        return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
+        return self.table.for_present(groups.snapshot_weights[row] > 0)
 
     def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Least squares over the locked tags, at their clocks."""
@@ -188,7 +183,7 @@ class ToneModel:
         return dict(
             kernel.process(
                 [tag.locked() for tag in locked],
-                groups.weights,
+                groups.weights.tolist(),
                 groups.center_s,
                 complete,
                 groups.tones,
