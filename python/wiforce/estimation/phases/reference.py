@@ -7,8 +7,6 @@ subcarriers of an end alike; what else is in the channel has a profile of its ow
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from ...errors import InputError
@@ -69,98 +67,51 @@ class ProfileCheck:
         return np.stack(profiles)
 
 
-class ReferenceSum:
-    """Sum of the channels V of 2S ends over groups, each weighted by 1 over its variance.
+class ReferenceMean:
+    """Mean of the channels V of 2S ends over groups, each weighted by 1 over its variance.
 
-    ``sum`` (2S, K) is None at first; ``precision`` (2S,) and ``precisions`` (2S, K), less where a
-    narrow-band transmitter interfered, are sums of 1 over the variance.
+    ``mean`` (2S, K), 0 where there is none; ``precision`` (2S,) and ``precisions`` (2S, K), less
+    where a narrow-band transmitter interfered, are sums of 1 over the variance. ``excess`` (2S, K)
+    is the share by which interference raised the variance of the mean, None if nowhere.
     """
 
     def __init__(self, ends: int) -> None:
-        self.sum: Array | None = None
-        self.precision = np.zeros(ends)
-        self.precisions: Array = np.zeros((ends, 1))
-        self._changed()
+        none = np.zeros((ends, 1))
+        self._set(none + 0j, np.zeros(ends), none)
+
+    def _set(self, mean: Array, precision: Array, precisions: Array) -> None:
+        self.mean, self.precision, self.precisions = mean, precision, precisions
+        self.complete = bool((precision > 0).all())  # every end was received
+        excess = np.divide(
+            precision[:, None], precisions, out=np.ones_like(precisions), where=precisions > 0
+        )
+        self.excess = excess - 1 if (excess > 1 + 1e-9).any() else None
 
     def add(self, group: Groups, received: Array) -> None:
         """Add the ``received`` ends (2S,) of a single group."""
-        values, gain = group.ends[0], group.gain[0]
-        rise = np.ones(values.shape) if group.noise_rise is None else group.noise_rise
-        weights = np.where(received[:, None], 1 / (gain[:, None] * rise), 0)
-        total = self._started(values)
-        total[received] += values[received] * weights[received]
-        self.precision[received] += 1 / gain[received]
-        self.precisions = self.precisions + weights
-        self._changed()
+        rise = 1.0 if group.noise_rise is None else group.noise_rise
+        own = np.where(received, 1 / group.gain[0], 0)
+        weights = own[:, None] / rise
+        precisions = self.precisions + weights
+        share = np.divide(weights, precisions, out=np.zeros_like(precisions), where=weights > 0)
+        mean = self.mean + share * (group.ends[0] - self.mean)
+        self._set(mean, self.precision + own, precisions)
 
-    def replace(self, other: ReferenceSum) -> Array:
-        """Take over all ends that another sum holds, and give them, (2S,)."""
+    def replace(self, other: ReferenceMean) -> Array:
+        """Take over all ends that another mean holds, and give them, (2S,)."""
         held = other.precision > 0
-        if other.sum is not None:
-            self.sum = np.where(held[:, None], other.sum, self._started(other.sum))
-        self.precision = np.where(held, other.precision, self.precision)
-        self.precisions = np.where(held[:, None], other.precisions, self.precisions)
-        self._changed()
+        self._set(
+            np.where(held[:, None], other.mean, self.mean),
+            np.where(held, other.precision, self.precision),
+            np.where(held[:, None], other.precisions, self.precisions),
+        )
         return held
 
-    def _changed(self) -> None:
-        """Compute again what follows from the sums; single groups could not wait for it."""
-        for name in ("mean", "gain", "excess", "complete"):
-            vars(self).pop(name, None)
-
-    @cached_property
-    def mean(self) -> Array:
-        """Weighted mean of each end, shape (2S, K); 0 where there is none."""
-        total = np.zeros(self.precisions.shape) if self.sum is None else self.sum
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.precisions > 0, total / self.precisions, 0)
-
-    @cached_property
+    @property
     def gain(self) -> Array:
         """Variance of each mean over that of H, shape (2S,); infinite where there is none."""
         none = np.full(self.precision.shape, np.inf)
         return np.divide(1, self.precision, out=none, where=self.precision > 0)
-
-    @cached_property
-    def excess(self) -> Array | None:
-        """Share by which interference raised the variance of the mean, (2S, K); None if nowhere."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            excess = self.precision[:, None] / self.precisions - 1
-        excess = np.where(self.precisions > 0, excess, 0)
-        return excess if (excess > 1e-9).any() else None
-
-    @cached_property
-    def complete(self) -> bool:
-        """Whether every end was received."""
-        return bool((self.precision > 0).all())
-
-    def _started(self, values: Array) -> Array:
-        if self.sum is None:
-            self.sum = np.zeros(values.shape, complex)
-        return self.sum
-
-
-class NewReference:
-    """The reference of a tare, while it is measured over ``groups`` from the first one on."""
-
-    def __init__(self, ends: int, groups: int) -> None:
-        self._groups = groups
-        self._stop: int | None = None
-        self.sums = ReferenceSum(ends)
-
-    def ends_before(self, index: int) -> bool:
-        """Whether the reference ends before the group of this index."""
-        return self._stop is not None and index >= self._stop
-
-    def add(self, group: Groups) -> None:
-        """Take a batch of one group with ``ends`` and ``gain``."""
-        if self._stop is None:
-            self._stop = int(group.index[0]) + self._groups
-        received = np.isfinite(group.gain[0])
-        if group.locked is not None:
-            # Before a silent tag is dropped its ends are still solved for, and are noise.
-            received = received & np.repeat(group.locked[0], 2)
-        self.sums.add(group, received)
 
 
 class ConjugateDifference:
@@ -190,10 +141,20 @@ class ConjugateDifference:
         self._no_step = np.ones(ends, complex)
         self._holding = not self._against_previous
         self._held: list[Groups] = []
-        self._stop: Array | None = None
-        self._next: NewReference | None = None
-        self._restart()
-        self._stop = np.full(ends, reference_groups)
+        # The reference of a tare, while it is measured, and the first group behind it.
+        self._next: ReferenceMean | None = None
+        self._next_stop: int | None = None
+        self._begin(reference_groups)
+
+    def _begin(self, stop: int | None) -> None:
+        """Begin the reference that ends before group ``stop``; None for the next ones."""
+        self._reference = ReferenceMean(self._ends)
+        self._late = np.zeros(self._ends, bool)
+        self._stop = None if stop is None else np.full(self._ends, stop)
+        self._begins = True
+        self._step_of_reference = np.full(self._ends, np.nan + 0j)
+        if self._profile is not None:
+            self._profile.reset()
 
     def tare(self) -> None:
         """Measure a new untouched reference in the groups that follow, for the ends received in
@@ -202,13 +163,13 @@ class ConjugateDifference:
         They are still compared with the former one. Without effect while the first is measured.
         """
         if self._against_previous:
-            self._restart()
+            self._begin(None)
         elif not self._holding:
-            self._next = NewReference(self._ends, self.reference_groups)
+            self._next, self._next_stop = ReferenceMean(self._ends), None
 
     def begin_at(self, index: int) -> None:
         """Measure the first reference from the group of this index on, instead of group 0."""
-        self._stop = np.full(self._ends, index + self.reference_groups)
+        self._begin(index + self.reference_groups)
 
     def discard(self) -> None:
         """Give up the new reference that is being measured, and keep the former one."""
@@ -226,29 +187,19 @@ class ConjugateDifference:
 
     def completes(self, index: int) -> bool:
         """Whether the reference that is being measured ends before the group of this index."""
-        return self._next is not None and self._next.ends_before(index)
-
-    def _restart(self) -> None:
-        self._sums = ReferenceSum(self._ends)
-        self._late = np.zeros(self._ends, bool)
-        self._stop = None
-        self._begins = True
-        self._step_of_reference = np.full(self._ends, np.nan + 0j)
-        if self._profile is not None:
-            self._profile.reset()
+        return self.measuring and self._next_stop is not None and index >= self._next_stop
 
     def process(self, groups: Groups) -> Groups:
         """Replace ``ends`` by ``changes``; groups are held back until the reference is complete."""
         ready: list[Groups] = []
-        for row in range(len(groups)):
-            rest = groups[row:]
-            if self._next is not None:
-                ready.append(self._measure(self._next, rest[:1]))
-                continue
-            if self._settled(rest):
-                ready.append(self._compare(rest, np.zeros((len(rest), self._ends), bool)))
-                break
-            ready.append(self._learn(rest[:1]))
+        while len(groups):
+            part = groups if self._next is None else self._measured(self._next, groups[:1])
+            if self._settled(part):
+                ready.append(self._compare(part, np.zeros((len(part), self._ends), bool)))
+            else:
+                part = part[:1]
+                ready.append(self._learn(part))
+            groups = groups[len(part) :]
         return Groups.concatenate(ready)
 
     def flush(self) -> Groups:
@@ -262,35 +213,37 @@ class ConjugateDifference:
     def _settled(self, groups: Groups) -> bool:
         """Whether the reference is complete and not changed by these groups."""
         return (
-            not self._holding
-            and not self._against_previous
-            and not self._begins
-            and self._sums.complete
+            not (self._holding or self._against_previous or self._begins)
+            and self._reference.complete
             and self._stop is not None
             and groups.index.tolist()[0] >= max(self._stop.tolist())
         )
 
-    def _measure(self, new: NewReference, group: Groups) -> Groups:
-        """Process a single group while a new reference is measured."""
-        if new.ends_before(int(group.index[0])):
-            self._adopt(new, int(group.index[0]))
-        else:
-            new.add(group)
-            group = group.having(in_tare=np.ones(1, bool))
-        if self._settled(group):
-            return self._compare(group, np.zeros((1, self._ends), bool))
-        return self._learn(group)
+    def _measured(self, new: ReferenceMean, group: Groups) -> Groups:
+        """A single group while a new reference is measured: a part of it, or the first behind."""
+        index = int(group.index[0])
+        if self.completes(index):
+            self._adopt(new, index)
+            return group
+        if self._next_stop is None:
+            self._next_stop = index + self.reference_groups
+        received = np.isfinite(group.gain[0])
+        if group.locked is not None:
+            # Before a silent tag is dropped its ends are still solved for, and are noise.
+            received &= np.repeat(group.locked[0], 2)
+        new.add(group, received)
+        return group.having(in_tare=np.ones(1, bool))
 
-    def _adopt(self, new: NewReference, index: int) -> None:
+    def _adopt(self, new: ReferenceMean, index: int) -> None:
         """Replace the reference of all ends that the new one holds, from group ``index`` on."""
         self._next = None
-        former = self._sums.mean
-        received = self._sums.replace(new.sums)
+        former = self._reference.mean
+        received = self._reference.replace(new)
         if not received.any():
             return
         power = np.sum(np.abs(former) ** 2, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.sum(self._sums.mean * former.conj(), axis=1) / power
+            step = np.sum(self._reference.mean * former.conj(), axis=1) / power
         self._step_of_reference = np.where(received, step, 1.0)
         self._late &= ~received
         if self._stop is not None:
@@ -309,9 +262,9 @@ class ConjugateDifference:
         if self._against_previous:
             return self._step(group, received)
         learning = received & (index < stop)
-        self._sums.add(group, learning)
+        self._reference.add(group, learning)
         self._held.append(group.having(in_reference=learning[None]))
-        complete = np.all((self._sums.precision > 0) & (index + 1 >= stop))
+        complete = np.all((self._reference.precision > 0) & (index + 1 >= stop))
         if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
             return group[:0]
         return self.flush()
@@ -321,36 +274,35 @@ class ConjugateDifference:
         stop = self._stop
         if stop is None:
             stop = np.full(self._ends, index + self.reference_groups)
-        late = np.isfinite(gain) & (self._sums.precision == 0) & (index >= stop)
+        late = np.isfinite(gain) & (self._reference.precision == 0) & (index >= stop)
         self._late |= late
         self._stop = np.where(late, index + self.reference_groups, stop)
         return self._stop
 
     def _step(self, group: Groups, received: Array) -> Groups:
         """Compare a group with the previous one, and keep it for the next."""
-        values, gain = group.ends[0], group.gain[0]
-        precision = self._sums.precision
-        first = precision == 0
-        reference = np.where(first[:, None], values, self._sums.mean)
-        reference_gain = np.where(first, gain, 1 / np.where(first, 1, precision))
-        last = ReferenceSum(self._ends)
+        former = self._reference
+        first = former.precision == 0
+        reference = np.where(first[:, None], group.ends[0], former.mean)
+        reference_gain = np.where(first, group.gain[0], former.gain)
+        last = ReferenceMean(self._ends)
         last.add(group.having(noise_rise=None), received)
-        self._sums.replace(last)
         # Here the noise of the reference is another one in each group.
         both = group.having(gain=group.gain + np.where(first, 0, reference_gain))
+        former.replace(last)
         return self._difference(both, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
         groups = self._with_noise_of_reference(groups)
-        return self._difference(groups, in_reference, self._sums.mean, self._sums.gain)
+        return self._difference(groups, in_reference, self._reference.mean, self._reference.gain)
 
     def _with_noise_of_reference(self, groups: Groups) -> Groups:
         """Groups with more noise where interference raised that of the whole reference."""
-        excess = self._sums.excess
+        excess = self._reference.excess
         if groups.noise_rise is None or excess is None:
             return groups
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = 1 / (groups.gain * self._sums.precision)
+            share = 1 / (groups.gain * self._reference.precision)
         share = np.where(np.isfinite(share), share, 0)
         more = np.einsum("ge,ek->gk", share, excess) / self._ends
         return groups.having(noise=groups.noise * (1 + more / groups.noise_rise))
