@@ -286,40 +286,34 @@ class _RatioFrames:
         return {name: values[:count] for name, values in held.items()}
 
 
-class RecordedGroups:
-    """Groups of a recording with one antenna, by the kernels."""
+class _Recorded:
+    """Groups of ``captures``, by kernels, in which no slip can be found any more."""
 
     def __init__(
-        self, recording: Capture, table: ToneTable, waveform: Waveform, frame_offset: int
+        self,
+        captures: Sequence[Capture],
+        kernels: Sequence[Any],
+        table: ToneTable,
+        waveform: Waveform,
     ) -> None:
-        self._length = table.group_length
-        self._batch = groups_at_once(waveform)
+        self.captures, self._length = captures, table.group_length
+        self.kernels = {each.path: kernel for each, kernel in zip(captures, kernels, strict=True)}
         self._folded = FoldedGroups(table, waveform)
-        weights, rotation = kernel_rows(table, waveform)
-        self._kernel = tone_reader(
-            **frame_settings(recording, waveform, frame_offset),
-            weights=weights,
-            factors=waveform.equalizer(),
-            rotation=rotation,
-            bins=waveform.bins,
-        )
         self._slips = Slips(self._length)
         self._held = Groups(np.zeros(0, np.int64))  # in which a slip may still be found
-        self.captures: tuple[Capture, ...] = (recording,)
-        self.kernels = {recording.path: self._kernel}
+
+    def _next(self) -> tuple[Groups, bool]:
+        """The groups that follow, and whether they are the last ones."""
+        raise NotImplementedError
 
     def read(self) -> Groups:
         """Give the next groups; none at the end."""
         groups, ended = self._held[:0], False
         while not len(groups) and not ended:
-            solved: list[tuple[Any, ...]] = []  # row, tones, static path, weights
-            found = self._kernel.read(
-                self._batch,
-                lambda row, *group, to=solved: to.append((row, *self._folded.solve(*group))),
-            )
-            ended = len(found["index"]) < self._batch
-            self._slips.add(self._kernel.misplaced())
-            groups = Groups.concatenate([self._held, self._groups(found, solved)])
+            found, ended = self._next()
+            for kernel in self.kernels.values():
+                self._slips.add(kernel.misplaced())
+            groups = Groups.concatenate([self._held, found])
             newest = groups.index.max(initial=0) - self._slips.unsure * (not ended)
             sure = int(groups.index.searchsorted(newest, "right"))
             groups, self._held = groups[:sure], groups[sure:]
@@ -328,7 +322,30 @@ class RecordedGroups:
         groups.slipped |= self._slips.behind(groups.index)
         return groups
 
-    def _groups(self, found: dict[str, Any], solved: list[tuple[Any, ...]]) -> Groups:
+
+class RecordedGroups(_Recorded):
+    """Groups of a recording with one antenna."""
+
+    def __init__(
+        self, recording: Capture, table: ToneTable, waveform: Waveform, frame_offset: int
+    ) -> None:
+        self._batch = groups_at_once(waveform)
+        weights, rotation = kernel_rows(table, waveform)
+        self._kernel = tone_reader(
+            **frame_settings(recording, waveform, frame_offset),
+            weights=weights,
+            factors=waveform.equalizer(),
+            rotation=rotation,
+            bins=waveform.bins,
+        )
+        super().__init__([recording], [self._kernel], table, waveform)
+
+    def _next(self) -> tuple[Groups, bool]:
+        solved: list[tuple[Any, ...]] = []  # row, tones, static path, weights
+        found = self._kernel.read(
+            self._batch,
+            lambda row, *group: solved.append((row, *self._folded.solve(*group))),
+        )
         static = found["tones"][:, -1]
         groups = Groups(
             found["index"],
@@ -344,69 +361,48 @@ class RecordedGroups:
                 groups.tones[row], static[row], weights[row] = of
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
-        return groups
+        return groups, len(groups) < self._batch
 
 
-class RecordedRatio:
+class RecordedRatio(_Recorded):
     """Groups of the ratio of two antennas, recorded side by side."""
 
     def __init__(
         self,
-        recordings: tuple[Capture, Capture],
+        recordings: Sequence[Capture],
         table: ToneTable,
         waveform: Waveform,
         frame_offset: int,
     ) -> None:
-        self._length = table.group_length
-        self._waveform = waveform
-        self._folded = FoldedGroups(table, waveform)
-        self._screen = interference_screen(table.group_length, waveform.symbol_length)
-        self.captures = recordings
-        self.kernels = {
-            each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
-            for each in recordings
-        }
+        kernels = [
+            folded_reader(**frame_settings(each, waveform, frame_offset)) for each in recordings
+        ]
+        super().__init__(recordings, kernels, table, waveform)
+        self._screen = interference_screen(self._length, waveform.symbol_length)
         self._at_once = max(1, groups_at_once(waveform) // 4) * self._length
-        self._frames = _RatioFrames(self.kernels.values(), waveform)
-        self._slips = Slips(self._length)
-        self._held: tuple[Array, ...] = ()  # frames in whose groups a slip may still be found
+        self._frames = _RatioFrames(kernels, waveform)
+        self._rest = self._frames.read(0)  # of a group that is not whole
 
-    def read(self) -> Groups:
-        """Give the next groups; none at the end."""
-        groups, ended = Groups(np.zeros(0, np.int64)), False
-        while not len(groups) and not ended:
-            frames, ended = self._frames.read(self._at_once), self._frames.ended
-            for kernel in self.kernels.values():
-                self._slips.add(kernel.misplaced())
-            if self._held:
-                frames = tuple(map(np.concatenate, zip(self._held, frames, strict=True)))
-            group = frames[0] // self._length
-            # Whole groups; before the end those in which no slip can be found any more.
-            whole = (frames[0].max(initial=-1) + 1) // self._length
-            sure = group < whole - self._slips.unsure * (not ended)
-            self._held = tuple(values[~sure] for values in frames)
-            sure &= ~self._slips.elsewhere(group)
-            groups = self._groups(tuple(values[sure] for values in frames))
-        groups.slipped |= self._slips.behind(groups.index)
-        return groups
-
-    def _groups(self, frames: tuple[Array, ...]) -> Groups:
-        """Groups of some frames, which hold whole ones."""
-        if not len(frames[0]):
-            return Groups(np.zeros(0, np.int64))
-        starts = np.unique(frames[0] // self._length, return_index=True)[1]
-        runs = zip(*(np.split(values, starts[1:]) for values in frames), strict=True)
-        return self._folded.groups([self._group(*run) for run in runs])
+    def _next(self) -> tuple[Groups, bool]:
+        read = self._frames.read(self._at_once)
+        frames = tuple(map(np.concatenate, zip(self._rest, read, strict=True)))
+        group = frames[0] // self._length
+        stop = int(group.searchsorted((frames[0].max(initial=-1) + 1) // self._length))
+        self._rest = tuple(values[stop:] for values in frames)
+        if not stop:
+            return self._held[:0], self._frames.ended
+        starts = np.unique(group[:stop], return_index=True)[1]
+        runs = zip(*(np.split(values[:stop], starts[1:]) for values in frames), strict=True)
+        return self._folded.groups([self._group(*run) for run in runs]), self._frames.ended
 
     def _group(
         self, snapshots: Array, folded: Array, noise: Array, saturated: Array
     ) -> SnapshotGroup:
-        length = self._length
-        slots = snapshots % length
-        present = np.zeros(length, bool)
+        slots = snapshots % self._length
+        present = np.zeros(self._length, bool)
         present[slots] = True
         kept = present & ~self._screen.examine(present, folded, noise)
-        every = np.zeros((length, self._waveform.symbol_length), np.complex64)
+        every = np.zeros((self._length, folded.shape[1]), np.complex64)
         every[slots] = folded
-        index = int(snapshots[0] // length)
+        index = int(snapshots[0] // self._length)
         return SnapshotGroup(index, every, present, kept, int(saturated.sum()))
