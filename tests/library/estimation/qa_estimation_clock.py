@@ -4,8 +4,12 @@
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.clocks.acquisition import acquire
-from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
+from gnuradio.wiforce.estimation.clocks.likelihood import (
+    PhaseLikelihood,
+    acquire,
+    evaluate,
+    turned_by,
+)
 from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagClock, likelihood_bias
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
@@ -19,6 +23,7 @@ from plain import (
     errors_deg,
     make_air,
     make_plan,
+    normal,
     random_tag,
     run_chain,
     stated_deg,
@@ -259,10 +264,6 @@ def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_p
     read = readings[clear & touched]
     # The standard deviation of one in 190 readings would be exceeded threefold by chance.
     assert (np.abs(read["force_n"] - true_n) < 4 * read["force_std_n"]).all()
-
-
-def normal(rng, *shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def test_phase_expansion_information_equals_that_of_joint_least_squares():

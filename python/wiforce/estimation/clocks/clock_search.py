@@ -25,8 +25,7 @@ from ...wiforce_kernels import (
 from ..ends.least_squares import ToneModel
 from ..group_tones import GroupFit, GroupTones, GroupWeights, power_of, without_loud
 from ..groups import Array
-from .acquisition import DELAY_EVIDENCE, OVERLAP, acquire
-from .likelihood import complete_likelihood
+from .likelihood import DELAY_EVIDENCE, OVERLAP, acquire, complete_likelihood
 from .tracked_tag import ClockPath, TrackedTag, likelihood_bias
 
 # Gauss-Newton steps: the model is almost linear in these numbers.

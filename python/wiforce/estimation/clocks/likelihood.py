@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Likelihood of a tag's clock phase, given the tones of a group.
+"""Likelihood of a tag's clock phase, given the tones of a group, and its highest in a block.
 
 With the two ends' channels unknown on every subcarrier, the energy that the tones P of a group
 have in the span of the tag's harmonics, J(theta) = sum_k P_k^H Pi(theta) P_k / sigma_k^2, is the
 log-likelihood of the clock phase theta up to a constant. The elements of Pi rotate with theta as
 exp(j (m - m') theta), so J is a trigonometric polynomial, and its few coefficients contain all
 information of a group. Odd and even lines together distinguish theta from theta + pi.
+:func:`acquire` finds phase, offset and the delay of clock 2 where only the frequency is known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -70,12 +73,9 @@ class PhaseLikelihood:
         self, clock2_delay: float, duty: tuple[float, float] | None = None
     ) -> PhaseLikelihood:
         """The same likelihood for another delay of clock 2, in rad of clock 1, or other duties."""
-        other = object.__new__(PhaseLikelihood)
-        other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
-        other._averaging_phase = self._averaging_phase
-        other.clock2_delay = clock2_delay
-        other.duty = self.duty if duty is None else duty
-        other._steps, other._sorted = self._steps, self._sorted
+        other = copy(self)
+        other.clock2_delay, other.duty = clock2_delay, duty or self.duty
+        vars(other).pop("delays", None)
         other._set_basis()
         return other
 
@@ -98,6 +98,8 @@ class PhaseLikelihood:
     def _set_basis(self) -> None:
         basis = self._basis(self.clock2_delay)
         self.projection = basis @ basis.conj().T
+        # Of dJ/dtheta per subcarrier, from unit noise alone: tr (dPi/dtheta)^2.
+        self.noise_variance = float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
         turns = (-1j * self.lines) ** np.arange(3)[:, None]
         derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
         self.kernel = clock_likelihood(derivatives, self.lines)
@@ -110,11 +112,6 @@ class PhaseLikelihood:
     @cached_property
     def _steps(self) -> Array:
         return self.lines[:, None] - self.lines[None, :]
-
-    @cached_property
-    def noise_variance(self) -> float:
-        """Variance of dJ/dtheta per subcarrier from unit noise alone: tr (dPi/dtheta)^2."""
-        return float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
 
     @cached_property
     def _sorted(self) -> tuple[Array, Array, Array]:
@@ -188,6 +185,15 @@ def evaluate(coefficients: Array) -> tuple[Array, Array, Array]:
     return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature
 
 
+def nearest_maximum(coefficients: Array, phases: Array) -> Array:
+    """Phases (...) of the local maxima next to ``phases``, of coefficients (..., D + 1)."""
+    for _ in range(4):
+        _, slope, curvature = evaluate(turned_by(coefficients, phases))
+        step = np.divide(slope, curvature, out=np.zeros(phases.shape), where=curvature < 0)
+        phases = phases - np.clip(step, -0.05, 0.05)
+    return phases
+
+
 @lru_cache
 def _orders(count: int) -> tuple[Array, Array, Array, Array]:
     """d = 0..D, and the factor of each q_d in J, J' and J''."""
@@ -201,7 +207,7 @@ _EVERY_PHASE = 1024
 
 
 def complete_likelihood(
-    tag: TrackedTag, groups: GroupTones, fit: GroupFit | None, inverse_noise: Array
+    tag: TrackedTag, groups: GroupTones, fit: GroupFit, inverse_noise: Array
 ) -> Array:
     """Coefficients (G, D + 1) of J(theta) of groups with times of their own, beside other tags.
 
@@ -215,7 +221,7 @@ def complete_likelihood(
         switched = weights.switched(clocks, [(tag.clock2_delay, *tag.duty)])
         first, second = np.ascontiguousarray(switched.T[:2])
         tones = groups.white[row] * np.sqrt(inverse_noise)
-        if fit is not None and len(fit.rows) > 2:
+        if len(fit.rows) > 2:
             others = np.linalg.qr(fit.white[row][:, ~np.isin(fit.rows, tag.rows)])[0]
             tones = tones - others @ (others.T @ tones)
             first, second = (each - others @ (others.T @ each) for each in (first, second))
@@ -232,3 +238,190 @@ def _gram(first: Array, second: Array) -> tuple[Array, ...]:
     """Inner products of the columns of two matrices: of each of the first, both, and the second."""
     pairs = (first, first), (first, second), (second, second)
     return tuple(np.einsum("ij,ij->j", *pair) for pair in pairs)
+
+
+# Phases at which J is evaluated: 32 per period of its highest term, 2 x 8 cycles per turn.
+_PHASES = 512
+# Gain of log-likelihood from which on a delay of clock 2 is accepted (docs/theory.md, Clock).
+DELAY_EVIDENCE = 12.0
+# A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap: Ts/16.
+OVERLAP = np.pi / 8
+# A tag is present when its waveforms explain this much more energy per dimension than the residual
+# has, and when the groups agree on the clock by this many standard deviations. Both are measured
+# in docs/data/thresholds.csv.
+_ENERGY_RATIO = 1.25
+_AGREEMENT = 5.0
+# Standard deviations by which the rate found may exceed the rates searched.
+_RATE_SLACK = 4.0
+_NEWTON_STEPS = 6
+# Parabolas through the likelihood of clock 2's delay, each an eighth as wide as the one before: the
+# last one, 8e-4 rad wide, errs by less than 1e-5 rad.
+_PARABOLAS = 3
+# A fine search follows a coarse one, of the orders of J that lines up to 16 have, and covers four
+# of its steps to both sides.
+_COARSE, _AROUND = 32, 4 * 0.5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClockFit:
+    """The clock found over a block of L groups."""
+
+    time_s: float  # at which the phase in rad and its rate above nominal in rad/s hold
+    phase: float
+    rate: float
+    variance: float  # of the phase that a single group gives
+    likelihood: PhaseLikelihood  # with the delay of clock 2 found
+    coefficients: Array  # (L, D + 1), of J of each group
+    energy: float  # J of the block
+    found: bool  # a tag was received
+
+    @property
+    def clock2_delay(self) -> float:
+        """Delay of clock 2's pulses in radians of clock 1; 0 unless the evidence is clear."""
+        return self.likelihood.clock2_delay
+
+    @property
+    def overlapping(self) -> bool:
+        """Whether both switches are on at the same time."""
+        return abs(self.clock2_delay) > OVERLAP
+
+
+def acquire(
+    times_s: Array,
+    covariances: Array,
+    likelihood: PhaseLikelihood,
+    nominal_rate: float,
+    tolerance_ppm: float,
+    subcarriers: int,
+) -> ClockFit:
+    """Fit phase, offset and the delay of clock 2 to a block of L groups at ``times_s`` (L,).
+
+    Maximises the sum of J(theta_0 + 2 pi f t) (docs/theory.md, Clock) over offsets up to 1.5 times
+    the tolerance: a grid, with a Fourier transform over the phase, then Newton steps.
+    ``covariances`` (L, lines, lines) are ``likelihood.covariance`` of each; ``nominal_rate`` is 2
+    pi fs.
+    """
+    center = times_s.mean()
+    elapsed = times_s - center
+    limit = 1.5e-6 * tolerance_ppm * nominal_rate
+    coefficients = likelihood.coefficients(covariances)
+    rate, phase = _search(coefficients, elapsed, nominal_rate, limit)
+    path = (nominal_rate + rate) * elapsed
+    block = likelihood.turned(covariances, path).sum(axis=0)
+    likelihood, phase = _fit_clock2_delay(likelihood, block)
+    coefficients = likelihood.coefficients(covariances)
+    phase, rate = _refine(coefficients, elapsed, nominal_rate, phase, rate)
+    phases = phase + (nominal_rate + rate) * elapsed
+    values, _, curvatures = evaluate(turned_by(coefficients, phases))
+    kappa = max(-curvatures.mean(), 1e-9)
+    variance = (kappa + subcarriers * likelihood.noise_variance) / kappa**2
+    total = np.trace(covariances, axis1=1, axis2=2).real.sum()
+    found = _is_tag(values.sum(), total, coefficients, len(likelihood.lines), subcarriers)
+    # A clock that jumps within the block appears to run at a rate beyond its tolerance.
+    rate_std = np.sqrt(variance / np.sum(elapsed**2))
+    found = bool(found and abs(rate) <= limit + _RATE_SLACK * rate_std)
+    energy = float(values.sum())
+    return ClockFit(center, phase, rate, variance, likelihood, coefficients, energy, found)
+
+
+def _profile(coefficients: Array) -> Array:
+    """J on a circle of phases, by a Fourier transform of its coefficients (..., D+1)."""
+    phases = max(_PHASES, 2 * coefficients.shape[-1])
+    spectrum = np.zeros((*coefficients.shape[:-1], phases), complex)
+    spectrum[..., : coefficients.shape[-1]] = 2 * coefficients
+    spectrum[..., 0] /= 2
+    return (np.fft.ifft(spectrum) * phases).real
+
+
+def most_likely(
+    coefficients: Array, elapsed: Array, nominal_rate: float, tolerance_ppm: float
+) -> tuple[float, float]:
+    """Rate above nominal and phase of the highest J, within 1.5 times the tolerance."""
+    limit = 1.5e-6 * tolerance_ppm * nominal_rate
+    rate = 0.0
+    if limit:
+        rate, _ = _search(coefficients[:, : _COARSE + 1], elapsed, nominal_rate, limit)
+    around = _AROUND / (_COARSE * max(np.ptp(elapsed), 1e-3))
+    more, phase = _search(coefficients, elapsed, nominal_rate + rate, around)
+    return rate + more, phase
+
+
+def _search(
+    coefficients: Array, elapsed: Array, nominal_rate: float, limit: float
+) -> tuple[float, float]:
+    """Rate and phase of the highest likelihood on a grid."""
+    degree = coefficients.shape[1] - 1
+    # The highest term rotates by at most half a radian over the block between two rates.
+    step = 0.5 / (degree * max(np.ptp(elapsed), 1e-3))
+    rates = np.linspace(-limit, limit, 2 * int(np.ceil(limit / step)) + 1)
+    turned = turned_by(coefficients, (nominal_rate + rates[0]) * elapsed)
+    onward = turned_by(np.ones_like(coefficients), np.diff(rates[:2]).sum() * elapsed)
+    sums = np.empty((len(rates), degree + 1), complex)
+    for each in sums:
+        np.sum(turned, axis=0, out=each)
+        turned *= onward
+    profiles = _profile(sums)
+    best, peak = np.unravel_index(np.argmax(profiles), profiles.shape)
+    return float(rates[best]), float(2 * np.pi * peak / profiles.shape[1])
+
+
+def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseLikelihood, float]:
+    """Likelihood with the delay of clock 2 that fits the block best, and the clock's phase."""
+
+    def best(delay: float) -> tuple[float, float]:
+        coefficients = likelihood.coefficients(block, likelihood.projections(delay))
+        highest = np.array(2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES)
+        phase = float(nearest_maximum(coefficients, highest))
+        return float(evaluate(turned_by(coefficients, phase))[0]), phase
+
+    at_nominal, phase = best(0.0)
+    delays, projections = likelihood.delays
+    values = _profile(likelihood.coefficients(block, projections)).max(axis=1)
+    coarse = delays[np.argmax(values)]
+    # A finer search can gain no more than the curvature of line 8 allows over half a step.
+    if values.max() * 1.05 - at_nominal < DELAY_EVIDENCE:
+        return likelihood, phase
+    delay, step = coarse, delays[1] - delays[0]
+    for _ in range(_PARABOLAS):
+        before, at, after = (best(delay + side * step)[0] for side in (-1, 0, 1))
+        if before - 2 * at + after < 0:
+            delay += step * np.clip((before - after) / (before - 2 * at + after) / 2, -1, 1)
+        step /= 8
+    if best(delay)[0] - at_nominal < DELAY_EVIDENCE:
+        return likelihood, phase
+    phase = best(delay)[1]
+    # Clock 2 has half the period of clock 1: its delay is known modulo pi.
+    return likelihood.delayed((delay + np.pi / 2) % np.pi - np.pi / 2), phase
+
+
+def _refine(
+    coefficients: Array,
+    elapsed: Array,
+    nominal_rate: float,
+    phase: float,
+    rate: float,
+) -> tuple[float, float]:
+    """Newton steps on J over phase and rate, limited to the neighbourhood of the grid's best."""
+    sums = np.array([[len(elapsed), elapsed.sum()], [elapsed.sum(), (elapsed**2).sum()]])
+    for _ in range(_NEWTON_STEPS):
+        turned = turned_by(coefficients, phase + (nominal_rate + rate) * elapsed)
+        _, slope, curvature = evaluate(turned)
+        gradient = np.array([slope.sum(), (slope * elapsed).sum()])
+        # Expected rather than observed curvature: single groups are too noisy at low SNR.
+        matrix = max(-curvature.mean(), 0.0) * sums
+        if matrix[0, 0] == 0.0:
+            break
+        move = np.linalg.solve(matrix + 1e-12 * np.eye(2) * matrix[0, 0], gradient)
+        phase += np.clip(move[0], -0.05, 0.05)
+        rate += np.clip(move[1], -0.1, 0.1)
+    return phase, rate
+
+
+def _is_tag(energy: float, total: float, coefficients: Array, lines: int, subcarriers: int) -> bool:
+    """Whether a fit is a tag: more energy than noise explains, and groups that agree on it."""
+    dimensions = subcarriers * len(coefficients)
+    explained = energy / (2 * dimensions)
+    residual = (total - energy) / ((lines - 2) * dimensions)
+    spread = np.sqrt(2 * np.sum(np.abs(coefficients[:, 1:]) ** 2))
+    agreement = (energy - np.sum(coefficients[:, 0].real)) / max(spread, 1e-300)
+    return bool(explained > _ENERGY_RATIO * residual and agreement > _AGREEMENT)

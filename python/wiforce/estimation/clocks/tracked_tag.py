@@ -13,8 +13,14 @@ from ...signal.weights import ToneTable
 from ...wiforce_kernels import clock_tracker, locked_tag
 from ..group_tones import GroupTones
 from ..groups import Array
-from .acquisition import ClockFit, most_likely
-from .likelihood import PhaseLikelihood, evaluate, turned_by
+from .likelihood import (
+    ClockFit,
+    PhaseLikelihood,
+    evaluate,
+    most_likely,
+    nearest_maximum,
+    turned_by,
+)
 
 
 class ClockPath(NamedTuple):
@@ -203,15 +209,6 @@ def likelihood_bias(
         tones = table.weights[likelihood.rows] @ waveforms @ _ENDS
         own = tones.swapaxes(1, 2)[..., None]
         coefficients = likelihood.coefficients(likelihood.covariance(own, np.ones(1)))
-        found = _tops(coefficients, np.repeat(_PHASES[:, None], _ENDS.shape[1], axis=1))
+        found = nearest_maximum(coefficients, np.repeat(_PHASES[:, None], _ENDS.shape[1], axis=1))
         largest = max(largest, float(np.abs(found - _PHASES[:, None]).max()))
     return largest
-
-
-def _tops(coefficients: Array, phases: Array) -> Array:
-    """Phases (...) of the local maxima next to ``phases``, of coefficients (..., D + 1)."""
-    for _ in range(4):
-        _, slope, curvature = evaluate(turned_by(coefficients, phases))
-        step = np.divide(slope, curvature, out=np.zeros(phases.shape), where=curvature < 0)
-        phases = phases - np.clip(step, -0.05, 0.05)
-    return phases
