@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -48,20 +47,17 @@ def tool_of(path: str | Path) -> str | None:
         return _nexmon_tool(Path(path), start)
     if start[:4] == _PCAPNG:
         raise InputError(path, "is a pcapng file; convert it to pcap (editcap -F pcap)")
-    for at, (tool, length_of) in product(range(min(_LONGEST, len(start))), _RECORDS.items()):
-        if not _follow_each_other(start, at, length_of):
-            continue
-        if tool == "PicoScenes":
-            raise InputError(path, "is a file of PicoScenes; export its arrays to an .npz file")
-        if at or tool == "nexmon":
-            rule = f"is damaged at its start: records of {tool} begin at byte {at}; record again"
-            raise InputError(path, rule)
-        return tool
+    for tool, length_of in _RECORDS.items():
+        if _follow_each_other(start, length_of):
+            if tool == "PicoScenes":
+                raise InputError(path, "is a file of PicoScenes; export its arrays to an .npz file")
+            return tool
     return None
 
 
-def _follow_each_other(data: bytes, at: int, length_of: Callable[[bytes], int]) -> bool:
-    """Whether records begin at a byte, one behind the other."""
+def _follow_each_other(data: bytes, length_of: Callable[[bytes], int]) -> bool:
+    """Whether a file begins with records, one behind the other."""
+    at = 0
     for number in range(_FOLLOWING):
         head = data[at : at + _HEAD]
         if len(head) < _HEAD:
@@ -90,14 +86,6 @@ def _atheros_length(head: bytes) -> int:
     return length + 2 if is_one and size in (0, (bits + 7) // 8, (bits + 15) // 16 * 2) else 0
 
 
-def _pcap_length(head: bytes) -> int:
-    """The same of a packet of nexmon_csi in a pcap file."""
-    kept, sent = struct.unpack_from("<II", head, 8)
-    (chip,) = struct.unpack_from("<H", head, _RECORD + _PACKET + 16)
-    sizes = [_PACKET + _NEXMON + 4 * values for values in _SENT]
-    return _RECORD + kept if kept == sent in sizes and chip in _CHIPS else 0
-
-
 def _picoscenes_length(head: bytes) -> int:
     """The same of PicoScenes."""
     length, magic = struct.unpack_from("<II", head)
@@ -106,11 +94,10 @@ def _picoscenes_length(head: bytes) -> int:
 
 # Bytes in which files are recognised, of a record those that tell its length, and records that must
 # follow each other: of random bytes, fewer than one in a billion files do so.
-_SEARCHED_BYTES, _HEAD, _FOLLOWING = 1 << 16, 76, 4
+_SEARCHED_BYTES, _HEAD, _FOLLOWING = 1 << 16, 24, 4
 _RECORDS = {
     "intel": _intel_length,
     "atheros": _atheros_length,
-    "nexmon": _pcap_length,
     "PicoScenes": _picoscenes_length,
 }
 
@@ -193,8 +180,7 @@ def read_esp32(path: str | Path, mac: str | None = None) -> Packets:
     if all("id" in row and re.fullmatch(r"\d+", row["id"]) for row in kept):
         identifier = np.array([int(row["id"]) for row in kept])
     stamps = np.array([int(row["local_timestamp"]) for row in kept])
-    lost = tuple(each for each in left_out if each[1])
-    return Packets(_unwrapped_s(stamps), channel, subcarriers, lost, identifier)
+    return Packets(_unwrapped_s(stamps), channel, subcarriers, left_out, identifier)
 
 
 def _unwrapped_s(microseconds: np.ndarray) -> np.ndarray:
@@ -216,9 +202,8 @@ def together(first: Packets, second: Packets, path: Path) -> Packets:
     one, other = one[order], other[order]
     single = len(first.identifier) + len(second.identifier) - 2 * len(one)
     channel = np.stack([first.channel[one], second.channel[other]], axis=2)
-    left_out = (*first.left_out, *second.left_out)
-    if single:
-        left_out = (*left_out, ("packet that one device received", single))
+    lost = ("packet that one device received", single)
+    left_out = (*first.left_out, *second.left_out, lost)
     return Packets(first.time_s[one], channel, first.subcarriers, left_out, first.identifier[one])
 
 
@@ -335,9 +320,8 @@ def open_csi(
             raise InputError(path, f"cannot be read by csiread as a file of {tool} ({reason})")
         with np.load(output, allow_pickle=False) as arrays:
             counts = zip(arrays["reasons"].tolist(), arrays["counts"].tolist(), strict=True)
-            lost = tuple((reason, count) for reason, count in counts if count)
             time_s, channel, hertz = (arrays[n] for n in ("time_s", "channel", "subcarrier_hz"))
-            return checked_snapshots(path, time_s, channel, hertz, left_out=lost)
+            return checked_snapshots(path, time_s, channel, hertz, left_out=tuple(counts))
 
 
 def _open_esp32(path: Path, mac: str | None, second: Path | None) -> ChannelSnapshots:

@@ -125,7 +125,7 @@ def test_size_and_unit_of_the_channel_do_not_matter(tmp_path):
     for size in (1e-30, 1.0, 1e30):
         np.savez(tmp_path / "a.npz", **(arrays | {"channel": size * arrays["channel"]}))
         found = open_snapshots(tmp_path / "a.npz")
-        assert found.channel.shape == (100, 8, 2) and found.unusable == 0
+        assert found.channel.shape == (100, 8, 2) and not found.left_out
         assert 0.5 < np.median(np.abs(found.channel)) < 2
 
 

@@ -69,13 +69,8 @@ class ChannelSnapshots:
     time_s: np.ndarray = field(repr=False)  # (n,), of each packet
     channel: np.ndarray = field(repr=False)  # (n, K, antennas), complex
     subcarrier_hz: np.ndarray = field(repr=False)  # (K,), against the carrier
-    # Packets that were left out: repeats, and (``unusable``) those of values that are not finite or
-    # all 0.
-    repeated: int = 0
-    unusable: int = 0
     clock_steps: int = 0  # times at which the clock of the packets has stepped back; each is a gap
-    # Why further packets were left out, and their number.
-    left_out: tuple[tuple[str, int], ...] = ()
+    left_out: tuple[tuple[str, int], ...] = ()  # what was, such as packets, and their number
     center_frequency_hz: float | None = None
     scene: Any = field(default=None, repr=False)  # that the file holds
 
@@ -90,12 +85,7 @@ class ChannelSnapshots:
                 f"{CLOCK_STEP_S:g} s, after which the tags' clocks are acquired again; times after "
                 "it are not those since the start"
             )
-        left_out = (
-            ("repeated packet", self.repeated),
-            ("packet without finite values", self.unusable),
-            *self.left_out,
-        )
-        return [*found, *(f"left out {number} x {what}" for what, number in left_out if number)]
+        return [*found, *(f"left out {number} x {what}" for what, number in self.left_out)]
 
     @property
     def antennas(self) -> int:
@@ -171,9 +161,7 @@ def checked_snapshots(
     same = np.all(values[1:] == values[:-1], axis=(1, 2))
     again = np.concatenate([[False], same]) & usable
     kept = usable & ~again
-    if np.count_nonzero(kept) < LEAST_PACKETS:
-        rule = f"must hold {LEAST_PACKETS} packets or more that differ and are finite"
-        raise InputError(path, f"channel: {rule}", int(np.count_nonzero(kept)))
+    _check_enough(path, kept, LEAST_PACKETS, "packets or more that differ and are finite")
     times, values = times[kept], values[kept]
     # Of two antennas that were stored with the same values, the second says nothing.
     antennas: list[int] = []
@@ -181,34 +169,30 @@ def checked_snapshots(
         values_of_one = values[:, :, antenna]
         if not any(np.array_equal(values_of_one, values[:, :, other]) for other in antennas):
             antennas.append(antenna)
-    if repeated := values.shape[2] - len(antennas):
-        left_out = (*left_out, (_REPEATED, repeated))
-        values = values[:, :, antennas]
+    repeated, values = values.shape[2] - len(antennas), values[:, :, antennas]
     alive = np.mean(np.abs(values).min(axis=2) == 0, axis=0) <= _DEAD_SHARE
-    if np.count_nonzero(alive) < LEAST_SUBCARRIERS:
-        rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more on which every antenna "
-        raise InputError(path, rule + "receives something", int(np.count_nonzero(alive)))
+    rule = "subcarriers or more on which every antenna receives something"
+    _check_enough(path, alive, LEAST_SUBCARRIERS, rule)
     values, hertz = values[:, alive], subcarrier_hz.astype(float)[alive]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         own = _following(values, hertz)
-    if np.count_nonzero(own) < LEAST_SUBCARRIERS:
-        rule = f"channel: must have {LEAST_SUBCARRIERS} subcarriers or more that hold a channel"
-        raise InputError(path, rule, int(np.count_nonzero(own)))
-    strange = int(np.count_nonzero(~own))
-    if strange:
-        left_out = (*left_out, (_STRANGE, strange))
-    return ChannelSnapshots(
-        path,
-        times,
-        values[:, own],
-        hertz[own],
-        int(np.count_nonzero(again)),
-        int(np.count_nonzero(~usable)),
-        steps,
-        left_out,
-        center_frequency_hz,
-        scene,
+    _check_enough(path, own, LEAST_SUBCARRIERS, "subcarriers or more whose phases follow others")
+    lost = (
+        ("repeated packet", int(again.sum())),
+        ("packet without finite values", int((~usable).sum())),
+        *left_out,
+        (_REPEATED, repeated),
+        (_STRANGE, int((~own).sum())),
     )
+    lost = tuple(each for each in lost if each[1])
+    values, hertz = values[:, own], hertz[own]
+    return ChannelSnapshots(path, times, values, hertz, steps, lost, center_frequency_hz, scene)
+
+
+def _check_enough(path: Path, kept: np.ndarray, least: int, what: str) -> None:
+    """Refuse a channel that keeps fewer packets or subcarriers."""
+    if kept.sum() < least:
+        raise InputError(path, f"channel: must hold {least} {what}", int(kept.sum()))
 
 
 def _following(channel: np.ndarray, subcarrier_hz: np.ndarray) -> np.ndarray:
