@@ -80,18 +80,12 @@ def is_one(given: Sequence[str]) -> bool:
 
 def _meant_by(argument: str, datatype: str | None) -> list[NamedCapture]:
     if _is_pattern(argument):
-        matches = _matches(argument)
-        found = list(
-            dict.fromkeys(
-                capture
-                for match in matches
-                for capture in ([] if _is_folder(match) else [_named(match, datatype)])
-                if datatype is not None
-                or is_snapshots(capture.path)
-                or Path(capture.path + _META).exists()
-            )
+        found = [_named(match, datatype) for match in _matches(argument) if not _is_folder(match)]
+        captures = _without_second_antennas(
+            each
+            for each in dict.fromkeys(found)
+            if datatype or is_snapshots(each.path) or Path(each.path + _META).exists()
         )
-        captures = _without_second_antennas(found)
     elif _is_folder(argument):
         if datatype is not None:
             rule = "is a folder; name the files of raw samples, for example with a pattern"
@@ -146,8 +140,9 @@ def _named(path: str, datatype: str | None) -> NamedCapture:
     return NamedCapture(Path(stem).name, stem)
 
 
-def _without_second_antennas(captures: list[NamedCapture]) -> list[NamedCapture]:
+def _without_second_antennas(named: Iterable[NamedCapture]) -> list[NamedCapture]:
     """Leave out the recordings that are read together with those of a first antenna."""
+    captures = list(named)
     beside = {second_antenna(capture.path) for capture in captures}
     return [capture for capture in captures if capture.path not in beside]
 

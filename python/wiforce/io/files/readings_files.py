@@ -5,9 +5,9 @@ import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,49 +41,33 @@ class ReadingsFile:
         self.metadata: dict[str, str] = {}
         if (form := format_of(path)) is None:
             raise InputError(path, f"readings must be in a {suffixes(FORMATS)} file")
-        readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
+        # Of files with names of their columns, these come first, and then the rows.
+        tables: dict[str, Callable[[], Generator[Any, None, None]]] = {
             ".csv": self._csv,
-            ".jsonl": self._json_lines,
             ".parquet": self._parquet,
-            ".mcap": partial(mcap_rows, path),
         }
-        self._read = readers[form.suffix]
-        names = self._columns(form.suffix)
+        self._table = tables.get(form.suffix)
         self.note, self._cut = "", form.suffix == ".mcap" and mcap_is_cut(path)
-        if self._cut and names is None:
+        if self._table is not None:
+            with closing(self._table()) as table:
+                names = next(table)
+        else:
+            # A row may have a column that no row before it has.
+            names = tuple({name: None for row in self._rows() for name in row})
+        if self._cut and not names:
             raise InputError(path, "is cut off before its first reading is complete")
-        for name in _NEEDED:
-            if names is not None and name not in names:
-                raise InputError(path, f"is no file of readings: it has no column {name}")
-        self.also = tuple(name for name in names or () if name not in COLUMNS)
-
-    def _columns(self, kind: str) -> tuple[str, ...] | None:
-        """Names of the columns; None of a file that has no names, since it has no readings."""
-        if kind == ".csv":
-            with self._csv_lines() as lines:
-                return self._header(lines)
-        if kind == ".parquet":
-            with self._parquet_file() as file:
-                return self._distinct(file.schema_arrow.names)
-        # A row may have a column that no row before it has.
-        return tuple({name: None for row in self._read() for name in row}) or None
-
-    def _header(self, lines: Iterator[list[str]]) -> tuple[str, ...]:
-        names = next(lines, [])
-        if not any(names):
-            raise InputError(self._path, "must have a first row with the names of its columns")
-        return self._distinct(names)
-
-    def _distinct(self, names: Sequence[str]) -> tuple[str, ...]:
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
-            raise InputError(self._path, "columns must have different names", repeated[0])
-        return tuple(names)
+            raise InputError(path, "columns must have different names", repeated[0])
+        for name in _NEEDED:
+            if names and name not in names:
+                raise InputError(path, f"is no file of readings: it has no column {name}")
+        self.also = tuple(name for name in names if name not in COLUMNS)
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """All rows, by the columns of a reading and ``also``; unknown values None, flags a text."""
         number = 0
-        for number, row in enumerate(self._read(), 1):
+        for number, row in enumerate(self._rows(), 1):
             try:
                 yield self._typed(row)
             except (TypeError, ValueError) as error:
@@ -94,6 +78,13 @@ class ReadingsFile:
                 f"ends behind reading {number} without a regular end: it is still being written, "
                 "or what followed is lost"
             )
+
+    def _rows(self) -> Iterator[Mapping[str, Any]]:
+        if self._table is not None:
+            return islice(self._table(), 1, None)
+        if self._path.suffix.lower() == ".mcap":
+            return mcap_rows(self._path)
+        return self._json_lines()
 
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
@@ -117,22 +108,22 @@ class ReadingsFile:
         typed["flags"] = typed["flags"] or ""
         return typed
 
-    def _csv(self) -> Iterator[Mapping[str, Any]]:
-        with self._csv_lines() as lines:
-            names = self._header(lines)
-            for fields in lines:
-                if len(fields) == len(names):
-                    yield dict(zip(names, fields, strict=True))
-                elif fields:
-                    where = f"{self._path}: line {lines.line_num}"
-                    rule = f"must have as many fields as there are columns, {len(names)}"
-                    raise InputError(where, rule, len(fields))
-
-    @contextmanager
-    def _csv_lines(self) -> Iterator[Any]:
+    def _csv(self) -> Generator[Any, None, None]:
         with self._opened() as file:
             try:
-                yield csv.reader(file, strict=True)
+                lines = csv.reader(file, strict=True)
+                names = next(lines, [])
+                if not any(names):
+                    rule = "must have a first row with the names of its columns"
+                    raise InputError(self._path, rule)
+                yield tuple(names)
+                for fields in lines:
+                    if len(fields) == len(names):
+                        yield dict(zip(names, fields, strict=True))
+                    elif fields:
+                        where = f"{self._path}: line {lines.line_num}"
+                        rule = f"must have as many fields as there are columns, {len(names)}"
+                        raise InputError(where, rule, len(fields))
             except (csv.Error, UnicodeDecodeError) as error:
                 raise InputError(self._path, f"is not a CSV file ({error})") from error
 
@@ -147,14 +138,7 @@ class ReadingsFile:
                     raise InputError(f"{self._path}: line {number}", "must be a JSON object")
                 yield row
 
-    def _parquet(self) -> Iterator[Mapping[str, Any]]:
-        with self._parquet_file() as file:
-            # pyarrow's threads may abort a process that ends soon after.
-            for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
-                yield from batch.to_pylist()
-
-    @contextmanager
-    def _parquet_file(self) -> Iterator[Any]:
+    def _parquet(self) -> Generator[Any, None, None]:
         arrow = optional_module("pyarrow", self._path)
         import pyarrow.parquet
 
@@ -166,7 +150,10 @@ class ReadingsFile:
                     for key, value in stored.items()
                 }
                 self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
-                yield file
+                yield tuple(file.schema_arrow.names)
+                # pyarrow's threads may abort a process that ends soon after.
+                for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+                    yield from batch.to_pylist()
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror or error})") from error
         except (arrow.ArrowException, UnicodeDecodeError) as error:

@@ -243,9 +243,11 @@ def _may_begin(line: bytes, header: bytes) -> bool:
     return line == header if line.endswith(b"\n") else header.startswith(line)
 
 
-_SECONDS = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_BYTES = {"kB": 1000, "MB": 10**6, "GB": 10**9}
-_LIMIT = re.compile(rf"([1-9][0-9]{{0,8}})({'|'.join([*_SECONDS, *_BYTES])})")
+# Units of a limit, as fields of :class:`Rotation`, and their sizes.
+_UNITS = {"s": ("every_s", 1), "min": ("every_s", 60), "h": ("every_s", 3600)}
+_UNITS |= {"d": ("every_s", 86400), "kB": ("size_bytes", 1000)}
+_UNITS |= {"MB": ("size_bytes", 10**6), "GB": ("size_bytes", 10**9)}
+_LIMIT = re.compile(rf"([1-9][0-9]{{0,8}})({'|'.join(_UNITS)})")
 
 
 @dataclass(frozen=True)
@@ -257,26 +259,21 @@ class Rotation:
     keep: int | None = None  # renamed files that are kept; None keeps all
 
     @classmethod
-    def of(
-        cls, limits: Iterable[str], keep: int | None = None, option: str = "--rotate"
-    ) -> Rotation:
+    def of(cls, limits: Iterable[str], keep: int | None = None) -> Rotation:
         """A rotation from at most one time like ``6h`` and one size like ``100MB``."""
-        every_s = size_bytes = None
+        found: dict[str, int] = {}
         for text in limits:
             match = _LIMIT.fullmatch(text)
             if match is None:
                 units = "a time in s, min, h or d, or a size in kB, MB or GB"
-                raise InputError(option, f"must be {units}, like 6h or 100MB", text)
-            number, unit = int(match[1]), match[2]
-            if (unit in _SECONDS and every_s) or (unit in _BYTES and size_bytes):
-                raise InputError(option, "may be given once for time and once for size", text)
-            if unit in _SECONDS:
-                every_s = number * _SECONDS[unit]
-            else:
-                size_bytes = number * _BYTES[unit]
-        if keep is not None and every_s is None and size_bytes is None:
-            raise InputError("--keep", f"needs {option}", keep)
-        return cls(every_s, size_bytes, keep)
+                raise InputError("--rotate", f"must be {units}, like 6h or 100MB", text)
+            kind, size = _UNITS[match[2]]
+            if kind in found:
+                raise InputError("--rotate", "may be given once for time and once for size", text)
+            found[kind] = int(match[1]) * size
+        if keep is not None and not found:
+            raise InputError("--keep", "needs --rotate", keep)
+        return cls(**found, keep=keep)
 
     def __bool__(self) -> bool:
         return self.every_s is not None or self.size_bytes is not None
