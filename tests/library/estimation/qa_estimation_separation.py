@@ -86,14 +86,23 @@ def test_separation_stated_noise_gain_and_snr_match_the_errors():
 
 
 @pytest.mark.parametrize(
-    "gamma_db, clutter_hz, around",
-    [(-15, 0.0, {}), (10, 0.0, {"static_db": 70}), (0, 250.0, {"static_db": 70, "movers_db": 30})],
+    "gamma_db, clutter_hz, around, others_hz",
+    [
+        (-15, 0.0, {}, ()),
+        (10, 0.0, {"static_db": 70}, ()),
+        (0, 250.0, {"static_db": 70, "movers_db": 30}, ()),
+        # Interference on 12 subcarriers would cost 13 dB without the weights.
+        (0, 0.0, {"noise_profile": np.repeat([1.0, 100.0, 1.0], [10, 12, 40])}, ()),
+        # 1.0 and 1.4 kHz share a line, and 36 ms are no whole periods of 1.4 kHz.
+        (0, 0.0, {}, (1400.0,)),
+    ],
 )
-def test_phases_with_drift_and_clutter_stay_near_the_bound(gamma_db, clutter_hz, around):
+def test_phases_stay_near_the_bound(gamma_db, clutter_hz, around, others_hz):
     """Off clock, drift, fading, static and moving clutter together."""
-    plan, ratios = make_plan(clutter_hz=clutter_hz), []
+    plan, ratios = make_plan((1000.0, *others_hz), clutter_hz=clutter_hz), []
     for seed in range(2):
-        tags = [random_tag(np.random.default_rng([4, seed]))]
+        rng = np.random.default_rng([4, seed])
+        tags = [random_tag(rng), *(random_tag(rng, clock_hz=hertz) for hertz in others_hz)]
         air = make_air(625, tags, [5, seed], gamma_db, **around)
         errors = errors_deg(run_chain(plan, air, 87), tags)
         ratios.append(errors / bound_of(air, clutter_hz=clutter_hz))
@@ -124,17 +133,6 @@ def test_separation_group_with_few_snapshots_is_discarded():
     assert not results.locked[15, 0] and np.all(np.isinf(results.phase_std_deg[15]))
     assert np.all(results.ratios[15] == 0)
     assert results.missing[15] == 613 and results.locked[16, 0]
-
-
-def test_phases_of_two_tags_stay_near_the_bound():
-    """1.0 and 1.4 kHz share a line, and 36 ms are no whole periods of 1.4 kHz."""
-    plan, ratios = make_plan((1000.0, 1400.0)), []
-    for seed in range(2):
-        rng = np.random.default_rng([10, seed])
-        tags = [random_tag(rng), random_tag(rng, clock_hz=1400.0)]
-        air = make_air(625, tags, [11, seed], 0.0)
-        ratios.append(errors_deg(run_chain(plan, air, 87), tags) / bound_of(air))
-    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
 
 
 @pytest.mark.parametrize("second_db, largest_deg", [(0.0, 0.01), (-20.0, 0.1)])
@@ -207,21 +205,6 @@ def test_separation_loud_group_does_not_hide_the_tag_in_others():
     assert results.locked.all()
     # What it did to the usual noise is gone after some groups.
     assert results.noise[0].mean() == pytest.approx(air.noise[0], rel=0.1)
-
-
-def test_phases_with_interference_on_12_subcarriers_stay_near_the_bound():
-    """Without the weights it would cost 13 dB."""
-    profile = np.ones(62)
-    profile[10:22] = 100.0
-    plan, ratios, plain_errors = make_plan(), [], []
-    for seed in range(2):
-        tags = [random_tag(np.random.default_rng([20, seed]))]
-        air = make_air(625, tags, [21, seed], 0.0, profile)
-        errors = errors_deg(run_chain(plan, air, 87), tags)
-        ratios.append(errors / bound_of(air))
-        plain_errors.append(errors)
-    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.7
-    assert np.sqrt(np.mean(np.concatenate(plain_errors) ** 2)) < 0.9
 
 
 def test_separation_press_inside_a_group_raises_its_gain():

@@ -42,32 +42,25 @@ def test_open_capture_any_of_its_names_is_found(tmp_path, suffix):
     assert capture.segments == (Segment(0, 0, 1000),)
 
 
-def test_open_capture_gap_keeps_device_sample_count(tmp_path):
+@pytest.mark.parametrize(
+    ("places", "segments"),
+    [
+        ([(0, 50), (400, 950)], [(0, 50, 400), (400, 950, 600)]),  # a gap
+        ([(0, 0), (600, 700), (5000, 6000)], [(0, 0, 600), (600, 700, 400)]),  # a file that was cut
+        ([(0, 50), (300, 350), (400, None), (700, 751)], [(0, 50, 700), (700, 751, 300)]),
+    ],
+)
+def test_open_capture_segments_lie_between_gaps_on_the_count_of_the_device(
+    tmp_path, places, segments
+):
     captures = [
-        {"core:sample_start": 0, "core:global_index": 50},
-        {"core:sample_start": 400, "core:global_index": 950},
+        {"core:sample_start": start} | ({} if index is None else {"core:global_index": index})
+        for start, index in places
     ]
     capture = open_capture(write(tmp_path, captures=captures))
-    assert capture.segments == (Segment(0, 50, 400), Segment(400, 950, 600))
-    assert capture.samples == 1000 and capture.span == 1500
-
-
-def test_open_capture_truncated_file_keeps_remaining_segments(tmp_path):
-    places = [(0, 0), (600, 700), (5000, 6000)]
-    captures = [{"core:sample_start": a, "core:global_index": b} for a, b in places]
-    capture = open_capture(write(tmp_path, captures=captures))
-    assert capture.segments == (Segment(0, 0, 600), Segment(600, 700, 400))
-
-
-def test_open_capture_contiguous_captures_are_merged(tmp_path):
-    captures = [
-        {"core:sample_start": 0, "core:global_index": 50},
-        {"core:sample_start": 300, "core:global_index": 350},
-        {"core:sample_start": 400},
-        {"core:sample_start": 700, "core:global_index": 751},
-    ]
-    capture = open_capture(write(tmp_path, captures=captures))
-    assert capture.segments == (Segment(0, 50, 700), Segment(700, 751, 300))
+    assert capture.segments == tuple(Segment(*each) for each in segments)
+    assert capture.samples == 1000
+    assert capture.span == sum(segments[-1][1:]) - segments[0][1]
 
 
 @pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin", "other.iq"])
