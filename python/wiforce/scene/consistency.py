@@ -2,6 +2,7 @@
 """Rules of a scene that involve several of its keys."""
 
 from collections.abc import Iterator
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -14,137 +15,95 @@ from .surface import surface_violations
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
 Violation = tuple[str, str, Any] | tuple[str, str]
 
-# The ends of a sensor are read on the tag's lines at fs and 4 fs; fs, 2 fs and 4 fs are its
-# strongest lines (docs/theory.md).
-_READ_LINES = (1, 4)
 # Effects that the simulator computes sample by sample.
 _SAMPLE_EFFECTS = (
     "bursts", "hopper", "front_end", "ripple", "lamps", "fan", "walker", "other_tags",
     "carrier_offset_hz", "phase_noise_hz", "radio_noise", "link",
 )  # fmt: skip
+# The ends of a sensor are read on lines at fs and 4 fs; fs, 2 fs and 4 fs are its strongest lines
+# (docs/theory.md).
+_HIGHEST_READ = 4
 _STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
 
 
 def check_scene(scene: Scene, source: str) -> None:
     """Refuse a scene whose keys contradict each other, with the first contradiction."""
-    for check in (
-        _packets,
-        _sounding,
-        _reader_clock,
-        _names,
-        _clock_frequencies,
-        _clock_distances,
-        _moving_clutter,
-        _duration,
-        _press_times,
-        _models,
-        surface_violations,
-    ):
+    for check in (_settings, _clocks, _events, _models, surface_violations):
         for dotted, rule, *value in check(scene):
             raise KeyPath(source, dotted).error(rule, *value)
 
 
-def _sounding(scene: Scene) -> Iterator[Violation]:
-    """The frame must hold its preamble, and the keys must fit the waveform."""
-    try:
-        scene.waveform()
-    except InputError as error:
-        yield f"sounding.{error.where}", error.rule
-
-
-def _reader_clock(scene: Scene) -> Iterator[Violation]:
-    """Only oscillators that run freely can differ, and only then are two antennas of use."""
-    if scene.environment.reader_clock == "free":
-        return
-    if scene.environment.receive_antennas > 1:
-        rule = "must be 1 when reader_clock is 'shared'"
-        yield "environment.receive_antennas", rule, scene.environment.receive_antennas
-    for key in ("carrier_offset_hz", "phase_noise_hz"):
-        value = getattr(scene.simulation, key)
-        if value:
-            rule = "must be 0 when environment.reader_clock is 'shared'"
-            yield f"simulation.{key}", rule, value
-
-
-def _packets(scene: Scene) -> Iterator[Violation]:
-    """What only packets have, and what they do not have."""
+def _settings(scene: Scene) -> Iterator[Violation]:
+    """Packets and samples exclude each other's keys, and so do shared and free oscillators."""
     environment, simulation = scene.environment, scene.simulation
-    antennas = environment.receive_antennas
+    antennas, shared = environment.receive_antennas, environment.reader_clock == "shared"
     if scene.packets is None:
         if antennas > 2:
             yield "environment.receive_antennas", "must be 1 or 2 without packets", antennas
         if simulation.packets is not None:
             rule = "must be null in a scene without packets"
             yield "simulation.packets", rule, "a mapping"
-        return
-    if scene.phase_group.estimator != "harmonic":
-        rule = "must be 'harmonic' with packets, whose times are irregular"
-        yield "phase_group.estimator", rule, scene.phase_group.estimator
-    for key in _SAMPLE_EFFECTS:
-        if getattr(simulation, key):
-            yield f"simulation.{key}", "is not simulated for packets; leave it out"
-
-
-def _names(scene: Scene) -> Iterator[Violation]:
+    else:
+        if scene.phase_group.estimator != "harmonic":
+            rule = "must be 'harmonic' with packets, whose times are irregular"
+            yield "phase_group.estimator", rule, scene.phase_group.estimator
+        for key in _SAMPLE_EFFECTS:
+            if getattr(simulation, key):
+                yield f"simulation.{key}", "is not simulated for packets; leave it out"
+    try:
+        scene.waveform()
+    except InputError as error:
+        yield f"sounding.{error.where}", error.rule
+    if shared and antennas > 1:
+        rule = "must be 1 when reader_clock is 'shared'"
+        yield "environment.receive_antennas", rule, antennas
+    for key in ("carrier_offset_hz", "phase_noise_hz"):
+        if shared and (value := getattr(simulation, key)):
+            rule = "must be 0 when environment.reader_clock is 'shared'"
+            yield f"simulation.{key}", rule, value
     for i, name in enumerate(scene.sensor_names):
         if name in scene.sensor_names[:i]:
             yield f"sensors[{i}].name", "must differ from every other sensor's", name
 
 
-def _clock_frequencies(scene: Scene) -> Iterator[Violation]:
-    """The lines that are read must lie between moving clutter and the snapshots' Nyquist."""
+def _clocks(scene: Scene) -> Iterator[Violation]:
+    """Lines that are read lie between clutter and Nyquist, and not on strong ones of others."""
     nyquist_hz = 0.5 / scene.snapshot_period_s
-    highest = max(_READ_LINES)
     moving_hz = scene.environment.moving_clutter_hz or 0.0
     for i, sensor in enumerate(scene.sensors):
-        if scene.packets is None and sensor.clock_hz * highest >= nyquist_hz:
+        if scene.packets is None and sensor.clock_hz * _HIGHEST_READ >= nyquist_hz:
             rule = (
-                f"must be below {nyquist_hz / highest:.6g} Hz: {highest} x clock_hz must lie below "
-                f"half the snapshot rate ({nyquist_hz:.6g} Hz)"
+                f"must be below {nyquist_hz / _HIGHEST_READ:.6g} Hz: {_HIGHEST_READ} x clock_hz must "
+                f"lie below half the snapshot rate ({nyquist_hz:.6g} Hz)"
             )
             yield f"sensors[{i}].clock_hz", rule, sensor.clock_hz
         if sensor.clock_hz <= moving_hz:
             rule = f"must be above environment.moving_clutter_hz ({moving_hz:g})"
             yield f"sensors[{i}].clock_hz", rule, sensor.clock_hz
+    pairs = ((i, first) for i in range(len(scene.sensors)) for first in scene.sensors[:i])
+    for (i, first), (a, b) in product(pairs, _STRONG_LINE_PAIRS):
+        second = scene.sensors[i]
+        own_hz, other_hz = b * second.clock_hz, a * first.clock_hz
+        wander = own_hz * second.clock_tolerance_ppm + other_hz * first.clock_tolerance_ppm
+        distance_hz = max(1 / scene.group_period_s, 1e-6 * wander)
+        if abs(own_hz - other_hz) < distance_hz:
+            own, other = (f"{n} x " if n > 1 else "" for n in (b, a))
+            rule = (
+                f"{own and own + 'clock_hz '}must lie {distance_hz:.3g} Hz or more from {other}the "
+                f"clock of sensor '{first.name}' ({first.clock_hz:g})"
+            )
+            yield f"sensors[{i}].clock_hz", rule, second.clock_hz
 
 
-def _clock_distances(scene: Scene) -> Iterator[Violation]:
-    """No line on which one tag is read may lie on a strong line of another tag."""
-    resolution_hz = 1 / scene.group_period_s
-    for i, second in enumerate(scene.sensors):
-        for first in scene.sensors[:i]:
-            for a, b in _STRONG_LINE_PAIRS:
-                lines = a * first.clock_hz, b * second.clock_hz
-                wander_hz = 1e-6 * sum(
-                    line * sensor.clock_tolerance_ppm
-                    for line, sensor in zip(lines, (first, second), strict=True)
-                )
-                distance_hz = max(resolution_hz, wander_hz)
-                if abs(lines[0] - lines[1]) < distance_hz:
-                    own, other = (f"{n} x " if n > 1 else "" for n in (b, a))
-                    rule = (
-                        f"{own and own + 'clock_hz '}must lie {distance_hz:.3g} Hz or more from "
-                        f"{other}the clock of sensor '{first.name}' ({first.clock_hz:g})"
-                    )
-                    yield f"sensors[{i}].clock_hz", rule, second.clock_hz
-
-
-def _moving_clutter(scene: Scene) -> Iterator[Violation]:
-    simulation = scene.simulation
+def _events(scene: Scene) -> Iterator[Violation]:
+    """What moves has a Doppler frequency; groups and presses lie within the simulation."""
+    simulation, duration_s = scene.simulation, scene.simulation.duration_s
     if simulation.moving_clutter_db is not None and simulation.moving_clutter_hz == 0:
         rule = "must be null when nothing moves (moving_clutter_hz is 0)"
         yield "simulation.moving_clutter_db", rule, simulation.moving_clutter_db
-
-
-def _duration(scene: Scene) -> Iterator[Violation]:
-    duration_s = scene.simulation.duration_s
     if duration_s < scene.group_period_s:
         rule = f"must hold at least one phase group ({scene.group_period_s:.6g} s)"
         yield "simulation.duration_s", rule, duration_s
-
-
-def _press_times(scene: Scene) -> Iterator[Violation]:
-    simulation, duration_s = scene.simulation, scene.simulation.duration_s
     timed: list[tuple[str, PressForce]] = [
         (f"presses[{i}]", press) for i, press in enumerate(simulation.presses)
     ]
@@ -159,15 +118,14 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
             yield start, rule, press.start_s
         if press.start_s >= duration_s:
             yield start, f"must begin before simulation.duration_s ({duration_s:g})", press.start_s
-    for i, press in enumerate(simulation.presses):
-        for other in simulation.presses[:i]:
-            together = press.start_s < other.end_s and other.start_s < press.end_s
-            if other.sensor == press.sensor and together:
-                rule = (
-                    f"must not overlap another press of sensor '{press.sensor}' "
-                    f"({other.start_s:g} to {other.end_s:g} s)"
-                )
-                yield f"simulation.presses[{i}].start_s", rule, press.start_s
+    for other, (i, press) in combinations(enumerate(simulation.presses), 2):
+        together = press.start_s < other[1].end_s and other[1].start_s < press.end_s
+        if other[1].sensor == press.sensor and together:
+            rule = (
+                f"must not overlap another press of sensor '{press.sensor}' "
+                f"({other[1].start_s:g} to {other[1].end_s:g} s)"
+            )
+            yield f"simulation.presses[{i}].start_s", rule, press.start_s
 
 
 def simulation_warnings(scene: Scene) -> list[str]:
