@@ -73,8 +73,8 @@ def _clocks(scene: Scene) -> Iterator[Violation]:
     for i, sensor in enumerate(scene.sensors):
         if scene.packets is None and sensor.clock_hz * _HIGHEST_READ >= nyquist_hz:
             rule = (
-                f"must be below {nyquist_hz / _HIGHEST_READ:.6g} Hz: {_HIGHEST_READ} x clock_hz must "
-                f"lie below half the snapshot rate ({nyquist_hz:.6g} Hz)"
+                f"must be below {nyquist_hz / _HIGHEST_READ:.6g} Hz: {_HIGHEST_READ} x clock_hz "
+                f"must lie below half the snapshot rate ({nyquist_hz:.6g} Hz)"
             )
             yield f"sensors[{i}].clock_hz", rule, sensor.clock_hz
         if sensor.clock_hz <= moving_hz:
