@@ -73,12 +73,12 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "notes": [note for note in _notes(settings) if note],
     }
     if scene.packets is None:
-        report["waveform"] = dataclasses.asdict(waveform_limits(settings))
+        report["waveform"] = waveform_limits(settings)
         report["warnings"] += waveform_warnings(settings)
     if reaches := carrier_reaches(settings):
         report["link"] = [dataclasses.asdict(each) for each in reaches]
     if settings.skin is not None:
-        report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
+        report["surface"] = expect_surface(settings)
     if capture_path is not None:
         report["room"] = _room(capture_path, datatype, settings)
     if improve:

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -178,65 +179,48 @@ _LEAST_COMPARED = 2
 _LONGEST_MONITORED = 131072
 
 
-@dataclass(frozen=True)
-class WaveformLimits:
-    """Figures of a waveform."""
-
-    name: str
-    symbol_length: int  # in samples
-    repetitions_averaged: int
-    averaging_s: float  # that a snapshot averages over
-    subcarriers: int  # those used
-    used_share: float  # part of the symbol's energy that lies on them
-    bandwidth_hz: float  # from the lowest to the highest of them
-    peak_to_average_db: float  # PAPR of the analogue signal while the symbol repeats
-    clock_below_hz: float  # Nyquist: 4 fs must lie below half the snapshot rate
-    clock_half_power_hz: float  # fs at which averaging halves the power of the line at 4 fs
-    # Of the lines at fs and 4 fs by averaging, for each sensor.
-    averaging_loss_db: tuple[tuple[float, float], ...]
-
-
-def waveform_limits(plan: Plan) -> WaveformLimits:
-    """The figures of a plan's waveform."""
+def waveform_limits(plan: Plan) -> dict[str, Any]:
+    """Figures of a plan's waveform, and of clocks in it."""
     waveform = plan.waveform
-    low, high = waveform.outermost_hz
-    return WaveformLimits(
-        waveform.name,
-        waveform.symbol_length,
-        waveform.repetitions,
-        waveform.averaging_s,
-        len(waveform.subcarriers),
-        waveform.used_share,
-        high - low,
-        waveform.peak_to_average_db,
-        0.5 / waveform.snapshot_period_s / HIGHEST_LINE,
-        _HALF_POWER / waveform.averaging_s / HIGHEST_LINE,
-        tuple(
-            (
-                _loss_db(clock.clock_hz * waveform.averaging_s),
-                _loss_db(HIGHEST_LINE * clock.clock_hz * waveform.averaging_s),
-            )
+    low_hz, high_hz = waveform.outermost_hz
+    return {
+        "name": waveform.name,
+        "symbol_length": waveform.symbol_length,
+        "repetitions_averaged": waveform.repetitions,
+        "averaging_s": waveform.averaging_s,
+        "subcarriers": len(waveform.subcarriers),  # those used
+        "used_share": waveform.used_share,  # part of the symbol's energy that lies on them
+        "bandwidth_hz": high_hz - low_hz,
+        # PAPR of the analogue signal while the symbol repeats.
+        "peak_to_average_db": waveform.peak_to_average_db,
+        # Nyquist: 4 fs must lie below half the snapshot rate.
+        "clock_below_hz": 0.5 / waveform.snapshot_period_s / HIGHEST_LINE,
+        # Where averaging halves the power of the line at 4 fs.
+        "clock_half_power_hz": _HALF_POWER / waveform.averaging_s / HIGHEST_LINE,
+        # Of the lines at fs and 4 fs, for each sensor.
+        "averaging_loss_db": [
+            [_loss_db(line * clock.clock_hz * waveform.averaging_s) for line in (1, HIGHEST_LINE)]
             for clock in plan.clocks
-        ),
-    )
+        ],
+    }
 
 
 def waveform_warnings(plan: Plan) -> Iterator[str]:
     """What a plan's waveform costs or cannot do."""
-    limits = waveform_limits(plan)
-    losses = [tag[1] for tag in limits.averaging_loss_db]
-    if losses and max(losses) >= _WORTHWHILE_DB:
+    limits, waveform = waveform_limits(plan), plan.waveform
+    worst_db = max((tag[1] for tag in limits["averaging_loss_db"]), default=0.0)
+    if worst_db >= _WORTHWHILE_DB:
         yield (
-            f"a snapshot averages over {1e6 * limits.averaging_s:.4g} us, which costs "
-            f"{max(losses):.1f} dB of the line at 4 fs; choose clocks below "
-            f"{limits.clock_half_power_hz:.4g} Hz, or a smaller sounding.averaged_repetitions"
+            f"a snapshot averages over {1e6 * waveform.averaging_s:.4g} us, which costs "
+            f"{worst_db:.1f} dB of the line at 4 fs; choose clocks below "
+            f"{limits['clock_half_power_hz']:.4g} Hz, or a smaller sounding.averaged_repetitions"
         )
-    if limits.repetitions_averaged < _LEAST_COMPARED:
+    if waveform.repetitions < _LEAST_COMPARED:
         yield (
             "only one repetition is averaged: bursts of other transmitters are not recognised, "
             "since this takes the difference of two"
         )
-    if plan.waveform.frame_length > _LONGEST_MONITORED:
+    if waveform.frame_length > _LONGEST_MONITORED:
         yield (
             f"frames of more than {_LONGEST_MONITORED} samples: frame timing that slips without a "
             "report by the device is not recognised"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Expected errors of a press on a surface, at points on its strips and between them."""
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,24 +13,14 @@ from .plan import Plan
 _LEAST_SHARE = 0.25
 
 
-@dataclass(frozen=True)
-class SurfaceExpected:
-    """Expected median errors of a press at a point, on a ``strip`` or, empty, between strips."""
+def expect_surface(plan: Plan) -> list[dict[str, Any]]:
+    """Median errors on strips and halfway between, at mid-x and half the calibrated force.
 
-    x_mm: float
-    y_mm: float
-    force_n: float
-    strip: str
-    force_error_n: float
-    x_error_mm: float
-    y_error_mm: float
-
-
-def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
-    """Expected errors on strips and halfway between, at mid-x and half the calibrated force."""
+    A row per point, whose ``strip`` is empty between strips.
+    """
     skin = plan.skin
     if skin is None:
-        return ()
+        return []
     noise = phase_std_deg(plan)[list(skin.indices)]
     own = skin.y_mm
     y = np.sort(np.concatenate([own, (own[1:] + own[:-1]) / 2]))
@@ -50,16 +40,12 @@ def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
     with np.errstate(invalid="ignore"):
         errors = MEDIAN * np.sqrt(np.einsum("gaa->ga", found.covariance[:, 0]))
     names = {strip.y_mm: strip.sensor for strip in skin.strips}
-    return tuple(
-        SurfaceExpected(
-            x,
-            float(at),
-            force,
-            names.get(float(at), ""),
-            *errors[i].tolist(),
-        )
-        for i, at in enumerate(y)
-    )
+    keys = ("force_error_n", "x_error_mm", "y_error_mm")
+    return [
+        {"x_mm": x, "y_mm": at, "force_n": force, "strip": names.get(at, "")}
+        | dict(zip(keys, error, strict=True))
+        for at, error in zip(y.tolist(), errors.tolist(), strict=True)
+    ]
 
 
 def surface_warnings(plan: Plan) -> list[str]:

@@ -7,7 +7,6 @@ tag's own clock; where both are on at once, waves also run through the line from
 :meth:`AirChannel._piece` computes these steps in order.
 """
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,13 +57,11 @@ class AirChannel:
         if through:
             self.scale, peak = 1 / static_level, self._levels.frame_peak()
         else:
-            taps = [static, *(path.taps for path in paths)]
+            taps = [static, *(taps for taps, _ in paths)]
             noise = self._noise * float(np.sqrt(1 + power_over_noise(simulation)))
             self.scale, peak = PEAK / self._levels.peak(taps, noise), PEAK
         self._static = Fir(self.scale * static)
-        self._paths: list[tuple[Fir, Callable[[int, int], np.ndarray]]] = [
-            (Fir(self.scale * path.taps), path.gain) for path in paths
-        ]
+        self._paths = [(Fir(self.scale * taps), gain) for taps, gain in paths]
         self._oscillators = FreeOscillators(
             simulation.carrier_offset_hz,
             simulation.phase_noise_hz,

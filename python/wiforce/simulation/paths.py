@@ -2,7 +2,6 @@
 """Propagation paths: static ones, those by way of tags, and those by way of what moves."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -362,12 +361,8 @@ class UnlistedTag:
         return self._ends[0] * states[0] + self._ends[1] * states[1]
 
 
-@dataclass(frozen=True)
-class ModulatedPath:
-    """FIR taps, and a gain from first sample and count to complex64 (count,)."""
-
-    taps: np.ndarray
-    gain: Callable[[int, int], np.ndarray]
+# FIR taps, and a gain from first sample and count to complex64 (count,).
+ModulatedPath = tuple[np.ndarray, Callable[[int, int], np.ndarray]]
 
 
 def modulated_paths(
@@ -382,7 +377,7 @@ def modulated_paths(
         def at(first: int, count: int) -> np.ndarray:
             return ramp.interpolate(gain(ramp.knots(first, count)), first, count)
 
-        return ModulatedPath(sources.rotated(levels.scaled(taps, amplitude)), at)
+        return sources.rotated(levels.scaled(taps, amplitude)), at
 
     paths = []
     if simulation.moving_clutter_db is not None:
@@ -406,7 +401,7 @@ def modulated_paths(
     for index, stated in enumerate(simulation.other_tags):
         other = UnlistedTag(stated, scene, sources.effect("other_tags").generator(index))
         taps = levels.scaled(other.taps, 10 ** (stated.level_db / 20))
-        paths.append(ModulatedPath(sources.rotated(taps), other.reflection))
+        paths.append((sources.rotated(taps), other.reflection))
     return paths
 
 
@@ -415,18 +410,19 @@ def tag_paths(
 ) -> tuple[dict[str, SwitchedTag], list[ModulatedPath]]:
     """The scene's tags by sensor name, and the paths by way of them."""
     simulation = scene.simulation
-    tags, paths = {}, []
+    tags: dict[str, SwitchedTag] = {}
+    paths: list[ModulatedPath] = []
     for index, tag in enumerate(simulation.tags):
         switched = SwitchedTag(scene, index, sources, ramp)
         fade = tag_taps(sources.paths, scene.waveform(), simulation.tag_coherence_hz)
         rotation = sources.rotated(np.ones(1))
         level = 10 ** (tag.level_db / 20)
         tags[switched.name] = switched
-        paths.append(ModulatedPath(rotation * levels.scaled(fade, level), switched.reflection))
+        paths.append((rotation * levels.scaled(fade, level), switched.reflection))
         if tag.hand:
             hand = NearHand(tag.hand, switched, scene, sources.effect("hand").generator(index))
             taps = levels.scaled(hand.taps, level * 10 ** (tag.hand.level_db / 20))
-            paths.append(ModulatedPath(rotation * taps, _product(switched, hand, ramp)))
+            paths.append((rotation * taps, _product(switched, hand, ramp)))
     return tags, paths
 
 
