@@ -365,14 +365,39 @@ def phase_std_deg(plan: Plan) -> np.ndarray:
 def _phase_std(
     plan: Plan, points: Sequence[np.ndarray | None], levels: ReceivedLevels
 ) -> np.ndarray:
-    """Noise of the phases of readings; shape (S, 2)."""
-    phases = [
-        sensor.model.phases_deg(where[:, 0], where[:, 1], plan.center_frequency_hz)
-        for sensor, p in zip(plan.sensors, points, strict=True)
-        for where in [_span(sensor.model) if p is None else p]
-    ]
-    bound = _bound_deg(plan, phases, levels.total).reshape(-1, 2)
-    return np.array([_reading_std(*each) for each in zip(plan.sensors, phases, bound, strict=True)])
+    """Noise of the phases of readings; shape (S, 2).
+
+    From the bound of arg R to psi, whose slope is |D| / |G| on average over the presses.
+    """
+    waveform, tags = plan.waveform, plan.require_scene().simulation.tags
+    length = min(plan.group_length, _LONGEST)
+    times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
+    if plan.times_s is not None:
+        times_s, length = plan.times_s, plan.group_length
+        period_s = waveform.snapshot_period_s
+        clutter = Snapshots.of(length, period_s, 0.0, plan.clutter_hz, times_s).clutter
+    sizes = []
+    for sensor, pressed in zip(plan.sensors, points, strict=True):
+        where = _span(sensor.model) if pressed is None else pressed
+        phases = sensor.model.phases_deg(where[:, 0], where[:, 1], plan.center_frequency_hz)
+        switched = np.exp(1j * np.radians(phases)) - sensor.off_reflection
+        sizes.append(np.sqrt(np.mean(np.abs(switched) ** 2, axis=0)))
+    amplitudes = 10 ** (np.array([[tag.level_db] for tag in tags]) / 20) * sizes
+    subcarriers = len(waveform.bins)
+    bound = phase_bound_deg(
+        np.repeat(amplitudes.reshape(-1, 1).astype(complex), subcarriers, axis=1),
+        np.full(subcarriers, levels.total),
+        [(hz, 1.0 + 2.4 * i) for i, hz in enumerate(plan.clocks_hz)],
+        times_s,
+        waveform.averaging_s,
+        plan.clutter_hz,
+        clutter=clutter,
+    )
+    groups = plan.group_length / length
+    share = 1 / plan.smoothing_groups + 1 / plan.reference_groups
+    loss = 10 ** (np.array(plan.loss_db) / 10) if plan.loss_db else 1.0
+    std = bound * np.sqrt(loss * share / groups)
+    return np.asarray(std.reshape(-1, 2) * sizes)
 
 
 def _curvature_deg(scene: Scene) -> float:
@@ -453,44 +478,6 @@ def _stated(model: SensorModel, carrier_hz: float, std: np.ndarray) -> _Stated:
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
     force, location, flagged = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
     return tuple((MEDIAN * std).tolist()), MEDIAN * force, MEDIAN * location, flagged
-
-
-def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.ndarray:
-    """Standard deviation of arg R of every end; shape (2S,)."""
-    waveform, tags = plan.waveform, plan.require_scene().simulation.tags
-    length = min(plan.group_length, _LONGEST)
-    times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
-    if plan.times_s is not None:
-        times_s, length = plan.times_s, plan.group_length
-        period_s = waveform.snapshot_period_s
-        clutter = Snapshots.of(length, period_s, 0.0, plan.clutter_hz, times_s).clutter
-    subcarriers = len(waveform.bins)
-    ends, clocks = [], []
-    for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):
-        reflections = np.exp(1j * np.radians(phases[i]))
-        size = np.sqrt(np.mean(np.abs(reflections - sensor.off_reflection) ** 2, axis=0))
-        ends += [np.full(subcarriers, 10 ** (tag.level_db / 20) * s, complex) for s in size]
-        clocks.append((plan.clocks_hz[i], 1.0 + 2.4 * i))
-    bound = phase_bound_deg(
-        np.array(ends),
-        np.full(subcarriers, variance),
-        clocks,
-        times_s,
-        waveform.averaging_s,
-        plan.clutter_hz,
-        np.inf,
-        clutter=clutter,
-    )
-    groups = plan.group_length / length
-    share = 1 / plan.smoothing_groups + 1 / plan.reference_groups
-    loss = 10 ** (np.array(plan.loss_db) / 10) if plan.loss_db else 1.0
-    return bound * np.sqrt(loss * share / groups)
-
-
-def _reading_std(sensor: PlannedSensor, phases: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    """From arg R to psi, whose slope is |D| / |G| on average over the presses; shape (2,)."""
-    reflections = np.exp(1j * np.radians(phases))
-    return bound * np.sqrt(np.mean(np.abs(reflections - sensor.off_reflection) ** 2, axis=0))
 
 
 def _spread(
