@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.press.sensor_state import PATIENCE_S, RETUNED
+from gnuradio.wiforce.press.sensor_state import PATIENCE_S, RETUNED, describe_silence
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .session import LiveSession
@@ -76,6 +76,7 @@ class RunHealth:
         # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self._compared: tuple[float, float] | None = None
         self._events = deque()
+        self.silences: set[str] = set()  # what was said of tags that are not received
         self._suspected = set()
         self._samples, self._samples_s = 0, now()
 
@@ -100,7 +101,10 @@ class RunHealth:
         if reading.flags == _DROPPED or passed_s > PATIENCE_S:
             tag.lost_s += passed_s
         since_s = tag.first_s if tag.received_s is None else tag.received_s
-        tag.silent |= reading.time_s - since_s - tag.lost_s > PATIENCE_S
+        if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
+            tag.silent = True
+            self._events.append(describe_silence(reading.sensor, since_s))
+            self.silences.add(self._events[-1])
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)

@@ -134,7 +134,9 @@ class SessionMonitor:
     def _warn(self):
         session, pace = self._session, self._pace
         while self._said:
-            log.warning(self._said.popleft())
+            sentence = self._said.popleft()
+            if sentence.partition(": ")[2] not in self._health.silences:
+                log.warning(sentence)
         self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost
         many = gaps - self._latest_gaps >= _MANY_GAPS

@@ -88,12 +88,14 @@ def run():
 def test_health_says_when_a_tag_goes_silent_and_returns(run, problem, words):
     assert run.read(2.0) == ("reading", "")
     assert run.read(0.9, touch=None)[0] == "reading"
-    assert run.read(2.0, touch=None) == ("lost", "not received: arm") and not run.said
+    assert not run.said
+    assert run.read(2.0, touch=None) == ("lost", "not received: arm")
+    assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
     assert run.health.report()["sensors"]["arm"]["age_s"] == pytest.approx(2.9)
     run.problem = problem
     assert run.read(0.1)[0] == "reading"
-    (said,) = run.said
-    assert said.startswith("arm is received again at 5.00 s, after 3.0 s; ") and words in said
+    assert run.said[1].startswith("arm is received again at 5.00 s, after 3.0 s; ")
+    assert words in run.said[1] and len(run.said) == 2
 
 
 def test_health_names_a_suspicion_once(run):
@@ -108,7 +110,7 @@ def test_health_names_a_suspicion_once(run):
 def test_health_says_when_a_tag_appears_after_its_reference(run):
     run.read(2.0, touch=None)
     run.read(0.5)
-    assert len(run.said) == 1 and "flagged inconsistent until a tare" in run.said[0]
+    assert len(run.said) == 2 and "flagged inconsistent until a tare" in run.said[1]
 
 
 def test_health_without_samples_is_waiting_and_later_lost(run):
@@ -199,8 +201,10 @@ def test_tag_lost_device_is_not_reported_as_a_silent_tag():
     for step in range(50):
         run.health.note(Reading(round(run.now_s + 0.1 * step, 3), "arm", flags=("gap",)))
     run.now_s += 5.0
-    assert run.read(0.5, touch=None)[0] == "reading"  # clocks are sought
-    assert run.read(0.6, touch=None)[0] == "lost"
+    run.read(0.5, touch=None)  # clocks are sought
+    assert run.said == []
+    run.read(0.6, touch=None)
+    assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
 
 
 def test_tare_log_flood_of_requests_writes_few_lines_and_answers_all():
