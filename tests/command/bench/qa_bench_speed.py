@@ -55,7 +55,7 @@ def test_tones_that_are_off_are_refused(recording):
 
 def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_run):
     if not long_run:
-        shorter = {"_BATCH": 4000, "_SINGLE": 100, "_CHECKED": 6, "_RUNS": 2, "_GRID_MM": 0.1}
+        shorter = {"_BATCH": 4000, "_SINGLE": 100, "_RUNS": 2}
         for name, value in shorter.items():
             monkeypatch.setattr(inversion, name, value)
     done = run_command("bench", "inversion", "--json", "--sensor", "wiforce-900mhz")
@@ -65,8 +65,6 @@ def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_r
     for row in rows:
         assert row["sensor"] == "wiforce-900mhz" and row["carrier_mhz"] == 900
         assert row["batch_us"] > 0 and row["single_us"] > 0
-        # the mode is reported where it is nearer to the mean than this
-        assert row["from_exact_std"] < 0.3
         assert row["within_2_std"] > 0.9 and 0 < row["flagged"] < 1
 
 
