@@ -74,30 +74,17 @@ class LineSeparator:
         """Separate a batch; see :meth:`separation.EndSeparator.process`."""
         if not len(groups):
             return groups
-        count, _, subcarriers = groups.tones.shape
-        ends = np.zeros((count, 2 * self._tags, subcarriers), complex)
-        gain = np.full((count, 2 * self._tags), np.inf)
-        snr_db = np.full((count, 2 * self._tags), np.nan)
-        noise = np.zeros((count, subcarriers))
-        usable = np.zeros(count, bool)
-        for row in range(count):
-            tones = groups.tones[row].astype(complex)
-            weights = self._weights(groups, row)
-            usable[row] = np.isfinite(tones.sum()) and tones.any() and weights is not None
-            if usable[row] and weights is not None:
-                ends[row], gain[row], power = self._take(int(groups.index[row]), tones, weights)
-                ratio = self._line_power * power / self._noise_level
-                snr_db[row] = 10 * np.log10(np.maximum(ratio, 1e-12))
-            noise[row] = self._noise_level
-        nominal = np.zeros((count, self._tags))
+        found = [self._separated(groups, row) for row in range(len(groups))]
+        ends, gain, snr_db, level = (np.array(each) for each in zip(*found, strict=True))
+        nominal = np.zeros((len(groups), self._tags))
         return groups.having(
             tones=None,
             snapshot_weights=None,
             ends=ends,
             gain=gain,
-            noise=noise,
+            noise=level[:, None].repeat(ends.shape[2], axis=1),
             snr_db=snr_db,
-            locked=np.tile(usable[:, None], self._tags),
+            locked=np.isfinite(gain[:, ::2]),
             clock_phase=nominal,
             clock_offset_ppm=nominal,
             clock2_delay=nominal,
@@ -117,9 +104,14 @@ class LineSeparator:
         partial = self._table.for_present(groups.snapshot_weights[row] > 0)
         return None if partial is None else partial.weights
 
-    def _take(self, index: int, tones: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Values of the ends of one group, their variance over that of H, and their power."""
-        cycles = self._hertz * (index + 0.5) * self._period_s % 1.0
+    def _separated(self, groups: Groups, row: int) -> tuple[Array, Array, Array, float]:
+        """Values of the ends of one group, their variance over that of H, their SNR, the noise."""
+        tones, weights = groups.tones[row].astype(complex), self._weights(groups, row)
+        if weights is None or not (np.isfinite(tones.sum()) and tones.any()):
+            nothing = np.zeros((len(self._upper), tones.shape[1]), complex)
+            unknown = np.full(len(nothing), np.nan)
+            return nothing, np.full(len(nothing), np.inf), unknown, self._noise_level
+        cycles = self._hertz * (int(groups.index[row]) + 0.5) * self._period_s % 1.0
         rotation = np.exp(-2j * np.pi * cycles)
         upper = tones[self._upper] * rotation / self._coefficients
         lower = tones[self._lower] * rotation.conj() / self._coefficients
@@ -127,7 +119,9 @@ class LineSeparator:
         line_gain = line_gain / self._coefficients[:, 0] ** 2
         self._learn_noise(upper, lower, line_gain)
         read = self._squares if self._squared else self._channels
-        return read(upper, lower, line_gain)
+        ends, gain, power = read(upper, lower, line_gain)
+        ratio = self._line_power * power / self._noise_level
+        return ends, gain, 10 * np.log10(np.maximum(ratio, 1e-12)), self._noise_level
 
     def _learn_noise(self, upper: Array, lower: Array, gain: Array) -> None:
         """Both lines of a pair have the same channel: their difference is noise."""

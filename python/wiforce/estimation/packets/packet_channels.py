@@ -41,28 +41,26 @@ def state_gains(
     if states.count < 2:
         return gains
     against = against_reference(channel, states.reference)
-    period = (time_s / period_s).astype(int)
-    means, counts = [], []
-    for state in range(states.count):
-        own = states.label == state
-        rows = np.flatnonzero(own & known if (own & known).any() else own)
-        count = np.bincount(period[rows], minlength=period[-1] + 1)
-        sums = np.zeros((len(count), *channel.shape[1:]), complex)
-        np.add.at(sums, period[rows], against[rows])
-        means.append(sums)
-        counts.append(count)
-    known_sums, known_count = means[0], counts[0]
+    period, label = (time_s / period_s).astype(int), states.label
+    # All packets of a state of which none is known.
+    rows = np.flatnonzero((label >= 0) & (known | ~np.isin(label, label[known])))
+    where = label[rows], period[rows]
+    counts = np.zeros((states.count, period[-1] + 1), int)
+    np.add.at(counts, where, 1)
+    sums = np.zeros((*counts.shape, *channel.shape[1:]), complex)
+    np.add.at(sums, where, against[rows])
+    known_sums, known_count = sums[0], counts[0]
     for state in range(1, states.count):
         own, other = _well_known(counts[state]), _well_known(known_count)
         near = other[np.argmin(np.abs(own[:, None] - other), axis=1)]
-        mean = means[state][own] / counts[state][own, None, None]
+        mean = sums[state, own] / counts[state, own, None, None]
         known_mean = known_sums[near] / known_count[near, None, None]
         weight = 1 / (1 / counts[state][own] + 1 / known_count[near])
         product = np.einsum("p,pka,pka->ka", weight, mean.conj(), known_mean)
         power = np.einsum("p,pka->ka", weight, np.abs(mean) ** 2)
         gain = np.divide(product, power, out=np.ones_like(product), where=power > 0)
-        gains[states.label == state] = gain
-        known_sums = known_sums + gain * means[state]
+        gains[label == state] = gain
+        known_sums = known_sums + gain * sums[state]
         known_count = known_count + counts[state]
     return gains
 
