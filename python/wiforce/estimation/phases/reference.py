@@ -71,8 +71,9 @@ class ReferenceMean:
     """Mean of the channels V of 2S ends over groups, each weighted by 1 over its variance.
 
     ``mean`` (2S, K), 0 where there is none; ``precision`` (2S,) and ``precisions`` (2S, K), less
-    where a narrow-band transmitter interfered, are sums of 1 over the variance. ``excess`` (2S, K)
-    is the share by which interference raised the variance of the mean, None if nowhere.
+    where a narrow-band transmitter interfered, are sums of 1 over the variance. ``gain`` (2S,) is
+    the variance of the mean over that of H, infinite where there is none, ``excess`` (2S, K) the
+    share by which interference raised it, None if nowhere.
     """
 
     def __init__(self, ends: int) -> None:
@@ -82,6 +83,8 @@ class ReferenceMean:
     def _set(self, mean: Array, precision: Array, precisions: Array) -> None:
         self.mean, self.precision, self.precisions = mean, precision, precisions
         self.complete = bool((precision > 0).all())  # every end was received
+        none = np.full(precision.shape, np.inf)
+        self.gain = np.divide(1, precision, out=none, where=precision > 0)
         excess = np.divide(
             precision[:, None], precisions, out=np.ones_like(precisions), where=precisions > 0
         )
@@ -106,12 +109,6 @@ class ReferenceMean:
             np.where(held[:, None], other.precisions, self.precisions),
         )
         return held
-
-    @property
-    def gain(self) -> Array:
-        """Variance of each mean over that of H, shape (2S,); infinite where there is none."""
-        none = np.full(self.precision.shape, np.inf)
-        return np.divide(1, self.precision, out=none, where=self.precision > 0)
 
 
 class ConjugateDifference:
@@ -199,6 +196,8 @@ class ConjugateDifference:
             else:
                 part = part[:1]
                 ready.append(self._learn(part))
+            if len(part) == len(groups):
+                break
             groups = groups[len(part) :]
         return Groups.concatenate(ready)
 
