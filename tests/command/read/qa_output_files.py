@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +106,7 @@ def test_writer_that_is_refused_keeps_former_file(tmp_path, suffix):
     with pytest.raises(KeyboardInterrupt), writer:
         raise KeyboardInterrupt
     assert path.read_bytes() == b"former"
-    with OutputFile(path, append=True):
+    with closing(OutputFile(path, append=True)):
         with pytest.raises(InputError, match="is being written to by another process"):
             writer.begin()
 

@@ -57,12 +57,6 @@ class OutputFile:
             reason = getattr(error, "strerror", None) or error
             raise InputError(path, f"cannot be written ({reason})") from error
 
-    def __enter__(self) -> "OutputFile":
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self.close()
-
     @property
     def closed(self) -> bool:
         """Whether the file is closed."""

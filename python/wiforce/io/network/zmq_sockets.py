@@ -260,6 +260,16 @@ def request(
             client.disable_monitor()
 
 
+# What it means that a handshake failed, by another protocol or without a word, of a client that has
+# keys or none.
+_REFUSALS = {
+    (True, True): "the server has no keys; connect without them",
+    (True, False): "is missing: the server accepts clients with keys only",
+    (False, True): "the server cannot read this client; its server.key is another server's",
+    (False, False): "is missing, or ENDPOINT is not that of a reader: it ended the connection",
+}
+
+
 def _receive_answer(client: Any, refusals: Any, timeout_s: float, has_keys: bool) -> str | None:
     """The answer; InputError for a refusal, or a silence behind a handshake that was cut off."""
     import zmq
@@ -275,7 +285,7 @@ def _receive_answer(client: Any, refusals: Any, timeout_s: float, has_keys: bool
             return str(client.recv_string())
         if refusals in ready:
             event = recv_monitor_message(refusals)["event"]
-            rule = _refusal(event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, has_keys)
+            rule = _REFUSALS[event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, has_keys]
             if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
                 rule = "the server does not accept this client; its public key must be in the "
                 rule += "folder 'clients' of the server's keys"
@@ -284,14 +294,3 @@ def _receive_answer(client: Any, refusals: Any, timeout_s: float, has_keys: bool
     if rule:
         raise InputError("--zmq-keys", rule)
     return None
-
-
-def _refusal(protocol: bool, has_keys: bool) -> str:
-    """What it means that a handshake failed: by another protocol, or without a word."""
-    if protocol:
-        if has_keys:
-            return "the server has no keys; connect without them"
-        return "is missing: the server accepts clients with keys only"
-    if has_keys:
-        return "the server cannot read this client; its server.key is another server's"
-    return "is missing, or ENDPOINT is not that of a reader: it ended the connection"
