@@ -172,6 +172,11 @@ def live(
         with Outputs(table) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
+                if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
+                    log.warning(
+                        f"--zmq {zmq_endpoint}: everybody who reaches this address can read and "
+                        "subscribe; --zmq-keys encrypts, and accepts known clients only"
+                    )
             _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
             endpoints = [(control, keys)] if control else []
             if web is not None:
@@ -188,18 +193,14 @@ def live(
 
 def _keys_of(zmq_endpoint, control, folder):
     """Keys for both endpoints, or None; requests without keys are taken on loopback only."""
-    for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control)):
-        if endpoint is None or is_loopback(endpoint_of(endpoint, option)) or folder is not None:
-            continue
-        if option == "--control":
-            raise InputError(option, "needs --zmq-keys for an address beyond loopback", endpoint)
-        log.warning(
-            f"{option} {endpoint}: everybody who reaches this address can read and subscribe; "
-            "--zmq-keys encrypts, and accepts known clients only"
-        )
+    options = {"--zmq": zmq_endpoint, "--control": control}
+    given = {name: endpoint_of(text, name) for name, text in options.items() if text is not None}
     if folder is None:
+        if not is_loopback(given.get("--control", "tcp://127.0.0.1:0")):
+            rule = "needs --zmq-keys for an address beyond loopback"
+            raise InputError("--control", rule, control)
         return None
-    if zmq_endpoint is None and control is None:
+    if not given:
         raise InputError("--zmq-keys", "needs --zmq or --control", folder)
     return ServerKeys.load(folder)
 
