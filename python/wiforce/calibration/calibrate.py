@@ -152,7 +152,7 @@ def calibrate(
         onset_force_n = 0.5 * float(np.min(forces))
         half = f"{onset_force_n:.3g} N, half the least calibrated force"
         assumed.append(f"the line is first shorted at {half}")
-    carriers = [fit.carrier() for fit in fits]
+    carriers = [fit.carrier for fit in fits]
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     return curves.CurveModel(
         name=name,

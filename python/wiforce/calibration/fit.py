@@ -153,38 +153,13 @@ class ContactValues:
 
 @dataclass(frozen=True)
 class CarrierFit:
-    """Fitted curves of one carrier, arrays as of :class:`.curves.Carrier`, and their contact."""
+    """Fitted curves of one carrier, their contact, and what a sensor model holds of them."""
 
     data: CarrierData
     fitter: CurveFitter
     fits: list[ForceCurve]  # of the data's curves
-    coefficients_deg: np.ndarray
-    covariance_deg2: np.ndarray
-    noise_deg: tuple[float, ...]
-    misfit_deg: tuple[float, ...]
     contact: ContactValues
-
-    def carrier(self) -> curves.Carrier:
-        """What a sensor model holds of it."""
-        data = self.data
-        untouched = data.untouched_deg
-        if untouched is None:
-            psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
-            untouched = (float(wrap_deg(psi)),) * 2
-        spans = np.reshape([curve.force_n[[0, -1]] for curve in data.curves], (2, -1, 2))
-        difference_n = find_hysteresis(self)
-        return curves.Carrier(
-            frequency_hz=data.frequency_hz,
-            untouched_deg=untouched,
-            location_mm=data.location_mm,
-            force_span_n=np.column_stack([spans[..., 0].max(axis=0), spans[..., 1].min(axis=0)]),
-            coefficients_deg=self.coefficients_deg,
-            covariance_deg2=self.covariance_deg2,
-            noise_deg=self.noise_deg,
-            misfit_deg=self.misfit_deg,
-            interpolation=interpolate(data, self.contact).transitions,
-            hysteresis_n=None if difference_n is None else difference_n / 2,
-        )
+    carrier: curves.Carrier
 
 
 def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> CarrierFit:
@@ -202,7 +177,25 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> Carri
         np.einsum("pjk,fk->pjf", coefficients, basis),
         np.einsum("fk,pjkm,fm->pj", basis, covariance, basis) / len(basis),
     )
-    return CarrierFit(data, fitter, fits, coefficients, covariance, noise, misfit, contact)
+    untouched = data.untouched_deg
+    if untouched is None:
+        psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
+        untouched = (float(wrap_deg(psi)),) * 2
+    spans = np.reshape([curve.force_n[[0, -1]] for curve in data.curves], (2, -1, 2))
+    difference_n = find_hysteresis(data, fitter, fits)
+    carrier = curves.Carrier(
+        frequency_hz=data.frequency_hz,
+        untouched_deg=untouched,
+        location_mm=data.location_mm,
+        force_span_n=np.column_stack([spans[..., 0].max(axis=0), spans[..., 1].min(axis=0)]),
+        coefficients_deg=coefficients,
+        covariance_deg2=covariance,
+        noise_deg=noise,
+        misfit_deg=misfit,
+        interpolation=interpolate(data, contact).transitions,
+        hysteresis_n=None if difference_n is None else difference_n / 2,
+    )
+    return CarrierFit(data, fitter, fits, contact, carrier)
 
 
 def interpolate(data: CarrierData, contact: ContactValues) -> LocationInterpolation:
@@ -227,15 +220,17 @@ _CERTAIN = 3.0
 _FORCES = 50
 
 
-def find_hysteresis(fitted: CarrierFit) -> float | None:
+def find_hysteresis(
+    data: CarrierData, fitter: CurveFitter, fits: Sequence[ForceCurve]
+) -> float | None:
     """What must at most be added to a force, in N, for the contact that it has while unloading.
 
     A soft beam opens later than it closed, and creeps: residuals over the slope, of opposite sign
     in the two branches, are fitted by a polynomial in force. 0 within noise, None without both.
     """
     rows = [
-        (c.force_n, fit.residual, fitted.fitter.slope(fit, c.force_n), c.direction)
-        for c, fit in zip(fitted.data.curves, fitted.fits, strict=True)
+        (c.force_n, fit.residual, fitter.slope(fit, c.force_n), c.direction)
+        for c, fit in zip(data.curves, fits, strict=True)
         if not c.copied
     ]
     columns = np.concatenate([np.array(row, float) for row in rows], axis=1)

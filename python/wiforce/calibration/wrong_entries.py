@@ -189,7 +189,7 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
         predicted += _short_deg(data, places, port)[:, None]
         square += np.mean(wrap_deg(measured - predicted) ** 2, axis=1) / 2
         spread = [interpolation.variance(places, port, value) for value in values]
-        variance += (np.mean(spread, axis=0) + fitted.noise_deg[port] ** 2) / 2
+        variance += (np.mean(spread, axis=0) + fitted.carrier.noise_deg[port] ** 2) / 2
     best = int(np.argmin(square))
     expected = variance[best] + (ruler_std_mm * data.slope) ** 2
     return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
@@ -283,7 +283,7 @@ def find_untouched_scatter(fitted: CarrierFit) -> list[str]:
     if data.untouched_deg is None:
         return []
     rows = sum(map(len, data.untouched_rows_deg))  # each may be the wrong one
-    ports = zip(data.untouched_rows_deg, data.untouched_deg, fitted.noise_deg, strict=True)
+    ports = zip(data.untouched_rows_deg, data.untouched_deg, fitted.carrier.noise_deg, strict=True)
     for port, (phases, mean, noise) in enumerate(ports, 1):
         beside, freedom = wrap_deg(phases - mean), len(phases) - 1
         noise = max(noise, _ROUNDED_DEG)
