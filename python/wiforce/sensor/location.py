@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -275,26 +274,15 @@ def _restricted(
 ) -> tuple[Array, Array, Array]:
     """Squares (H,) that the trend leaves, trace of their matrix, log determinant."""
     inverse = np.linalg.inv(_kernel(at, length))
-    ones, changing = inverse.sum(axis=0), change @ inverse
-    # of 1 with 1, 1 with S, S with S
-    normal = ones.sum(), changing.sum(axis=1), np.sum(changing * change, axis=1)
-    by_one, by_change = ones @ components, changing @ components
-    squares = np.sum(components * (inverse @ components)) - _explained(
-        normal, by_one @ by_one, by_change @ by_one, np.sum(by_change**2, axis=1)
-    )
-    trace = np.trace(inverse) - _explained(
-        normal, ones @ ones, changing @ ones, np.sum(changing**2, axis=1)
-    )
-    plain = at.size * np.sum(change**2, axis=1) - np.sum(change, axis=1) ** 2
-    size = normal[0] * normal[2] - normal[1] ** 2
-    determinant = np.log(size / plain) - np.linalg.slogdet(inverse)[1]
-    return np.maximum(squares, 0.0), trace, determinant
-
-
-def _explained(normal: tuple[Any, Any, Any], one: Any, both: Any, change: Array) -> Any:
-    """What least squares on 1 and S explain, of the squares and the product of both projections."""
-    size = normal[0] * normal[2] - normal[1] ** 2
-    return (normal[2] * one - 2 * normal[1] * both + normal[0] * change) / size
+    trend = np.stack([np.ones_like(change), change], axis=1)  # (H, 2, J)
+    weighted, across = trend @ inverse, np.swapaxes(trend, 1, 2)
+    normal, projected = weighted @ across, weighted @ components
+    explained = np.sum(projected * np.linalg.solve(normal, projected), axis=(1, 2))
+    hat = np.linalg.solve(normal, weighted @ np.swapaxes(weighted, 1, 2))
+    squares = np.sum(components * (inverse @ components)) - explained
+    trace = np.trace(inverse) - np.trace(hat, axis1=1, axis2=2)
+    size, plain, kernel = (np.linalg.slogdet(each)[1] for each in (normal, trend @ across, inverse))
+    return np.maximum(squares, 0.0), trace, size - plain - kernel
 
 
 def _summaries(
