@@ -152,15 +152,12 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
 def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
     """Change in deg, by a straight line over forces, and its deviation with what lies beside."""
     order = np.argsort(here.force_n, kind="stable")
-    centred = here.force_n[order] - here.force_n.mean()
-    phase = np.unwrap(here.phase_deg[order], period=360.0)
-    spread, span = float(centred @ centred), float(np.ptp(centred))
-    slope = float(centred @ phase) / spread if spread else 0.0
-    if len(order) < 3 or not spread:
-        return slope * span, np.inf
-    residual = phase - phase.mean() - slope * centred
-    variance = float(residual @ residual) / (len(order) - 2)
-    return slope * span, span * float(np.sqrt(variance / spread))
+    force, phase = here.force_n[order], np.unwrap(here.phase_deg[order], period=360.0)
+    span = float(np.ptp(force))
+    if len(order) < 3 or not span:
+        return float(phase[-1] - phase[0]) if span else 0.0, np.inf
+    (slope, _), covariance = np.polyfit(force, phase, 1, cov=True)
+    return float(slope) * span, float(np.sqrt(covariance[0, 0])) * span
 
 
 def estimate_line(
