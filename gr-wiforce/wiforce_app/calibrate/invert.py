@@ -137,11 +137,9 @@ def _tracked(sensor, phases, std, touched, period, frequency_hz):
 
 def _smoothed(sensor, phases, std, touched, period, frequency_hz):
     """Rows that are touched, and what whole presses say of them."""
-    from gnuradio.wiforce.sensor import smooth_press
-
     edges = np.flatnonzero(np.diff(np.concatenate([[0], touched.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2):
-        read = smooth_press(sensor, phases[start:stop], std, period, frequency_hz)
+        read = sensor.tracker(period, frequency_hz).smooth(phases[start:stop], std)
         yield from enumerate(_values(read), start)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import PressTracker, smooth_press
+from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from .causes import FOLDER
@@ -191,13 +191,13 @@ def _scatter(model, presses):
 
 def _read_press(model, std, press, method):
     """Columns of the forces and readings of a press."""
-    (force_n, phases), walk = forces_and_phases(press), {"force_walk_n": _WALK_N_PER_READING}
+    force_n, phases = forces_and_phases(press)
+    tracker = PressTracker(model, 1.0, force_walk_n=_WALK_N_PER_READING)
     if method == "causal tracker":
-        tracker = PressTracker(model, 1.0, **walk)
         *values, flags = zip(*(tracker.update(each, std) for each in phases), strict=True)
     else:
         if method == "smoother":
-            found = smooth_press(model, phases, std, 1.0, **walk)
+            found = tracker.smooth(phases, std)
         else:
             known = press.location_mm[0] if method == "location known" else None
             found = model.invert(phases, std, location_mm=known)

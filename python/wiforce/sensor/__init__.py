@@ -12,7 +12,7 @@ from typing import Any
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .inversion import Inversion
 from .model import LineModel, SensorModel, touch_of
-from .tracker import PressTracker, smooth_press
+from .tracker import PressTracker
 
 # Where `calibration` and `gauges` have the names that programs import from here.
 _ELSEWHERE = {
@@ -44,7 +44,6 @@ __all__ = [
     "sensor_from_dict",
     "sensor_to_dict",
     "shipped_sensors",
-    "smooth_press",
     "touch_of",
     "write_sensor",
 ]

@@ -252,11 +252,17 @@ class PressTracker:
             code |= INVERSION_FLAGS["ambiguous"]
         return (*values, words_of(code))
 
-    def smooth(self, phases: Array, std: Array) -> tuple[Array, Array]:
-        """Values (n, 6) and codes (n,) of a press, followed to its end and once more from there.
+    def smooth(self, phases_deg: ArrayLike, std_deg: ArrayLike) -> Inversion:
+        """Force over a press and its location, by all readings (n, 2) or (n, 2 C) of it together.
 
-        Rauch-Tung-Striebel per location, then the mixture of all.
+        Followed to its end and once more from there: Rauch-Tung-Striebel per location, then the
+        mixture of all.
         """
+        phases = np.atleast_2d(np.asarray(phases_deg, float))
+        if not phases.size:
+            raise InputError("phases_deg", "must hold a reading or more", phases.shape)
+        std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
+        self.reset()
         for reading, noise in zip(phases, std, strict=True):
             self.update(reading, noise)
         assert self._bank is not None
@@ -290,27 +296,10 @@ class PressTracker:
             rows.append([force, place, *covariance.ravel()])
             stds = np.sqrt(covariance.diagonal()).tolist()
             codes.append(self._inverter.code_of(force, stds[0], place, stds[1], std[i]))
-        return np.array(rows[::-1]), np.array(codes[::-1], np.uint8)
+        return inversion_of(np.array(rows[::-1]), np.array(codes[::-1], np.uint8))
 
 
 def _two_places(location: Array, weight: Array) -> bool:
     """Whether the location may be at two places with little in between."""
     heavy = location[weight > 0.1 * weight.max()]
     return bool(np.max(np.diff(heavy), initial=0.0) > _TWO_PLACES_MM)
-
-
-def smooth_press(
-    model: SensorModel,
-    phases_deg: ArrayLike,
-    std_deg: ArrayLike,
-    group_period_s: float,
-    frequency_hz: float | None = None,
-    force_walk_n: float = FORCE_WALK_N,
-) -> Inversion:
-    """Force over a press and its location, by all readings (n, 2) or (n, 2 C) of it together."""
-    phases = np.atleast_2d(np.asarray(phases_deg, float))
-    if not phases.size:
-        raise InputError("phases_deg", "must hold a reading or more", phases.shape)
-    std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
-    tracker = PressTracker(model, group_period_s, frequency_hz, force_walk_n)
-    return inversion_of(*tracker.smooth(phases, std))

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import load_sensor, smooth_press
+from gnuradio.wiforce.sensor import load_sensor
 
 PERIOD_S = 0.036
 
@@ -66,7 +66,8 @@ def test_following_beats_single_readings_and_smoothing_beats_both(model):
     for _ in range(8):
         force, place = a_press(rng)
         phases = model.phases_deg(force, place) + 1.0 * rng.standard_normal((len(force), 2))
-        single, smooth = model.invert(phases, 1.0), smooth_press(model, phases, 1.0, PERIOD_S)
+        single = model.invert(phases, 1.0)
+        smooth = model.tracker(PERIOD_S).smooth(phases, 1.0)
         tracked = followed(model, phases, 1.0)
         for name, values in (
             ("single", (single.force_n, single.force_std_n, single.location_mm)),
@@ -95,7 +96,7 @@ def test_what_the_model_errs_by_is_not_averaged_away():
         force, place = a_press(rng)
         phases = line.phases_deg(force, place) + 0.1 * rng.standard_normal((len(force), 2))
         found = followed(model, phases, 0.1)
-        smooth = smooth_press(model, phases, 0.1, PERIOD_S)
+        smooth = model.tracker(PERIOD_S).smooth(phases, 0.1)
         z_force.append(np.abs(found[0] - force) / found[1])
         z_place.append(np.abs(smooth.location_mm - place) / smooth.location_std_mm)
     assert np.mean(np.concatenate(z_force) <= 2) >= 0.9
@@ -180,4 +181,4 @@ def test_settings_that_cannot_be_are_refused(model):
 
 def test_no_reading_is_no_press_to_smooth(model):
     with pytest.raises(InputError, match="phases_deg: must hold a reading"):
-        smooth_press(model, np.empty((0, 2)), 1.0, PERIOD_S)
+        model.tracker(PERIOD_S).smooth(np.empty((0, 2)), 1.0)
