@@ -21,8 +21,8 @@ from ..shell.log import log
 _POOR_STD = 0.1
 # Strips that bear less than this are not what forces in N say: a newton is 102 g.
 _LEAST_BORNE = 0.1
-# Four times the error of a location on a skin that nobody has calibrated (surface/spreading.py): more
-# than rulers and hands explain.
+# Four times the error of a location on a skin that nobody has calibrated (surface/spreading.py):
+# more than rulers and hands explain.
 _POOR_LOCATION_MM = 2.0
 
 
