@@ -29,9 +29,7 @@ from ..io.text.values import (
     Scope,
     Size,
 )
-from ..io.text.values import (
-    Array as Numbers,
-)
+from ..io.text.values import Array as Numbers
 from ..signal.carrier import wrap_deg
 from . import line
 from .line import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, transfer_std_deg

@@ -22,9 +22,7 @@ from ..io.text.values import (
     Text,
     Texts,
 )
-from ..io.text.values import (
-    Array as Numbers,
-)
+from ..io.text.values import Array as Numbers
 from ..signal.carrier import CARRIER_TOLERANCE, same_carrier, wrap_deg
 from . import line
 from .line import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
