@@ -32,7 +32,7 @@ def folder(line, tmp_path_factory):
 
 def test_the_report_states_noise_span_and_cross_validation(folder):
     report = (folder / "report.txt").read_text()
-    for stated in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "location 40 mm left out"):
+    for stated in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "cross-validation within"):
         assert stated in report
     assert (folder / "s.png").read_bytes().startswith(b"\x89PNG")
 
