@@ -80,7 +80,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             HEADER + "900,20,1,2,5\n",
             [*CALIBRATE, "--length-mm", "-5"],
-            "--length-mm: must be positive and at most",
+            "--length-mm: must be a number above 0 and at most",
         ),
         (HEADER, ["plan", ""], "scene: must be a .yaml file or a shipped scene (gr-wiforce list"),
         (HEADER, ["calibrate", "file.csv", "-o", ""], "'': sensor file must end in .yaml"),
@@ -204,7 +204,7 @@ def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, modu
     remove(modules, monkeypatch)
     (tmp_path / "in.csv").write_text("time_s,sensor\n0.1,arm\n")
     (tmp_path / "in.parquet").write_bytes(b"PAR1")
-    (tmp_path / "in.mcap").write_bytes(b"")
+    (tmp_path / "in.mcap").write_bytes(b"\x89MCAP0\r\n")
     np.zeros(1000, np.complex64).tofile(tmp_path / "raw")
     before = sorted(tmp_path.iterdir())
     said = refused(*words, cwd=tmp_path)
