@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pmt
 import pytest
+from chain_runs import readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
@@ -29,15 +30,8 @@ def codes(tmp_path_factory):
 
 def read(samples, tags=()):
     """Readings of codes (n, 2) or floats (n,) through the reader block."""
-    source = array_source(samples, tags)
-    readings = []
     input_type = "sc16" if samples.ndim == 2 else "fc32"
-    reader = wiforce.reader(SCENE, input_type=input_type, on_reading=readings.append)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
-    assert reader.failure is None
-    return readings
+    return readings_of_reader(SCENE, array_source(samples, tags), input_type=input_type)
 
 
 def test_reader_press_is_read_at_its_force_and_location(codes):
@@ -67,23 +61,15 @@ def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way)
     clipped[12 * GROUP + 100 :: FRAME][:4] = 32767
     clipped[15 * GROUP + 100 :: FRAME][:3] = 32767  # the peak of a recording: less than 1 %
     clipped[20 * GROUP - 4 * FRAME + 300 :: FRAME][:8] = -32768  # the last of 19, the first of 20
-    readings = []
-    reader = wiforce.reader(
-        SCENE,
-        input_type="sc16" if way == "samples" else "folded",
-        on_reading=readings.append,
-    )
-    chain = [array_source(clipped), reader]
+    before = [array_source(clipped)]
     if way == "folded samples":
-        chain.insert(1, wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ))
+        before.append(wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ))
     elif way == "recording":
         clipped.tofile(tmp_path / "press.bin")
-        source = wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="ci16_le")
-        chain = [source, reader]
-    flowgraph = gr.top_block()
-    flowgraph.connect(*chain)
-    flowgraph.run()
-    assert reader.failure is None
+        before = [wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="ci16_le")]
+    readings = readings_of_reader(
+        SCENE, *before, input_type="sc16" if way == "samples" else "folded"
+    )
     flagged = [i for i, reading in enumerate(readings) if "saturated" in reading.flags]
     assert flagged == [12, 19, 20]
 

@@ -31,11 +31,11 @@ def readings_of_chain(plan, *before, runs=1):
     return readings
 
 
-def readings_of_reader(plan, source, input_type="sc16", runs=1, **options):
+def readings_of_reader(plan, *before, input_type="sc16", runs=1, **options):
     """Readings by the block that holds the whole receiver."""
     readings, flowgraph = [], gr.top_block()
     reader = wiforce.reader(plan, input_type, on_reading=readings.append, **options)
-    flowgraph.connect(source, reader)
+    flowgraph.connect(*before, reader)
     for _ in range(runs):
         flowgraph.run()
     assert reader.failure is None

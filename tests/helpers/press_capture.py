@@ -23,15 +23,7 @@ DEFAULT = {
         "static_clutter_db": 50,
         "clock_offset_ppm": -60,
         "presses": [
-            {
-                "sensor": "arm",
-                "start_s": 0.5,
-                "rise_s": 0.02,
-                "hold_s": 0.3,
-                "force_n": 4.0,
-                "end_force_n": 4.0,
-                "location_mm": 37.0,
-            }
+            {"start_s": 0.5, "rise_s": 0.02, "hold_s": 0.3, "force_n": 4.0, "location_mm": 37.0}
         ],
     },
 }
@@ -73,3 +65,10 @@ class array_source(gr.sync_block):
 def as_floats(codes):
     """ADC codes as complex64 of full scale 1."""
     return codes.astype(np.float32).view(np.complex64).ravel() / 32768
+
+
+def run_flowgraph(*chain):
+    """Connect blocks in a row, and run them to their end."""
+    flowgraph = gr.top_block()
+    flowgraph.connect(*chain)
+    flowgraph.run()

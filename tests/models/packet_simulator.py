@@ -48,6 +48,13 @@ def card_settings(card, line_db, static=0.225, **more):
     return settings | {"static": static, "noise": noise}
 
 
+def closed(cycles):
+    """Whether each switch of a tag is closed at instants of its clock; (..., 2)."""
+    first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
+    second = np.abs((2 * cycles) % 1 - 0.5) < 1 / 8
+    return np.stack([first, second], axis=-1)
+
+
 @dataclass
 class PacketTag:
     """A tag whose two ends turn by stated angles while it is touched."""
@@ -232,9 +239,7 @@ class PacketCapture:
         for tag in self.tags:
             rate = tag.clock_hz * (1 + 1e-6 * tag.offset_ppm)
             cycles = rate * (time_s[:, None] - 1000.0 + steps) + tag.phase
-            first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
-            second = np.abs((2 * cycles) % 1 - 0.5) < 1 / 8
-            found.append(np.stack([first.mean(axis=1), second.mean(axis=1)], axis=1))
+            found.append(closed(cycles).mean(axis=1))
         return np.array(found)
 
     def save(self, path, **more):

@@ -103,7 +103,18 @@ def pressed(tag, t):
     return force, location
 
 
-def write_capture(blocks, path):
+def switched(first_cycles, second_cycles, slope, duty=(0.25, 0.25)):
+    """How far each switch is on at instants of its clock; edges take 1 / slope of a cycle."""
+    to_first = np.abs(first_cycles - np.round(first_cycles))
+    half = 2 * second_cycles - 0.5
+    to_second = np.abs(half - np.round(half)) / 2
+    return [
+        np.clip(0.5 + (width - distance) * slope, 0, 1)
+        for distance, width in ((to_first, duty[0] / 2), (to_second, duty[1] / 4))
+    ]
+
+
+def write_capture(blocks, path, rate_hz=RATE):
     """14-bit codes in the upper bits of ci16, and SigMF metadata."""
     with open(f"{path}.sigmf-data", "wb") as stream:
         for block in blocks:
@@ -113,7 +124,7 @@ def write_capture(blocks, path):
     meta = {
         "global": {
             "core:datatype": "ci16_le",
-            "core:sample_rate": RATE,
+            "core:sample_rate": rate_hz,
             "core:version": "1.0.0",
         },
         "captures": [{"core:sample_start": 0, "core:frequency": CARRIER_HZ}],

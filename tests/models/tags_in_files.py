@@ -22,7 +22,7 @@ from gnuradio.wiforce.estimation.packets.antenna_states import (
     find_states,
 )
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
-from packet_simulator import PacketTag
+from packet_simulator import PacketTag, closed
 
 FORCE_N, LOCATION_MM, CLOCK_HZ, SENSOR = 4.0, 35.0, 134.0, "line-2440mhz"
 FIRST_LINE = 0.225  # amplitude of the first line of a switched reflection of amplitude 1
@@ -52,7 +52,8 @@ class TagInFile:
         delays = np.multiply.outer(self.hertz, rng.exponential(15e-9, 2))
         self.way = self.size * turns * np.exp(-2j * np.pi * delays)  # over the static path
         tag = PacketTag(CLOCK_HZ, phase=rng.random())
-        self.closed = self._closed(tag)
+        rate = tag.clock_hz * (1 + 1e-6 * tag.offset_ppm)
+        self.closed = closed(rate * self.time_s + tag.phase).astype(float)
         self.touched = self.time_s >= reference_s + period_s
         turned = np.where(self.touched[:, None], tag.touched_deg, tag.untouched_deg)
         reflected = np.sum(self.closed * np.exp(1j * np.radians(turned)), axis=1)
@@ -61,13 +62,6 @@ class TagInFile:
         self.untouched, self.pressed = (
             np.exp(1j * np.radians(each)) for each in (tag.untouched_deg, tag.touched_deg)
         )
-
-    def _closed(self, tag):
-        rate = tag.clock_hz * (1 + 1e-6 * tag.offset_ppm)
-        cycles = rate * self.time_s + tag.phase
-        first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
-        second = np.abs((2 * cycles) % 1 - 0.5) < 1 / 8
-        return np.stack([first, second], axis=1).astype(float)
 
     def scene(self):
         """The scene, as somebody would write it who knows the tag and the file."""

@@ -2,8 +2,8 @@
 """Captures with any sounding symbol, made by somebody else from the signal model alone.
 
 Like :mod:`second_simulator`, of which it takes the pressed line, it shares no line with the
-product: own symbols, own clock, own writers, and its own account of the noise, from which the bound
-of the readings follows.
+product: own symbols, own clock, and its own account of the noise, from which the bound of the
+readings follows.
 """
 
 import json
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from second_simulator import CARRIER_HZ, Tag, phases, pressed
+from second_simulator import CARRIER_HZ, Tag, phases, pressed, switched, write_capture
 
 
 def chirp(count):
@@ -102,14 +102,7 @@ class Air:
     def reflection(self, ends, phase, t):
         """Of the tag at sample times t: clock 1 at fs for a quarter, clock 2 at 2 fs between."""
         cycles = phase + self.clock_hz * t * (1 + 1e-6 * self.tag.offset_ppm)
-        per_cycle = self.rate_hz / self.clock_hz
-
-        def on(distance, half_width):
-            return np.clip(0.5 + (half_width - distance) * per_cycle, 0, 1)
-
-        first = on(np.abs(cycles - np.round(cycles)), 1 / 8)
-        twice = 2 * cycles - 0.5
-        second = on(np.abs(twice - np.round(twice)) / 2, 1 / 16)
+        first, second = switched(cycles, cycles, self.rate_hz / self.clock_hz)
         return first * ends[:, :1] + second * ends[:, 1:]
 
     def truth_deg(self, times_s):
@@ -134,18 +127,5 @@ class Air:
             "reference_s": 0.5,
         }
         (folder / "scene.yaml").write_text(json.dumps(scene))
-        with open(folder / "capture.sigmf-data", "wb") as stream:
-            for block in self.samples(np.random.default_rng(seed)):
-                parts = block.reshape(-1).view(float) * 8192
-                codes = np.clip(np.rint(parts), -8192, 8191).astype("<i2")
-                (codes * np.int16(4)).tofile(stream)
-        meta = {
-            "global": {
-                "core:datatype": "ci16_le",
-                "core:sample_rate": self.rate_hz,
-                "core:version": "1.0.0",
-            },
-            "captures": [{"core:sample_start": 0, "core:frequency": CARRIER_HZ}],
-            "annotations": [],
-        }
-        (folder / "capture.sigmf-meta").write_text(json.dumps(meta))
+        blocks = self.samples(np.random.default_rng(seed))
+        write_capture(blocks, folder / "capture", self.rate_hz)

@@ -19,15 +19,7 @@ SCENE = {
         "static_clutter_db": 50,
         "clock_offset_ppm": 20,
         "presses": [
-            {
-                "sensor": "arm",
-                "start_s": 0.4,
-                "rise_s": 0.02,
-                "hold_s": 0.4,
-                "force_n": 4.0,
-                "end_force_n": 5.0,
-                "location_mm": 37.0,
-            }
+            {"start_s": 0.4, "rise_s": 0.02, "hold_s": 0.4, "force_n": 4.0, "location_mm": 37.0}
         ],
     },
 }

@@ -12,7 +12,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
-SEQUENCES, LONG_SEQUENCES = 6, 1000
+SEQUENCES = 1000
 
 # What the flags say of each fault; those left out cost nothing.
 SHOWN_AS = {
@@ -140,8 +140,8 @@ def test_a_device_opened_again_is_flagged_even_where_nothing_seems_changed(path)
 
 @pytest.mark.long
 @pytest.mark.timeout(7200)
-def test_no_sequence_of_faults_gives_a_wrong_reading_without_a_flag(path, long_run):
-    seeds = range(LONG_SEQUENCES if long_run else SEQUENCES)
+def test_no_sequence_of_faults_gives_a_wrong_reading_without_a_flag(path):
+    seeds = range(SEQUENCES)
     found = []
     for first in seeds[::PER_PROCESS]:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:

@@ -8,7 +8,16 @@ Levels in dB are relative to |c1[1] G1|^2 of the tag that is read, as the static
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from second_simulator import ACTIVE, FRAME, RATE, delayed, phases, pressed, subcarrier_power
+from second_simulator import (
+    ACTIVE,
+    FRAME,
+    RATE,
+    delayed,
+    phases,
+    pressed,
+    subcarrier_power,
+    switched,
+)
 
 FRAME_S = FRAME / RATE
 TAG_DELAY_S = 0.15e-6  # of the tag that is read
@@ -117,16 +126,8 @@ class Switches:
         """How far each switch is on at the active samples; edges take a sample or the rise."""
         cycles = within_frames(self.cycles, first, count)
         slope = 1 / (self.clock_hz * max(self.rise_s, 1 / RATE))
-        to_first = np.abs(cycles - np.round(cycles))
-        half = 2 * (cycles - self.delay_s * self.clock_hz) - 0.5
-        to_second = np.abs(half - np.round(half)) / 2
-        return [
-            np.clip(0.5 + (width - distance) * slope, 0, 1).astype(np.float32)
-            for distance, width in (
-                (to_first, self.duty[0] / 2),
-                (to_second, self.duty[1] / 4),
-            )
-        ]
+        both = switched(cycles, cycles - self.delay_s * self.clock_hz, slope, self.duty)
+        return [on.astype(np.float32) for on in both]
 
 
 class SwitchedTag:

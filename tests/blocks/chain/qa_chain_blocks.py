@@ -15,7 +15,16 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from plain import make_air
-from press_capture import DEFAULT, FRAME, GROUP, RATE_HZ, SCENE, array_source, press_codes
+from press_capture import (
+    DEFAULT,
+    FRAME,
+    GROUP,
+    RATE_HZ,
+    SCENE,
+    array_source,
+    press_codes,
+    run_flowgraph,
+)
 from wiforce_app.bench.air import TagOnAir
 
 
@@ -42,12 +51,6 @@ class Tap:
         return Groups.concatenate(self._batches).ratios
 
 
-def run(*chain):
-    flowgraph = gr.top_block()
-    flowgraph.connect(*chain)
-    flowgraph.run()
-
-
 def readings_and_ratios_of_chain(plan, source, tracked):
     """Readings by one block per step, and the ratios between the last two."""
     readings, sink = [], blocks.vector_sink_c(2)
@@ -68,7 +71,7 @@ def readings_and_ratios_of_reader(plan, source, tracked):
     tap = Tap()
     reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
     reader.groups.stream.on_groups = tap.take
-    run(source, reader)
+    run_flowgraph(source, reader)
     assert reader.failure is None
     return readings, tap.ratios
 
@@ -155,7 +158,9 @@ def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
     wiforce.simulate(scene, tmp_path / "presses")
     scene = wiforce.load_scene(scene)
     capture = open_capture(tmp_path / "presses")
-    expected = readings_of_reader(scene, wiforce.capture_source(capture, scene), "folded")
+    expected = readings_of_reader(
+        scene, wiforce.capture_source(capture, scene), input_type="folded"
+    )
     assert {reading.sensor for reading in expected if reading.touch} == {"left", "right"}
     found = readings_of_chain(wiforce.plan(scene), wiforce.capture_source(capture, scene))
     assert_equal_readings(found, expected)
@@ -168,7 +173,7 @@ def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
     readings = []
     chain = Chain(plan, readings.append)
     fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
-    run(source, fold, chain.tones, chain.channel, *chain.to_force)
+    run_flowgraph(source, fold, chain.tones, chain.channel, *chain.to_force)
     chain.check()
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
@@ -178,7 +183,9 @@ def test_chain_block_invalid_message_ends_the_flowgraph(plan):
     separation = wiforce.end_separation(plan)
     separation.to_basic_block()._post(pmt.intern(names.INCOMPLETE), pmt.PMT_T)
     rows = len(plan.table.tones)
-    run(array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation, sink_of(2))
+    run_flowgraph(
+        array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation, sink_of(2)
+    )
     assert separation.failure is not None
 
 
@@ -225,7 +232,7 @@ def test_chain_block_without_the_blocks_before_it_ends_the_flowgraph(plan, make)
     if block.output_signature().max_streams():
         size = block.output_signature().sizeof_stream_item(0)
         chain.append(blocks.null_sink(size))
-    run(*chain)
+    run_flowgraph(*chain)
     assert isinstance(block.failure, RuntimeError)
     assert "connect after end_separation" in str(block.failure)
 
@@ -273,9 +280,7 @@ def test_clock_offset_without_lock_is_nan():
     source = blocks.vector_source_c([0j] * 3 * 256, False, 256, tags)
     block = wiforce.clock_offset(sensors=2, length=256)
     sink = blocks.vector_sink_f(2)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, block, sink)
-    flowgraph.run()
+    run_flowgraph(source, block, sink)
     found = np.array(sink.data()).reshape(3, 2)
     np.testing.assert_array_equal(found, [[40, np.nan], [41.5, -65.25], [np.nan, np.nan]])
 

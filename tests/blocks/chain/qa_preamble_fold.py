@@ -7,6 +7,7 @@ import pytest
 from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
+from press_capture import run_flowgraph
 
 
 def run_fold(samples, tags=(), chunk=None, **parameters):
@@ -23,9 +24,7 @@ def run_fold(samples, tags=(), chunk=None, **parameters):
     if chunk:
         packets.set_max_noutput_items(chunk)
     sink = blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, packets, fold, sink)
-    flowgraph.run()
+    run_flowgraph(source, packets, fold, sink)
     indices = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
     return np.array(sink.data()).reshape(-1, 64), indices, fold
 
@@ -284,9 +283,7 @@ def test_other_tags_stay_behind():
     samples = noise(10 * 720)
     source = blocks.vector_source_c(samples.tolist(), False, 1, [rx_time(0, 1.0)])
     fold, sink = wiforce.preamble_fold(frame_length=720), blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, fold, sink)
-    flowgraph.run()
+    run_flowgraph(source, fold, sink)
     own = {"snapshot", "noise"}
     assert [(t.offset, str(t.key)) for t in sink.tags() if str(t.key) not in own] == []
     assert (0, "snapshot") in [(t.offset, str(t.key)) for t in sink.tags()]

@@ -7,6 +7,7 @@ import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
+from press_capture import run_flowgraph
 
 GROUPS, SNAPSHOTS = 3, 40
 
@@ -143,9 +144,7 @@ def estimate(vectors, factors, rows=1, tags=(), **settings):
     source = blocks.vector_source_c(vectors.ravel().tolist(), False, width, list(tags))
     estimator = wiforce.ofdm_channel_estimator(factors=factors, rows=rows, **settings)
     sink = blocks.vector_sink_c(width)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, estimator, sink)
-    flowgraph.run()
+    run_flowgraph(source, estimator, sink)
     return np.array(sink.data()).reshape(-1, rows, 64), sink.tags()
 
 

@@ -7,12 +7,13 @@ import numpy as np
 import pmt
 import pytest
 from device_times import NO_TIMES, rx_time
-from gnuradio import blocks, gr, wiforce
+from gnuradio import blocks, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from press_capture import run_flowgraph
 
 RATE = 12.5e6
 WAVEFORM = sounding_waveform()
@@ -37,9 +38,7 @@ def align(samples, tags=(), **parameters):
     else:
         source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
         sink = blocks.vector_sink_c()
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, block, sink)
-    flowgraph.run()
+    run_flowgraph(source, block, sink)
     times = {
         tag.offset: pmt.to_uint64(pmt.tuple_ref(tag.value, 0))
         + pmt.to_double(pmt.tuple_ref(tag.value, 1))
@@ -93,9 +92,7 @@ def test_bad_parameters_are_refused(wrong):
 def record(path, samples, tags, **parameters):
     source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
     recorder = wiforce.sigmf_recorder(path, **parameters)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, recorder)
-    flowgraph.run()
+    run_flowgraph(source, recorder)
     return recorder
 
 
@@ -119,9 +116,7 @@ def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
     parts = [(samples[:5000], 1.0), (samples[5000:], 1.0 + 6000 / RATE)]
     for part, start_s in parts:
         tags = [rx_time(0, start_s), rx_time(4000, start_s + 4100 / RATE)]
-        flowgraph = gr.top_block()
-        flowgraph.connect(blocks.vector_source_c(part.tolist(), False, 1, tags), recorder)
-        flowgraph.run()
+        run_flowgraph(blocks.vector_source_c(part.tolist(), False, 1, tags), recorder)
     assert recorder.failure is None
     capture = open_capture(tmp_path / "run")
     assert np.array_equal(capture.read(len(samples)), samples)
@@ -134,9 +129,7 @@ def test_a_recording_never_joins_what_may_lie_any_time_apart(tmp_path, start_s):
     samples = stream(0, 30)
     recorder = wiforce.sigmf_recorder(tmp_path / "run")
     for tags in ([rx_time(0, 1.0)], [] if start_s is None else [rx_time(0, start_s)]):
-        flowgraph = gr.top_block()
-        flowgraph.connect(blocks.vector_source_c(samples.tolist(), False, 1, tags), recorder)
-        flowgraph.run()
+        run_flowgraph(blocks.vector_source_c(samples.tolist(), False, 1, tags), recorder)
     assert "no rx_time reports the samples lost" in recorder.failure.strerror
     assert open_capture(tmp_path / "run").segments == (Segment(0, 0, len(samples)),)
 

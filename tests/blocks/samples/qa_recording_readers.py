@@ -14,6 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
 from long_cases import cases
+from press_capture import run_flowgraph
 
 FRAME, GROUP, TONES = 720, 6, 5
 WAVEFORM = sounding_waveform()
@@ -116,9 +117,7 @@ def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size)
         for key in ("snapshot", "folded", "saturated")
     )
     source, sink = wiforce.recording_source(*capture), blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, sink)
-    flowgraph.run()
+    run_flowgraph(source, sink)
     np.testing.assert_array_equal(folded, np.array(sink.data()).reshape(-1, 64))
     index, indices = None, []
     tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}

@@ -5,9 +5,10 @@ import numpy as np
 import pmt
 import pytest
 from device_times import rx_time
-from gnuradio import blocks, gr, wiforce
+from gnuradio import blocks, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.errors import InputError
+from press_capture import run_flowgraph
 
 FRAME = 720
 
@@ -34,9 +35,7 @@ def value_of(tag):
 def run(source):
     """Output and tags {key: {offset: value}} of a source."""
     sink = blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, sink)
-    flowgraph.run()
+    run_flowgraph(source, sink)
     tags = {}
     for tag in sink.tags():
         if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
@@ -182,9 +181,7 @@ def folded_in_a_stream(samples, item_type, times, length, offset):
         source = blocks.vector_source_c(values.tolist(), False, 1, tags)
     fold = wiforce.preamble_fold(length, 3, 1, frame_offset=offset, item_type=item_type)
     sink = blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, fold, sink)
-    flowgraph.run()
+    run_flowgraph(source, fold, sink)
     found = {}
     for tag in sink.tags():
         if str(tag.key) != names.NOISE:

@@ -25,6 +25,7 @@ from gnuradio.wiforce.blocks.sample_streams import (
 from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from press_capture import run_flowgraph
 
 RATE, FRAME = 1e6, 400
 
@@ -86,9 +87,7 @@ def test_sender_and_receiver_pass_all_samples_and_tags():
     receiver.attach(ours)
 
     def feed():
-        flowgraph = gr.top_block()
-        flowgraph.connect(source, sender)
-        flowgraph.run()
+        run_flowgraph(source, sender)
         theirs.close()
         receiver.finish()
 
@@ -290,9 +289,7 @@ def test_frame_alignment_without_frames_keeps_few_tags():
     every = count // gaps
     tags = [(n * every, "rx_time", time_value(n, 0.0)) for n in range(gaps)]
     source, sink = tagged_source(codes(count), tags), blocks.null_sink(4)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, alignment, sink)
-    flowgraph.run()
+    run_flowgraph(source, alignment, sink)
     assert alignment.offset is None and alignment.searches == 0
     assert len(alignment.search.tags) <= 3
 

@@ -28,13 +28,13 @@ from live_runs import (
 )
 from machine import room_for
 
-KILLS, LONG_KILLS = 2, 100
+KILLS = 100
 
 
 @pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
-    slow_scene, slow_device, tmp_path, long_run
+    slow_scene, slow_device, tmp_path
 ):
     rng = np.random.default_rng(11)
     output, (readings_port, control_port) = tmp_path / "out.jsonl", free_ports(2)
@@ -56,7 +56,7 @@ def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
         assert process.returncode == (0 if number == signal.SIGTERM else -number)
         return received_s
 
-    for kill in range(LONG_KILLS if long_run else KILLS):
+    for kill in range(KILLS):
         recording = tmp_path / f"run{kill}"
         output.unlink(missing_ok=True)
         received_s = run_until(rng.uniform(-2.0, 2.5), signal.SIGKILL, "--record", recording)

@@ -16,9 +16,6 @@ from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
 from live_runs import GAINS, SLOW_GROUP_S, ask, connected, free_ports, live, rows_of, wait_until
 from mutations import mutated
 
-REQUESTS, LONG_REQUESTS = 200, 10_000
-FUZZED, LONG_FUZZED = 1, 100  # processes
-
 
 def test_live_zmq_publishes_readings_answers_requests_and_warns_of_saturation(
     slow_scene, slow_device, tmp_path
@@ -110,10 +107,10 @@ def test_live_interrupted_twice_keeps_its_files(slow_scene, slow_device, tmp_pat
 
 @pytest.mark.long
 @pytest.mark.timeout(3000)
-def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device, long_run):
+def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device):
     """Many requests to the first process, then some to each of the others."""
-    for process in range(LONG_FUZZED if long_run else FUZZED):
-        count = LONG_REQUESTS if long_run and process == 0 else REQUESTS
+    for process in range(100):
+        count = 200 if process else 10_000
         fuzz_with_requests(slow_scene, slow_device, count, seed=3 + process)
 
 

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import refused, run_command, succeeded
-from gnuradio import blocks, gr, wiforce
+from gnuradio import blocks, wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
 from machine import rows_in, wait_until
+from press_capture import run_flowgraph
 
 
 @pytest.fixture(scope="module")
@@ -276,9 +277,7 @@ def test_read_names_a_press_in_the_reference_that_was_released_later(tmp_path):
     # A stream warns of the same, though its groups come one after the other.
     reader = wiforce.reader(str(tmp_path / "scene.yaml"), input_type="sc16")
     said, reader.groups.on_warning = [], lambda sentence: said.append(sentence)
-    flowgraph = gr.top_block()
-    flowgraph.connect(blocks.file_source(4, str(tmp_path / "begun.bin")), reader)
-    flowgraph.run()
+    run_flowgraph(blocks.file_source(4, str(tmp_path / "begun.bin")), reader)
     assert said == [warnings[0].replace(f"gr-wiforce: warning: {tmp_path}/begun.bin", "reader")]
 
 

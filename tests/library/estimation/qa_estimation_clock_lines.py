@@ -14,6 +14,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from press_capture import SCENE
 from wiforce_app.bench.air import TagOnAir
 
 COUNT = 8192
@@ -117,28 +118,10 @@ def test_tag_two_percent_off_is_read_like_a_crystal(tmp_path):
     """At 1.75 % line 4 lies two groups' resolution from where the scene states it."""
 
     def errors_n(sensor, offset_ppm):
-        scene = load_scene(
-            {
-                "radio": {"sample_rate_hz": 3.2e6},
-                "sounding": {"frame_length": 360},
-                "phase_group": {"snapshots": 320},
-                "sensors": [sensor],
-                "simulation": {
-                    "duration_s": 1.4,
-                    "clock_offset_ppm": offset_ppm,
-                    "presses": [
-                        {
-                            "sensor": "arm",
-                            "start_s": 0.7,
-                            "rise_s": 0.05,
-                            "hold_s": 0.5,
-                            "force_n": 4.0,
-                            "location_mm": 40.0,
-                        }
-                    ],
-                },
-            }
-        )
+        press = {"start_s": 0.7, "rise_s": 0.05, "hold_s": 0.5, "force_n": 4.0, "location_mm": 40.0}
+        simulation = {"duration_s": 1.4, "clock_offset_ppm": offset_ppm, "presses": [press]}
+        sections = {"sensors": [sensor], "simulation": simulation, "reference_s": 0.5}
+        scene = load_scene(SCENE | sections)
         path = simulate(scene, tmp_path / f"{offset_ppm:g}")[0]
         batches = []
         reader = RecordingReader(open_capture(path), plan(scene), on_groups=batches.append)

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pmt
 import pytest
+from chain_runs import readings_of_reader
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.estimation.capture.folded_groups import FoldedGroups, frame_settings
 from gnuradio.wiforce.estimation.groups import Groups
@@ -21,6 +22,8 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from long_cases import cases
 from press_capture import DEFAULT, array_source
+from rooms.effects import Air
+from rooms.radio import Bursts, Hopper
 from wifi_traffic import wifi_traffic
 
 FRAME = 720
@@ -57,38 +60,14 @@ def noise_power(codes):
     return 2 * np.mean(frames[:, 450:].astype(float) ** 2)
 
 
-def with_bursts(codes, share, level_db, seed):
-    """Bursts of white noise, 0.3 to 2 ms long, for a share of the time."""
-    rng = np.random.default_rng(seed)
-    samples, at = codes.astype(float), 0
-    amplitude = np.sqrt(noise_power(codes) * 10 ** (level_db / 10) / 2)
-    while True:
-        at += int(rng.exponential(1.15e-3 * (1 / share - 1)) * 12.5e6)
-        length = int(rng.uniform(0.3e-3, 2e-3) * 12.5e6)
-        hit = samples[at : at + length]
-        if not len(hit):
-            return np.clip(np.rint(samples), -32768, 32767)
-        hit += rng.normal(0, amplitude, hit.shape)
-        at += length
-
-
-def with_hopper(codes, level_db, seed, width=8):
-    """Transmissions on 8 of 64 subcarriers, 5 to 20 ms long, for half of the time."""
-    rng = np.random.default_rng(seed)
-    samples, at = codes.astype(float), 0
-    amplitude = np.sqrt(noise_power(codes) * 10 ** (level_db / 10))
-    while True:
-        at += int(rng.uniform(6e-3, 19e-3) * 12.5e6)
-        length = int(rng.uniform(5e-3, 20e-3) * 12.5e6) // 960 * 960  # small prime factors
-        if not len(hit := samples[at : at + length]):
-            return np.clip(np.rint(samples), -32768, 32767)
-        spectrum = np.zeros(length, np.complex64)
-        lowest = int(rng.uniform(-31, 32 - width) / 64 * length)
-        band = (lowest + np.arange(length * width // 64)) % length
-        spectrum[band] = rng.normal(0, 1, (len(band), 2)) @ [1, 1j]
-        sent = np.fft.ifft(spectrum) * np.sqrt(length / 2) * amplitude
-        hit += np.stack([sent.real, sent.imag], axis=1)[: len(hit)]
-        at += length
+def with_transmissions(codes, effect, seed):
+    """Codes to which another transmitter of ``rooms`` is added."""
+    whole = codes[: len(codes) // FRAME * FRAME].astype(np.float32)
+    frames = whole.view(np.complex64).reshape(-1, FRAME)
+    air = Air(None, np.sqrt(noise_power(codes)), None, len(frames))
+    effect.begin(air, np.random.default_rng(seed))
+    effect.add(frames, 0)
+    return np.clip(np.rint(whole), -32768, 32767)
 
 
 def groups_of(scene, name):
@@ -196,7 +175,7 @@ def rms(errors):
 def bursty(press, tmp_path_factory):
     """The capture with bursts 25 dB above the noise for 20 % of the time."""
     name, _, codes = press
-    hit = with_bursts(codes, 0.2, 25, seed=3)
+    hit = with_transmissions(codes, Bursts(0.2, 25), seed=3)
     return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "bursts")
 
 
@@ -249,7 +228,7 @@ def test_read_groups_hit_as_a_whole_have_no_values_and_are_flagged(press, tmp_pa
 def hopped(press, tmp_path_factory):
     """The capture with a narrow-band transmitter 30 dB above the noise."""
     name, _, codes = press
-    hit = with_hopper(codes, 30, seed=4)
+    hit = with_transmissions(codes, Hopper(0.5, 30), seed=3)
     return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "hopper")
 
 
@@ -293,8 +272,6 @@ def test_stream_with_interference_is_read_as_the_recording(
     _, scene, _ = press
     hit = request.getfixturevalue(interference)
     codes = np.fromfile(f"{hit}.sigmf-data", "<i2").reshape(-1, 2)
-    readings = []
-    reader = wiforce.reader(scene, input_type=input_type, on_reading=readings.append)
     if input_type == "folded":
         source = wiforce.capture_source(hit, scene)
     elif input_type == "sc16":
@@ -302,10 +279,7 @@ def test_stream_with_interference_is_read_as_the_recording(
     else:
         samples = (codes / np.float32(32768)).astype(np.float32).view(np.complex64)[:, 0]
         source = array_source(samples)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
-    assert_same(readings, read(scene, hit))
+    assert_same(readings_of_reader(scene, source, input_type=input_type), read(scene, hit))
 
 
 @pytest.mark.parametrize("packet", cases(1, 64, long=(7,)))

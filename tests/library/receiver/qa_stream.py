@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio import gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
@@ -17,7 +17,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader, interference_screen
 from long_cases import cases
-from press_capture import array_source
+from press_capture import array_source, run_flowgraph
 
 # A quarter of the usual rate costs a quarter of the time.
 GROUP_S = 320 * 320 / 3.2e6
@@ -34,15 +34,7 @@ SCENE = {
         "static_clutter_db": 50,
         "clock_offset_ppm": 40,
         "presses": [
-            {
-                "sensor": "arm",
-                "start_s": 1.5,
-                "rise_s": 0.02,
-                "hold_s": 0.35,
-                "force_n": 4.0,
-                "end_force_n": 4.0,
-                "location_mm": 37.0,
-            }
+            {"start_s": 1.5, "rise_s": 0.02, "hold_s": 0.35, "force_n": 4.0, "location_mm": 37.0}
         ],
     },
 }
@@ -138,9 +130,7 @@ def test_stream_of_a_busy_room_is_read_as_its_recording(captures, input_type):
         source = wiforce.capture_source(captures / "busy", SCENE)
     else:
         source = array_source(np.fromfile(captures / "busy.sigmf-data", "<i2").reshape(-1, 2))
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
+    run_flowgraph(source, reader)
     assert reader.failure is None
     assert len(readings) == len(wanted) == int(2.0 / GROUP_S)
     for got, want in zip(readings, wanted, strict=True):
@@ -431,9 +421,7 @@ def test_stream_of_a_clock_without_crystal_is_read(tmp_path):
     simulate(load_scene(scene), tmp_path / "wide")
     readings = []
     reader = wiforce.reader(scene, input_type="folded", on_reading=readings.append)
-    flowgraph = gr.top_block()
-    flowgraph.connect(wiforce.capture_source(tmp_path / "wide", scene), reader)
-    flowgraph.run()
+    run_flowgraph(wiforce.capture_source(tmp_path / "wide", scene), reader)
     assert reader.failure is None
     assert reader.plan.clocks_hz[0] == pytest.approx(1040 * 1.012, abs=0.1)
     assert_right(readings)
