@@ -33,43 +33,27 @@ def simulate(scene, name, datatype, seed, force):
     """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
     presses as NAME.truth.csv. Of a scene with packets, write their channels as NAME.npz."""
     from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.scene import load_scene, simulation_warnings
     from gnuradio.wiforce.simulation import simulator
-    from gnuradio.wiforce.simulation.truth import frame_count
+    from gnuradio.wiforce.simulation.truth import frame_count, group_centers
 
     scene = load_scene(scene)
     if seed is not None:
         simulation = dataclasses.replace(scene.simulation, seed=seed)
         scene = dataclasses.replace(scene, simulation=simulation)
     plan(scene)  # what cannot be read is refused before it is simulated
-    if scene.packets:
-        return _simulate_packets(scene, name, force)
-    samples = frame_count(scene) * scene.sounding.frame_length
-    with progress("simulating", samples * scene.environment.receive_antennas) as done:
+    settings, steps = scene.simulation, frame_count(scene)
+    duration_s = settings.duration_s if scene.packets else steps * scene.snapshot_period_s
+    if scene.packets is None:
+        steps *= scene.sounding.frame_length * scene.environment.receive_antennas
+    with progress("simulating", steps) as done:
         paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
-    groups = frame_count(scene) // scene.phase_group.snapshots
-    _report(paths, scene, samples / scene.radio.sample_rate_hz, groups)
-
-
-def _simulate_packets(scene, name, force):
-    from gnuradio.wiforce.simulation.packets import simulate_packets
-
-    duration_s = scene.simulation.duration_s
-    with progress("simulating", int(duration_s / scene.packets.interval_s)) as done:
-        paths = simulate_packets(scene, name, overwrite=force, progress=done)
-    _report(paths, scene, duration_s, int(duration_s / scene.group_period_s + 1e-9))
-
-
-def _report(paths, scene, duration_s, groups):
-    from gnuradio.wiforce.scene import simulation_warnings
-
     for path in paths:
         click.echo(path)
     for warning in simulation_warnings(scene):
         log.warning(warning)
-    settings = scene.simulation
     presses = len(settings.presses) + len(settings.surface_presses)
     log.info(
-        f"{duration_s:.3g} s, phase groups: {groups}, "
+        f"{duration_s:.3g} s, phase groups: {len(group_centers(scene))}, "
         f"presses: {presses}, moves: {len(settings.moves)}, seed: {settings.seed}"
     )

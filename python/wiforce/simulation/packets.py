@@ -8,21 +8,17 @@ here is shared with the estimator.
 
 import io
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, unwritable
-from ..io.text.textfile import check_output
-from ..scene import Scene, load_scene
+from ..scene import Scene
 from .presses import TouchState
 from .random_sources import Ramp, RandomSources
 from .tag import SwitchedTag
-from .truth import all_or_nothing, write_truth
+from .truth import write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
 # number, and the power of all of them relative to the direct path.
@@ -38,7 +34,6 @@ _PIECE = 4096
 _REPEAT_S = 20e-6
 # Corner of the wander between antennas: of an Intel AX200 four fifths lie below 300 Hz.
 _WANDER_HZ = 100.0
-_SUFFIXES = (".npz", ".truth.csv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,46 +50,27 @@ class SimulatedPackets:
         return {name: tag.pressed.state(times_s) for name, tag in self.tags.items()}
 
 
-def simulate_packets(
-    scene: str | Path | dict[str, Any] | Scene,
-    name: str | Path,
-    progress: Callable[[int], object] | None = None,
-    overwrite: bool = True,
-) -> list[Path]:
-    """Write the channel snapshots of a scene with packets to ``NAME.npz``, and their truth."""
-    scene = load_scene(scene)
-    stem = os.fspath(name).removesuffix(".npz")
-    if os.path.basename(stem) in ("", ".", "..") or not stem.isprintable():
-        raise InputError("NAME", "must be the name of a file, to which .npz is added", str(name))
-    paths = [Path(f"{stem}{suffix}") for suffix in _SUFFIXES]
-    for path in paths:
-        check_output(path, scene.files)
-        if path.exists() and not overwrite:
-            raise InputError(path, "exists already; --force replaces it")
+def write_packets(
+    scene: Scene, data: Path, truth: Path, beside: Path, progress: Callable[[int], object] | None
+) -> None:
+    """Write the channel snapshots of a scene and their truth; sensor files as named ``beside``."""
     packets = packets_of(scene, progress)
-    try:
-        with all_or_nothing(paths) as (data, truth):
-            write_truth(scene, packets, truth)
-            content = io.BytesIO()  # after an error of a file, its archive prints another
-            np.savez(
-                content,
-                time_s=packets.time_s,
-                channel=packets.channel,
-                subcarrier_hz=packets.subcarrier_hz,
-                center_frequency_hz=scene.radio.center_frequency_hz,
-                scene=json.dumps(scene.as_dict(paths[0])),
-            )
-            data.write_bytes(content.getbuffer())
-    except OSError as error:
-        raise unwritable(stem, error) from error
-    return paths
+    write_truth(scene, packets, truth)
+    content = io.BytesIO()  # after an error of a file, its archive prints another
+    np.savez(
+        content,
+        time_s=packets.time_s,
+        channel=packets.channel,
+        subcarrier_hz=packets.subcarrier_hz,
+        center_frequency_hz=scene.radio.center_frequency_hz,
+        scene=json.dumps(scene.as_dict(beside)),
+    )
+    data.write_bytes(content.getbuffer())
 
 
 def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) -> SimulatedPackets:
-    """Simulate the channel snapshots of a scene, or refuse one without packets."""
-    if scene.packets is None:
-        rule = "must be a mapping in a scene whose channel snapshots are simulated"
-        raise InputError("packets", rule)
+    """Simulate the channel snapshots of a scene with packets."""
+    assert scene.packets is not None
     own, simulation = scene.packets, scene.simulation
     antennas = scene.environment.receive_antennas
     hertz = (np.arange(own.subcarriers) - (own.subcarriers - 1) / 2) * own.spacing_hz

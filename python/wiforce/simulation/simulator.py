@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulated captures: the received samples of a scene as SigMF, with the truth beside them."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ from ..io.capture.sigmf_metadata import write_metadata
 from ..io.text.textfile import check_output
 from ..scene import Scene, load_scene
 from .channel import AirChannel
-from .packets import simulate_packets
+from .packets import write_packets
 from .radio import Adc
 from .truth import all_or_nothing, frame_count, write_truth
 
-_SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
+# Of a capture of samples, and of one of packets.
+_SUFFIXES = ((".sigmf-data", ".truth.csv", ".sigmf-meta"), (".npz", ".truth.csv"))
 _FRAMES_AT_ONCE = 500
 
 
@@ -33,24 +35,28 @@ def simulate(
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     scene = load_scene(scene)
-    if scene.packets is not None:
-        return simulate_packets(scene, name, progress, overwrite)
-    name = recording_stem(name, "NAME")
-    names = [name, second_antenna(name)][: scene.environment.receive_antennas]
-    paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
+    packets = scene.packets is not None
+    suffixes = _SUFFIXES[packets]
+    stem = recording_stem(os.fspath(name).removesuffix(".npz") if packets else name, "NAME")
+    antennas = 1 if packets else scene.environment.receive_antennas
+    stems = [stem, second_antenna(stem)][:antennas]
+    paths = [Path(f"{each}{suffix}") for each in stems for suffix in suffixes]
     for path in paths:
         check_output(path, scene.files)
         if path.exists() and not overwrite:
             raise InputError(path, "exists already; --force replaces it")
-    channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
         with all_or_nothing(paths) as temporary:
-            for antenna, channel in enumerate(channels):
-                data, truth, meta = temporary[antenna * len(_SUFFIXES) :][: len(_SUFFIXES)]
+            if packets:
+                write_packets(scene, temporary[0], temporary[1], paths[0], progress)
+                return paths
+            for antenna in range(antennas):
+                data, truth, meta = temporary[antenna * len(suffixes) :][: len(suffixes)]
+                channel = AirChannel(scene, antenna=antenna)
                 _write_capture(scene, channel, datatype, data, truth, progress)
                 _write_metadata(scene, datatype, data, meta, paths[0])
     except OSError as error:
-        raise unwritable(name, error) from error
+        raise unwritable(stem, error) from error
     return paths
 
 

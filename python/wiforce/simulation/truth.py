@@ -88,14 +88,9 @@ class Score:
     force_error_n: np.ndarray
     location_error_mm: np.ndarray
     phase_error_deg: np.ndarray
-    compared: list[Reading]
+    flagged: int  # of those read as touched
     missed: int
     false: int
-
-    @property
-    def flagged(self) -> int:
-        """Number of readings compared that have a flag."""
-        return sum(bool(reading.flags) for reading in self.compared)
 
     @property
     def median_force_n(self) -> float:
@@ -133,8 +128,7 @@ def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) ->
     own = [reading for reading in readings if reading.sensor == sensor]
     steady_times = {round(row["time_s"], 4) for row in steady_rows(list(rows.values()))}
     force, location, phase = [], [], []
-    compared: list[Reading] = []
-    missed = false = 0
+    flagged = missed = false = 0
     for reading in own:
         time = round(reading.time_s, 4)
         row = rows.get(time)
@@ -145,10 +139,10 @@ def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) ->
         elif reading.touch != 1 or reading.force_n is None or reading.location_mm is None:
             missed += 1
         else:
-            compared.append(reading)
+            flagged += bool(reading.flags)
             force.append(reading.force_n - row["force_n"])
             location.append(reading.location_mm - row["location_mm"])
             measured = np.array([reading.phase1_deg, reading.phase2_deg], float)
             phase.append(wrap_deg(measured - [row["phase1_deg"], row["phase2_deg"]]))
     errors = np.array(force), np.array(location), np.array(phase).reshape(-1, 2)
-    return Score(sensor, *errors, compared, missed, false)
+    return Score(sensor, *errors, flagged, missed, false)

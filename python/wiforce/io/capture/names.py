@@ -18,7 +18,7 @@ def recording_stem(name: str | Path, where: str) -> str:
     text = os.fspath(name)
     stem = text.removesuffix(".sigmf-data").removesuffix(".sigmf-meta")
     path = Path(stem)
-    rule = "must be the name of a capture, to which .sigmf-data and .sigmf-meta are added"
+    rule = "must be the name of a capture, to which the suffixes of its files are added"
     if os.path.basename(stem) in ("", ".", "..") or not text.isprintable():
         raise InputError(where, rule, text)
     if path.exists() and not (path.is_file() or path.is_dir()):
