@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce list``: shipped scenes and sensor models."""
+"""``gr-wiforce list`` and ``schema``: what is shipped, and the keys of its files."""
+
+import json
 
 import click
 from gnuradio.wiforce.scene.load import about_scene, shipped_scenes
@@ -21,3 +23,18 @@ def list(what):
         click.echo("sensors")
         for name in shipped_sensors():
             click.echo(f"  {name:<31}{load_sensor(name).provenance['source']}")
+
+
+@click.command()
+@click.argument("kind", metavar="KIND", type=click.Choice(["scene", "sensor"]))
+def schema(kind):
+    """Print the JSON Schema of scene or sensor files.
+
+    Editors with a YAML language server complete and check keys with it: see
+    docs/reference/scenes.md.
+    """
+    if kind == "scene":
+        from gnuradio.wiforce.scene import scene_json_schema as json_schema
+    else:
+        from gnuradio.wiforce.sensor.file import sensor_json_schema as json_schema
+    click.echo(json.dumps(json_schema(), indent=2))
