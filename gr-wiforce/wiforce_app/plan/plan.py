@@ -10,13 +10,12 @@ from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
-from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.expected import expect, expect_surface
 from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
-from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
 from gnuradio.wiforce.scene.simulated import MAX_SENSORS
 
@@ -69,7 +68,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "settings": _settings(settings),
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
-        "warnings": [*warnings_of(settings), *surface_warnings(settings)],
+        "warnings": warnings_of(settings),
         "notes": [note for note in _notes(settings) if note],
     }
     if scene.packets is None:

@@ -118,6 +118,7 @@ def warnings(plan: Plan) -> list[str]:
         *_receiver_warnings(scene),
         *_sensor_warnings(scene),
         *other_sensors_pressed(plan),
+        *_surface_warnings(scene, plan),
     ]
 
 
@@ -254,6 +255,27 @@ def _sensor_warnings(scene: Scene) -> Iterator[str]:
                     f"{max(forces):g} N at {press.location_mm:g} mm) leaves the span that its "
                     "model was calibrated for"
                 )
+
+
+# With this share a press between two strips that are shorted by 0.9 N is seen from 3.6 N on.
+_LEAST_SHARE = 0.25
+
+
+def _surface_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
+    """What a user of a surface should know before a measurement."""
+    if scene.surface is None:
+        return
+    if plan.skin is None:
+        yield "surface: without a spreading law it is not read; `calibrate --surface` makes one"
+        return
+    skin = plan.skin
+    between = skin.shares((skin.y_mm[1:] + skin.y_mm[:-1]) / 2).max(axis=-1).min()
+    if between < _LEAST_SHARE:
+        onset = float(skin.onset_force_n.max() / max(between, 1e-3))
+        yield (
+            f"surface: between strips the largest share is {between:.2f}; presses below "
+            f"{onset:.1f} N are not seen there; lay the strips closer, or use a stiffer skin"
+        )
 
 
 def improve(plan: Plan) -> list[Proposal]:

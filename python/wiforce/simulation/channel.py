@@ -12,10 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .interference import power_over_noise, transmitters
 from .paths import Levels, modulated_paths, static_taps, tag_paths
 from .presses import TouchState
-from .radio import AnalogueFrontEnd, FreeOscillators, GainRipple, RadioNoiseSource
+from .radio import (
+    AnalogueFrontEnd,
+    FreeOscillators,
+    GainRipple,
+    RadioNoiseSource,
+    power_over_noise,
+    transmitters,
+)
 from .random_sources import Fir, Ramp, RandomSources
 
 if TYPE_CHECKING:
