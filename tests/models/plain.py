@@ -8,8 +8,8 @@ from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from wiforce_app.bench.accuracy import SnapshotChain
 from wiforce_app.bench.air import Air, PathLevels, TagOnAir
-from wiforce_app.bench.cases import SnapshotChain
 
 WAVEFORM = sounding_waveform()
 T = WAVEFORM.snapshot_period_s

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench``: benchmarks of the receiver, one module each.
 
-`air` is the channel without samples, and `cases` reads it under conditions, for errors against the
-bound and at numerical extremes; `chains` are those from samples to tones that are compared with
+`air` is the channel without samples, which `accuracy` reads under conditions against the bound, and
+`stress` at numerical extremes; `chains` are those from samples to tones that are compared with
 stock blocks, and `recording` what they read.
 """
 

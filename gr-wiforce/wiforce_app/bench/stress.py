@@ -17,7 +17,7 @@ from gnuradio.wiforce.signal.waveform import sounding_waveform
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
-from .cases import Case, SnapshotChain, air_of, errors_of, plan_of
+from .accuracy import Case, SnapshotChain, air_of, errors_of, plan_of
 from .inversion import random_presses
 from .recording import Recording
 

@@ -5,12 +5,14 @@ import dataclasses
 import json
 
 import click
+import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.palette import INK, shades
 from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
-from gnuradio.wiforce.planning.expected import expect, expect_surface
+from gnuradio.wiforce.planning.expected import error_map, expect, expect_surface
 from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
@@ -21,7 +23,7 @@ from gnuradio.wiforce.scene.simulated import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import IntegerRange, sample_type, scene_names
-from ..shell.plots import check_picture
+from ..shell.plots import check_picture, save_picture
 
 
 @click.command(
@@ -83,9 +85,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if plot_path is not None:
-        from .error_map import plot_errors
-
-        plot_errors(settings, plot_path)
+        _plot_errors(settings, plot_path)
     if as_json:
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
@@ -237,3 +237,47 @@ def _print_steps(steps):
     for needed, label in ((True, "needed"), (False, "skipped")):
         cost = sum(step["operations"] for step in steps if step["needed"] == needed) / 1e6
         click.echo(f"{label}: {cost:.3g} Mflop per second of signal")
+
+
+_STEPS = 61
+# Levels divide a decade in three, so that each shade is about twice the one before.
+_MANTISSAS = (1.0, 2.0, 5.0)
+_PANEL_IN = 2.6
+
+
+def _plot_errors(settings, path):
+    """Draw the standard deviations of force and location of every sensor, side by side."""
+    from matplotlib.figure import Figure
+
+    count = len(settings.sensors)
+    canvas = Figure(figsize=(10, 0.7 + _PANEL_IN * count), layout="constrained")
+    rows = canvas.subplots(count, 2, squeeze=False, sharex="row", sharey="row")
+    canvas.suptitle("expected standard deviations of a steady reading", fontsize=11)
+    for index, (axes, sensor) in enumerate(zip(rows, settings.sensors, strict=True)):
+        force, location = (
+            np.linspace(*span, _STEPS)
+            for span in (sensor.model.force_span_n, sensor.model.location_span_mm)
+        )
+        spread = error_map(settings, index, force, location)
+        for axis, values, name in zip(
+            axes, np.moveaxis(spread, -1, 0), ("force (N)", "location (mm)"), strict=True
+        ):
+            levels = _levels(values)
+            drawn = axis.contourf(location, force, values, levels, colors=shades(len(levels) - 1))
+            axis.contour(location, force, values, levels, colors=INK, linewidths=0.6)
+            canvas.colorbar(drawn, ax=axis, format="%g", aspect=12)
+            axis.set_title(f"{sensor.name}: std of {name}", fontsize=10)
+        axes[0].set_ylabel("force (N)")
+    for axis in rows[-1]:
+        axis.set_xlabel("location (mm from port 1)")
+    save_picture(canvas, path)
+
+
+def _levels(values):
+    """Levels 1, 2, 5 of each decade around the values, two or more."""
+    low, high = np.log10([values.min(), values.max()])
+    decades = np.arange(np.floor(low), np.ceil(high) + 1)
+    levels = np.outer(10.0**decades, _MANTISSAS).ravel()
+    first = max(0, np.searchsorted(levels, values.min(), "right") - 1)
+    last = min(len(levels) - 1, np.searchsorted(levels, values.max()))
+    return levels[first : max(last, first + 1) + 1]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from command_runs import succeeded
 from wiforce_app.bench import accuracy
-from wiforce_app.bench.cases import Case, cases, run_case
+from wiforce_app.bench.accuracy import Case, cases, run_case
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 
