@@ -198,8 +198,9 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
 def find_wrong_rows(fitted: CarrierFit) -> list[str]:
     """Rows of a location whose exchange explains the phases better, or without which they fit.
 
-    A phase follows force smoothly, with noise of its own and of the force. Tried are the two rows
-    of a press that lie farthest above and below the curve, then the farthest one, above the onset.
+    A phase follows force smoothly, with noise of its own and of the force. Tried are the row
+    farthest beside its curve with that of its press whose exchange fits best, then the row alone,
+    above the onset.
     """
     without_n, touched_n = fitted.data.onset or (0.0, 0.0)
     fitter = fitted.fitter
@@ -225,10 +226,16 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
         basis = fitter.basis(force_n)
         # What a fit leaves of a row, exactly where the coefficients are free.
         rest = np.maximum(1.0 - np.sum(basis @ fit.unit_covariance * basis, axis=1), 1e-9)
-        beside = fit.residual / np.sqrt(rest)
-        pressed = np.where(force_n > without_n, beside, 0.0)
-        pair = np.sort([np.argmin(pressed), np.argmax(pressed)])
-        if pair[0] < pair[1] and curve.press[pair[0]] == curve.press[pair[1]]:
+        beside = fit.residual**2 / rest
+        pressed = force_n > without_n
+        first = int(np.argmax(pressed * beside))
+        # By how much an exchange with each row reduces the squares.
+        step = curve.added_deg - curve.added_deg[first]
+        size = rest + rest[first] + 2 * (basis @ (fit.unit_covariance @ basis[first]))
+        gain = step * (2 * (fit.residual - fit.residual[first]) - step * size)
+        gain *= pressed & (curve.press == curve.press[first])
+        pair = np.sort([first, np.argmax(gain)])
+        if gain.max() > 0:
             exchanged = curve.added_deg.copy()
             exchanged[pair] = exchanged[pair[::-1]]
             after = fitter.fit(force_n, exchanged)
@@ -239,7 +246,7 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
                     "were rows exchanged?"
                 )
                 continue
-        row = int(np.argmax((force_n > touched_n) * beside**2))
+        row = int(np.argmax((force_n > touched_n) * beside))
         if not (force_n[row] > touched_n and fit.residual[row]):
             continue
         after = fitter.fit(np.delete(force_n, row), np.delete(curve.added_deg, row))
