@@ -4,6 +4,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[S
             raise InputError("taps", f"{rule}; strip '{strip.sensor}'", int(own.sum()))
     most = skin.untouched_below_n / taps.force_n[:, None]
     data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
-    make, std = _FAMILIES[law](skin.spacing_mm, data), 0.02
+    make, std = partial(_FAMILIES[law], _knots(skin.spacing_mm, data)), 0.02
     every = np.ones(len(taps), bool)
     for _ in range(3):
         std = _left_out_std(make, data, std)
@@ -161,65 +162,52 @@ def _knots(spacing_mm: float, data: _Data) -> Array:
     return knots
 
 
-def _table(spacing_mm: float, data: _Data) -> _Make:
-    knots = _knots(spacing_mm, data)
+def _table(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
     middle = len(knots) - 1
-
-    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
-        both = _basis(np.concatenate([-knots[:0:-1], knots]), data.distance_mm)
-        basis = both[..., middle:].copy()
-        basis[..., 1:] += both[..., :middle][..., ::-1]
-        # The same on both sides, and nothing at the end.
-        bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
-        penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
-        # What is fitted is by how much each share exceeds the next one, so that none rises.
-        falls = np.triu(np.ones((len(knots), len(knots))))
-        fitted = _least_squares(basis @ falls, data, used, std, penalty @ falls)
-        points = tuple(knots.round(4).tolist())
-        return {"law": "table", "distance_mm": points, "shares": _listed(falls @ fitted)}
-
-    return make
+    both = _basis(np.concatenate([-knots[:0:-1], knots]), data.distance_mm)
+    basis = both[..., middle:].copy()
+    basis[..., 1:] += both[..., :middle][..., ::-1]
+    # The same on both sides, and nothing at the end.
+    bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
+    penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
+    # What is fitted is by how much each share exceeds the next one, so that none rises.
+    falls = np.triu(np.ones((len(knots), len(knots))))
+    fitted = _least_squares(basis @ falls, data, used, std, penalty @ falls)
+    points = tuple(knots.round(4).tolist())
+    return {"law": "table", "distance_mm": points, "shares": _listed(falls @ fitted)}
 
 
-def _strips(spacing_mm: float, data: _Data) -> _Make:
-    positive = _knots(spacing_mm, data)
-    knots = np.concatenate([-positive[:0:-1], positive])
-
-    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
-        # Points that no tap determines are drawn to 0.
-        more = [np.diff(np.eye(len(knots)), 2, axis=0) / _BEND, np.eye(len(knots)) / _UNKNOWN]
-        penalty = np.concatenate(more)
-        curves = []
-        for strip in range(data.share.shape[1]):
-            own = data.of_strip(strip)
-            basis = _basis(knots, own.distance_mm)
-            curves.append(_listed(_least_squares(basis, own, used, std, penalty)))
-        points = tuple(knots.round(4).tolist())
-        return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
-
-    return make
+def _strips(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+    knots = np.concatenate([-knots[:0:-1], knots])
+    # Points that no tap determines are drawn to 0.
+    bends = np.diff(np.eye(len(knots)), 2, axis=0) / _BEND
+    penalty = np.concatenate([bends, np.eye(len(knots)) / _UNKNOWN])
+    curves = []
+    for strip in range(data.share.shape[1]):
+        own = data.of_strip(strip)
+        basis = _basis(knots, own.distance_mm)
+        curves.append(_listed(_least_squares(basis, own, used, std, penalty)))
+    points = tuple(knots.round(4).tolist())
+    return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
 
 
-def _gaussian(spacing_mm: float, data: _Data) -> _Make:
+def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+    from scipy.optimize import least_squares
+
     def keys(share: float, width_mm: float) -> dict[str, Any]:
         return {"law": "gaussian", "share": share, "width_mm": width_mm}
 
-    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
-        from scipy.optimize import least_squares
+    def residuals(parameters: Array) -> Array:
+        law = Spreading(**keys(*parameters))
+        off = _expected(law, data) - np.where(data.shown, data.share, data.most)
+        off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
+        weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
+        return weighted
 
-        def residuals(parameters: Array) -> Array:
-            law = Spreading(**keys(*parameters))
-            off = _expected(law, data) - np.where(data.shown, data.share, data.most)
-            off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
-            weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
-            return weighted
-
-        bounds = [0.01, 0.1], [1.0, 1000.0]
-        share, width = least_squares(residuals, [0.5, 0.8 * spacing_mm], bounds=bounds).x
-        # YAML holds Python's numbers, not NumPy's.
-        return keys(round(float(share), 5), round(float(width), 4))
-
-    return make
+    start, bounds = [0.5, 0.8 * _PER_SPACING * knots[1]], ([0.01, 0.1], [1.0, 1000.0])
+    share, width = least_squares(residuals, start, bounds=bounds).x
+    # YAML holds Python's numbers, not NumPy's.
+    return keys(round(float(share), 5), round(float(width), 4))
 
 
 _FAMILIES = {"strips": _strips, "table": _table, "gaussian": _gaussian}
