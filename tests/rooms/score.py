@@ -2,7 +2,7 @@
 """Read captures of real rooms with the product and count confident wrong readings.
 
     build/run python3 tests/rooms/score.py [--room NAME ...] [--seeds 3] [--mixtures 100]
-        [--table NAME] [--stream] [--jobs 1] [--keep FOLDER] [--json FILE] [--list]
+        [--table NAME] [--stream] [--jobs 1] [--keep FOLDER] [--list]
 
 For every room and seed: a VNA table is calibrated (``gr-wiforce calibrate``), a capture read
 (``gr-wiforce read``, or the block Reader with ``--stream``), and the readings are compared with the
@@ -18,7 +18,6 @@ pressed; presses that come and go are not judged. An unflagged reading is wrong
 
 import argparse
 import hashlib
-import json
 import math
 import shutil
 import subprocess
@@ -26,6 +25,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parent.parent
@@ -144,7 +144,6 @@ def parse(arguments):
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--room", nargs="+", metavar="NAME", help="rooms, or mixture-SEED")
     parser.add_argument("--seeds", type=int, default=3, help="captures of every room")
-    parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--mixtures", type=int, default=0, help="random mixtures, one capture each")
     parser.add_argument(
         "--table",
@@ -154,7 +153,6 @@ def parse(arguments):
     parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all files there")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
     parser.add_argument("--list", action="store_true", help="print the names of the rooms")
     options = parser.parse_args(arguments)
     for name in options.room or ():
@@ -173,35 +171,26 @@ def main(arguments=None):
     names = options.room or ([] if options.mixtures else list(ROOMS))
     if options.table:
         names = list(TABLES[options.table].rows)
-    work = [
-        (name, seed)
-        for name in names
-        for seed in range(options.first_seed, options.first_seed + options.seeds)
-    ]
-    first = options.first_seed
-    work += [(f"mixture-{seed}", seed) for seed in range(first, first + options.mixtures)]
-    base = options.keep or Path(tempfile.mkdtemp(prefix="rooms-"))
-    base.mkdir(parents=True, exist_ok=True)
-    print(header())
+    seeds = {name: range(1, options.seeds + 1) for name in names}
+    seeds |= {f"mixture-{seed}": [seed] for seed in range(1, options.mixtures + 1)}
     read = read_stream if options.stream else read_recording
+    kept = nullcontext(options.keep) if options.keep else tempfile.TemporaryDirectory()
     tallies, total = {}, Tally()
-    try:
-        with ProcessPoolExecutor(options.jobs) as pool:
-            tasks = [
-                pool.submit(
-                    score_capture, name, seed, base / f"{name}.{seed}", base, options.keep, read
-                )
-                for name, seed in work
-            ]
-            for (name, seed), task in zip(work, tasks, strict=True):
-                tally = task.result()[1]
-                tallies.setdefault(name, Tally()).add(tally)
-                total.add(tally)
-                if (name, seed) == [item for item in work if item[0] == name][-1]:
-                    print(row_of(name, tallies[name].summary()), flush=True)
-    finally:
-        if not options.keep:
-            shutil.rmtree(base)
+    print(header())
+    with kept as base, ProcessPoolExecutor(options.jobs) as pool:
+        base = Path(base)
+
+        def scored(name, seed):
+            folder = base / f"{name}.{seed}"
+            return pool.submit(score_capture, name, seed, folder, base, options.keep, read)
+
+        tasks = {name: [scored(name, seed) for seed in seeds[name]] for name in seeds}
+        for name, own in tasks.items():
+            tallies[name] = Tally()
+            for task in own:
+                tallies[name].add(task.result()[1])
+            print(row_of(name, tallies[name].summary()), flush=True)
+            total.add(tallies[name])
     figures = {name: tally.summary() for name, tally in tallies.items()}
     if options.table:
         print(markdown(TABLES[options.table], figures))
@@ -210,11 +199,6 @@ def main(arguments=None):
         f"wrong: {total.wrong} of {total.unflagged} unflagged readings, "
         f"in {rooms_wrong} of {len(tallies)} rooms"
     )
-    if options.json:
-        for name, own in figures.items():
-            own["fails"] = failures(room_named(name), own)
-        text = json.dumps(figures, indent=1).replace("NaN", "null")
-        options.json.write_text(text + "\n")
     return int(total.wrong > 0)
 
 
