@@ -209,6 +209,9 @@ def test_clutter_wider_than_planned_widens_the_band(own_plan):
     assert wider.clutter_hz > 80
     (finding,) = [each for each in findings(survey, short, wider) if each.kind == "clutter"]
     assert finding.matters and f"up to {wider.clutter_hz:.0f} Hz (30 Hz" in finding.handling
+    # A band that the scene states is kept.
+    stated = settings(moving_clutter_hz=30.0)
+    assert adapted(stated, survey).clutter_hz == stated.clutter_hz == 30
 
 
 def test_quiet_room_leaves_plan_unchanged(own_plan):
