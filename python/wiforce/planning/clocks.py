@@ -43,25 +43,22 @@ def line_distances_hz(
     return np.maximum(np.min(np.abs(ours - others) - wander, axis=-1), 0.0)
 
 
-def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
-    """Clocks of one octave, a circle, without ``conflicts`` (C, C) that fit from a free one on."""
-    open_ = np.roll(free, -start)
-    turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
-    count = 0
-    while open_.any():
-        open_ = open_ & ~turned[np.argmax(open_)]
-        count += 1
-    return count
-
-
 def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
-    """The largest of :func:`count_that_fit` over all starts."""
+    """How many free clocks of one octave, a circle, fit at most without ``conflicts`` (C, C)."""
     if not free.any():
         return 0
     first = int(np.argmax(free))
     # Whatever the best choice is, it has a clock that conflicts with the first free one or is it.
     starts = np.flatnonzero(free & (conflicts[first] | (np.arange(len(free)) == first)))
-    return max(count_that_fit(conflicts, free, int(start)) for start in starts)
+    most = 0
+    for start in starts.tolist():
+        left, count = np.roll(free, -start), 0
+        turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
+        while left.any():
+            left = left & ~turned[np.argmax(left)]
+            count += 1
+        most = max(most, count)
+    return most
 
 
 # An end that loses more than half its information to its neighbours, or to aliases, is not

@@ -4,7 +4,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -338,20 +338,18 @@ def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> Pressed
     return PressedSensor(model, presses, moves, scene.radio.center_frequency_hz, beam)
 
 
-def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, float | int | str]]]:
+def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, Any]]]:
     """Rows of truth of the surface at given times: presses that began first, by order of names."""
-    surface = scene.surface
-    names = () if surface is None else surface.names
-    rows: list[list[dict[str, float | int | str]]] = []
+    names = () if scene.surface is None else scene.surface.names
     presses = sorted(scene.simulation.surface_presses, key=lambda press: press.start_s)
+    found = []
     for time in np.asarray(time_s, float).tolist():
         now = [press for press in presses if press.start_s <= time < press.end_s]
-        found: list[dict[str, float | int | str]] = []
-        for i, name in enumerate(names):
-            row: dict[str, float | int | str] = {"sensor": name, "touch": int(i < len(now))}
-            if i < len(now):
-                force = float(press_force(now[i], np.array([time]))[0])
-                row |= {"force_n": force, "location_mm": now[i].x_mm, "y_mm": now[i].y_mm}
-            found.append(row)
-        rows.append(found)
-    return rows
+        rows: list[dict[str, Any]] = [
+            {"sensor": name, "touch": int(i < len(now))} for i, name in enumerate(names)
+        ]
+        for row, press in zip(rows, now, strict=False):
+            force_n = float(press_force(press, np.array([time]))[0])
+            row |= {"force_n": force_n, "location_mm": press.x_mm, "y_mm": press.y_mm}
+        found.append(rows)
+    return found

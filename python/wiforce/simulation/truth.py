@@ -42,28 +42,20 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
     ``force_n`` also below the onset; surfaces have rows with x in ``location_mm``, and ``y_mm``.
     """
     times = group_centers(scene)
-    states = channel.touch_state(times)
-    of_surface = surface_truth(scene, times)
-    also = () if scene.surface is None else ("y_mm",)
+    states, of_surface = channel.touch_state(times), surface_truth(scene, times)
+    columns = TRUTH_COLUMNS if scene.surface is None else (*TRUTH_COLUMNS, "y_mm")
     with open(path, "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow((*TRUTH_COLUMNS, *also))
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
         for i, time_s in enumerate(times.tolist()):
+            at = {"time_s": rounded("time_s", time_s)}
             for name, state in states.items():
                 numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
-                writer.writerow(
-                    [
-                        rounded("time_s", time_s),
-                        name,
-                        int(state.touch[i]),
-                        *map(rounded, TRUTH_COLUMNS[3:], numbers),
-                        *("" for _ in also),
-                    ]
-                )
+                found = dict(zip(columns[3:7], map(rounded, columns[3:7], numbers), strict=True))
+                writer.writerow({**at, "sensor": name, "touch": int(state.touch[i]), **found})
             for row in of_surface[i]:
-                cells = [row.get(name, "") for name in (*TRUTH_COLUMNS[1:], *also)]
-                cells = [round(x, 4) if isinstance(x, float) else x for x in cells]
-                writer.writerow([rounded("time_s", time_s), *cells])
+                cells = {k: round(x, 4) if isinstance(x, float) else x for k, x in row.items()}
+                writer.writerow({**at, **cells})
 
 
 @contextmanager
