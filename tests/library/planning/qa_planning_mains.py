@@ -15,13 +15,13 @@ from gnuradio.wiforce.planning.advice import (
     warnings,
 )
 from gnuradio.wiforce.planning.clocks import clocks_for, propose_clocks
-from gnuradio.wiforce.planning.plan import Plan, plan
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
-from gnuradio.wiforce.signal.waveform import sounding_waveform
+from plain import make_plan
 from wiforce_app.plan.check import Findings, advice_on
 
-GROUP = Plan(sounding_waveform(), (), 625, 0.0, 8, 1, 1)
+GROUP = make_plan(())
 BOTH = (50.0, 60.0)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from command_runs import refused, run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve
 from gnuradio.wiforce.planning.clocks import (
     Search,
@@ -17,11 +16,10 @@ from gnuradio.wiforce.planning.clocks import (
     most_that_fit,
     propose_clocks,
 )
-from gnuradio.wiforce.planning.plan import Plan, plan
-from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.planning.plan import plan
 from long_cases import cases
+from plain import WAVEFORM, make_plan
 
-WAVEFORM = sounding_waveform()
 STRONG = (1, 2, 4)
 
 
@@ -39,11 +37,6 @@ def bin_hz(group_length):
     return 1 / (group_length * WAVEFORM.snapshot_period_s)
 
 
-def group_of(length, *taken_hz, clutter_hz=0.0):
-    """Phase groups of so many snapshots, and the clocks of tags that are there already."""
-    return Plan(WAVEFORM, tuple(map(TagClock, taken_hz)), length, clutter_hz, 8, 1, 1)
-
-
 def scene_of(clocks_hz, group_length, **sections):
     sensors = [
         {"name": f"s{i}", "model": "line-900mhz", "clock_hz": hz} for i, hz in enumerate(clocks_hz)
@@ -55,7 +48,7 @@ def scene_of(clocks_hz, group_length, **sections):
 def test_propose_clocks_sixteen_tags_keep_apart_and_from_lamps(group_length, tolerance_ppm):
     """Lines that meet because crystals are off by their tolerance would swap two sensors."""
     start = time.process_time()
-    clocks = propose_clocks(16, group_of(group_length), tolerance_ppm)
+    clocks = propose_clocks(16, make_plan((), group_length), tolerance_ppm)
     took_s = time.process_time() - start
     assert len(set(clocks)) == 16
     assert line_gap_hz(clocks, tolerance_ppm) >= 2 * bin_hz(group_length)
@@ -71,24 +64,24 @@ def test_propose_clocks_sixteen_tags_keep_apart_and_from_lamps(group_length, tol
 
 def test_propose_clocks_twice_gives_the_same():
     """A scene made from a proposal must not depend on the day it was made."""
-    first = propose_clocks(6, group_of(625, 1035.0))
-    assert propose_clocks(6, group_of(625, 1035.0)) == first
+    first = propose_clocks(6, make_plan((1035.0,)))
+    assert propose_clocks(6, make_plan((1035.0,))) == first
 
 
 @pytest.mark.parametrize("group_length", cases(125, long=(63, 250)))
 def test_propose_clocks_too_many_names_the_number_that_fits(group_length):
     """A user must learn how many sensors are possible, and get them when asking for so many."""
     with pytest.raises(InputError, match="longer phase groups") as caught:
-        propose_clocks(16, group_of(group_length))
+        propose_clocks(16, make_plan((), group_length))
     fitting = int(str(caught.value).split("at most ")[1].split(":")[0])
-    clocks = propose_clocks(fitting, group_of(group_length))
+    clocks = propose_clocks(fitting, make_plan((), group_length))
     assert len(clocks) == fitting >= 2
     assert line_gap_hz(clocks, 100.0) >= bin_hz(group_length)
     plan(scene_of(clocks, group_length))
 
 
 def test_propose_clocks_are_readable_beside_those_taken():
-    proposed = propose_clocks(2, group_of(625, 1000.0))
+    proposed = propose_clocks(2, make_plan((1000.0,)))
     assert len(proposed) == 2
     assert line_gap_hz([1000, *proposed], 100.0) >= 2 * bin_hz(625)
     report = assess_clocks([1000, *proposed], WAVEFORM, 625)
@@ -97,7 +90,7 @@ def test_propose_clocks_are_readable_beside_those_taken():
 
 def test_propose_clocks_clutter_leaves_no_room_raises():
     with pytest.raises(InputError, match="count: must be at most 0: .*, got 1"):
-        propose_clocks(1, group_of(64, clutter_hz=2000.0))
+        propose_clocks(1, make_plan((), 64, 2000.0))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -134,7 +127,7 @@ def test_most_that_fit_equals_exhaustive_search(seed):
 @pytest.mark.parametrize("bins", [1.0, 2.0, 4.0])
 def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
     """The claim behind the search: lower octaves make room for no further tag."""
-    search = Search(group_of(250), 100.0, ())
+    search = Search(make_plan((), 250), 100.0, ())
     grid = search.candidates
     most = search.packed(*search.constraints(bins * bin_hz(250)))
     conflicts = line_distances_hz(grid[:, None], grid, 100.0) < bins * bin_hz(250)
