@@ -7,7 +7,7 @@ import os
 import signal
 import stat
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 
 import click
 from gnuradio.wiforce.errors import InputError
@@ -128,16 +128,14 @@ def _in_background(descriptor):
         return False
 
 
-class ZmqControl:
-    """The same lines as requests over ZMQ on loopback."""
-
-    def __init__(self, console, device, endpoint):
-        if not is_loopback(endpoint_of(endpoint, "--control")):
-            rule = "must be a port or tcp://127.0.0.1:PORT; other machines have no access"
-            raise InputError("--control", rule, endpoint)
-        self._replies = Replies(endpoint, console.answer)
-        self.close = self._replies.close
-        device.watch(self._replies.fileno(), lambda: self._replies.serve(_REQUESTS_A_TURN))
+def _serve_requests(console, device, endpoint):
+    """Take the same lines as requests over ZMQ on loopback."""
+    if not is_loopback(endpoint_of(endpoint, "--control")):
+        rule = "must be a port or tcp://127.0.0.1:PORT; other machines have no access"
+        raise InputError("--control", rule, endpoint)
+    replies = Replies(endpoint, console.answer)
+    device.watch(replies.fileno(), lambda: replies.serve(_REQUESTS_A_TURN))
+    return replies
 
 
 _DEFAULT_DELAY_US = 5.12  # 64 samples at 12.5 Msps
@@ -209,19 +207,16 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, control):
         )
     except InputError as error:
         raise error.renamed(names) from error
-    with closing(device):
+    with closing(device), ExitStack() as opened:
         console = Console(device)
         LineControl(console, device, sys.stdin.fileno(), sys.stdout)
-        zmq_control = ZmqControl(console, device, control) if control else None
+        if control:
+            opened.callback(_serve_requests(console, device, control).close)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: device.stop())
         print(f"listening: N210 with {daughterboard}, --args addr={bind}", flush=True)
         click.echo(f"commands: {_COMMANDS}", err=True)
-        try:
-            device.run()
-        finally:
-            if zmq_control:
-                zmq_control.close()
+        device.run()
         click.echo(_summary(device.status()), err=True)
 
 
