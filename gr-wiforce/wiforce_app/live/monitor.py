@@ -135,7 +135,8 @@ class SessionMonitor:
         session, pace = self._session, self._pace
         while self._said:
             sentence = self._said.popleft()
-            if sentence.partition(": ")[2] not in self._health.silences:
+            # Of a stream that never began, what ended it is said already.
+            if session.time_s and sentence.partition(": ")[2] not in self._health.silences:
                 log.warning(sentence)
         self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost

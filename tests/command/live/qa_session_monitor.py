@@ -67,6 +67,10 @@ def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know
     assert not capsys.readouterr().err
     monitor.finish()
     assert capsys.readouterr().err == "gr-wiforce: warning: reader: arm: all readings are weak\n"
+    session.time_s = 0.0
+    session.reader.groups.on_warning("reader: the stream has ended")
+    monitor.finish()
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
