@@ -148,16 +148,14 @@ _APART = 3.0
 # At most so many of them, and so many single lines, are reported, the strongest first.
 _MOST_REGIONS = 4
 _MOST_LINES = 12
-# Noise within this distance of a tag's line is attributed to the tag's clock, in Hz.
-_CLOCK_NOISE_HZ = 100.0
-# Lines of lamps and tags up to these orders are recognised where the drift of mains or clock has
-# widened them, in Hz.
-_LAMP_ORDERS, _TAG_ORDERS, _LAMP_WIDTH_HZ = 200, 64, 20.0
+# Lines of lamps up to this order are recognised where the drift of the mains has widened them.
+_LAMP_ORDERS, _LAMP_WIDTH_HZ = 200, 20.0
 # So many slow lines are the blades of something that turns.
 _BLADES = 3
 # Hum is at the frequency of the mains within the survey's accuracy and their drift.
 _HUM_HZ = 0.6
 _ENTERS = "it enters the standard deviations"
+_BROAD = "noise of a tag's clock, a path that moves fast, or another transmitter"
 _SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
 
 
@@ -380,9 +378,9 @@ class _Report:
             hertz, power = survey.frequency_hz[rows], survey.excess[rows]
             lines = [RoomLine(float(f), float(p)) for f, p in zip(hertz, power, strict=True)]
             middle_hz = float(hertz @ power / power.sum())
-            level_db, meaning = self._db(float(power.sum())), self._meaning_of_noise(middle_hz)
+            level_db = self._db(float(power.sum()))
             ends_hz = float(hertz[0]), float(hertz[-1])
-            yield Finding("noise", middle_hz, level_db, meaning, *self._handling(lines), ends_hz)
+            yield Finding("noise", middle_hz, level_db, _BROAD, *self._handling(lines), ends_hz)
 
     def _is_lamps(self, hertz: np.ndarray) -> bool:
         """Whether a region is a line of lamps that were found, widened by the drifting mains."""
@@ -393,19 +391,6 @@ class _Report:
             if source.kind == "lamps"
             for order in range(1, _LAMP_ORDERS)
         )
-
-    def _meaning_of_noise(self, hertz: float) -> str:
-        """Its probable cause: noise beside a tag's line belongs to the tag."""
-        for tag, clock in enumerate(self._plan.clocks):
-            for m in range(1, self._plan.harmonics + 1):
-                if abs(hertz - self._seen_hz(m * clock.clock_hz)) < _CLOCK_NOISE_HZ:
-                    name = _names(self._plan)[tag]
-                    return f"noise of the clock of '{name}', or a path of its tag that moves"
-        for source in self._survey.sources:
-            seen = (self._seen_hz(m * source.fundamental_hz) for m in range(1, _TAG_ORDERS))
-            if source.kind == "tag" and any(abs(hertz - f) < _LAMP_WIDTH_HZ for f in seen):
-                return "noise of the clock of the tag that the scene does not list"
-        return "fast motion, or another transmitter"
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
