@@ -14,7 +14,7 @@ from .inversion import Inversion
 from .model import LineModel, SensorModel, touch_of
 from .tracker import PressTracker
 
-# Where `calibration` and `gauges` have the names that programs import from here.
+# Where `calibration` has the names that programs import from here.
 _ELSEWHERE = {
     "CalibrationSession": "calibration.session",
     "CalibrationTable": "calibration.tables",
