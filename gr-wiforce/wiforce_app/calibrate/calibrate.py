@@ -212,8 +212,8 @@ def calibrate(
         f"\nline: {line['length_mm']:g} mm, effective permittivity {line['permittivity']:g} "
         "(--length-mm, --permittivity)"
     )
-    for found in sensor.estimate_line(data, **line):
-        click.echo(f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}")
+    for text in sensor.estimate_line(data, **line):
+        click.echo(f"  {text}")
     if plot_path is not None:
         from .plot import plot_calibration
 

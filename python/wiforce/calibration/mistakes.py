@@ -54,29 +54,6 @@ _UNEXPLAINED = {"inconsistent", "extrapolated"}
 
 
 @dataclass(frozen=True)
-class LineEstimate:
-    """What one carrier says about the line: the next length, modulo ``ambiguity_mm``."""
-
-    frequency_hz: float
-    permittivity: float | None
-    length_mm: float | None
-    ambiguity_mm: float
-
-    def text(self) -> str:
-        """The estimate in words, as wide as the contact law leaves it."""
-        if self.permittivity is None:
-            return "the phases of different locations do not tell"
-        length = (
-            "a length that only untouched rows would tell"
-            if self.length_mm is None
-            else f"{self.length_mm:.0f} +- {_LENGTH_MM:g} mm (or {self.ambiguity_mm:.0f} mm more)"
-        )
-        low = max(self.permittivity / _PERMITTIVITY_RATIO, 1.0)
-        high = self.permittivity * _PERMITTIVITY_RATIO
-        return f"the data suggest {length} and a permittivity between {low:.2g} and {high:.2g}"
-
-
-@dataclass(frozen=True)
 class _Presses:
     """The touched rows of one carrier, summed up for both ports at J locations.
 
@@ -160,19 +137,34 @@ def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
     return float(slope) * span, float(np.sqrt(covariance[0, 0])) * span
 
 
-def estimate_line(
-    table: CalibrationTable, length_mm: float, permittivity: float
-) -> list[LineEstimate]:
-    """Length and permittivity by each carrier, within 10 mm and 60 %: the contact is unknown."""
-    return [_estimate(own, length_mm, permittivity) for own in _by_carrier(table)]
+def estimate_line(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
+    """What each carrier says of the line, as wide as the contact law leaves it; a line each."""
+    found = []
+    for own in _by_carrier(table):
+        epsilon, nearest_mm = _estimate(own, length_mm, permittivity)
+        text = "the phases of different locations do not tell"
+        if epsilon is not None:
+            turn_mm = 360.0 / line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
+            length = (
+                "a length that only untouched rows would tell"
+                if nearest_mm is None
+                else f"{nearest_mm:.0f} +- {_LENGTH_MM:g} mm (or {turn_mm:.0f} mm more)"
+            )
+            low, high = max(epsilon / _PERMITTIVITY_RATIO, 1.0), epsilon * _PERMITTIVITY_RATIO
+            text = f"the data suggest {length} and a permittivity between {low:.2g} and {high:.2g}"
+        found.append(f"{own.frequency_hz / 1e6:g} MHz: {text}")
+    return found
 
 
-def _estimate(own: _Presses, length_mm: float, permittivity: float) -> LineEstimate:
+def _estimate(
+    own: _Presses, length_mm: float, permittivity: float
+) -> tuple[float | None, float | None]:
+    """Permittivity, and the next length in mm, modulo half a wavelength; None where unknown."""
     slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
     scores = own.on_lines(_SLOPES * slope)
     best = int(np.argmax(scores))
     if scores[best] < _ON_A_LINE or len(own.location_mm) < _ENOUGH_LOCATIONS:
-        return LineEstimate(own.frequency_hz, None, None, float(360.0 / slope))
+        return None, None
     found = None
     if own.untouched_deg is not None:
         change = np.degrees(np.angle(own.direction)) - np.array(own.untouched_deg)[:, None]
@@ -181,8 +173,7 @@ def _estimate(own: _Presses, length_mm: float, permittivity: float) -> LineEstim
         turns = np.exp(1j * np.radians(slope * lengths[own.known.all(axis=0)]))
         beyond = wrap_deg(np.degrees(np.angle(np.mean(turns))) - slope * length_mm) / slope
         found = float(length_mm + beyond)
-    own_permittivity = float(permittivity * _SLOPES[best] ** 2)
-    return LineEstimate(own.frequency_hz, own_permittivity, found, float(360.0 / slope))
+    return float(permittivity * _SLOPES[best] ** 2), found
 
 
 def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
@@ -331,23 +322,23 @@ def _unpressed(own: _Presses, slope: float) -> list[str]:
 
 def _other_line(own: _Presses, length_mm: float, permittivity: float) -> list[str]:
     """Whether the phases are those of a line of another permittivity, length or far end."""
-    estimate = _estimate(own, length_mm, permittivity)
+    epsilon, nearest_mm = _estimate(own, length_mm, permittivity)
     at = f"{own.frequency_hz / 1e6:g} MHz: "
-    if estimate.permittivity is None:
+    if epsilon is None:
         return []
-    ratio = np.sqrt(estimate.permittivity / permittivity)
+    ratio = np.sqrt(epsilon / permittivity)
     if not _SLOPE_LIMITS[0] <= ratio <= _SLOPE_LIMITS[1]:
         return [
             f"{at}phases change with location as on a line of permittivity "
-            f"{estimate.permittivity:.2g}, not {permittivity:g}: check --permittivity, and that "
+            f"{epsilon:.2g}, not {permittivity:g}: check --permittivity, and that "
             "locations are in mm"
         ]
-    if estimate.length_mm is None:
+    if nearest_mm is None:
         return []
-    if abs(estimate.length_mm - length_mm) > _LENGTH_MM:
+    if abs(nearest_mm - length_mm) > _LENGTH_MM:
         return [
             f"{at}touched and untouched phases are those of a line of about "
-            f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes and "
+            f"{nearest_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes and "
             "the open far end (50 ohm reflects nothing) the same for all rows, does the ruler "
             "begin at port 1, and is --length-mm right?"
         ]
