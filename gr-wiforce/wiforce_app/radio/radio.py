@@ -8,6 +8,7 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from typing import Any
 
 from gnuradio.wiforce.blocks.usrp import require_rate
 from gnuradio.wiforce.errors import InputError
@@ -26,8 +27,12 @@ class End(ABC):
         self.block, self._channels = block, range(channels)
 
     @abstractmethod
-    def _set(self, name: str, value: object) -> None:
+    def set(self, name: str, value: object) -> None:
         """Set something of all channels by the block's method ``set_NAME``."""
+
+    def get(self, name: str) -> Any:
+        """What is set of the first channel."""
+        return getattr(self.block, f"get_{name}")(0)
 
     @abstractmethod
     def set_rate(self, rate_hz: float) -> float:
@@ -43,27 +48,12 @@ class End(ABC):
     @abstractmethod
     def gain_limits_db(self) -> tuple[float, float]: ...
 
-    def set_gain(self, gain_db: float) -> None:
-        self._set("gain", gain_db)
-
-    def gain_db(self) -> float:
-        return self.block.get_gain(0)
-
     @abstractmethod
     def antennas(self) -> list[str]: ...
-
-    def set_antenna(self, antenna: str) -> None:
-        self._set("antenna", antenna)
-
-    def antenna(self) -> str:
-        return self.block.get_antenna(0)
 
     @abstractmethod
     def bandwidth_limits_hz(self) -> tuple[float, float] | None:
         """None where the device's filter cannot be set."""
-
-    def set_bandwidth(self, bandwidth_hz: float) -> None:
-        self._set("bandwidth", bandwidth_hz)
 
     @abstractmethod
     def locked(self) -> bool:
@@ -103,14 +93,15 @@ class Radio(ABC):
             gain_option, gain_db, antenna_option, antenna = wanted[direction]
             if gain_db is None:
                 self._set_first_gain(end)
-            for option, value, apply in (
-                (gain_option, gain_db, _set_gain),
-                (antenna_option, antenna, _set_antenna),
-                ("--bandwidth", request.bandwidth_hz, _set_bandwidth),
+            for name, option, value, check in (
+                ("gain", gain_option, gain_db, _check_gain),
+                ("antenna", antenna_option, antenna, _check_antenna),
+                ("bandwidth", "--bandwidth", request.bandwidth_hz, _check_bandwidth),
             ):
                 if value is not None:
                     with self.applying(option, value):
-                        apply(option, end, value)
+                        check(option, end, value)
+                        end.set(name, value)
 
     @contextlib.contextmanager
     def applying(
@@ -165,10 +156,10 @@ class Radio(ABC):
 
     def settings(self) -> dict:
         """Gains and antennas as plain values for metadata."""
-        gains = {f"{name}_gain_db": end.gain_db() for name, end in self._ends.items()}
+        gains = {f"{name}_gain_db": end.get("gain") for name, end in self._ends.items()}
         # Neither JSON nor SigMF has a NaN.
         known = {name: gain_db for name, gain_db in gains.items() if math.isfinite(gain_db)}
-        return known | {f"{name}_antenna": end.antenna() for name, end in self._ends.items()}
+        return known | {f"{name}_antenna": end.get("antenna") for name, end in self._ends.items()}
 
     def _set_rate(self, end, rate_hz):
         where = f"{self._name}: radio.sample_rate_hz"
@@ -215,29 +206,19 @@ def absent_rule(reason: str, finder: str) -> str:
     )
 
 
-def _set_gain(option, end, gain_db):
-    low, high = end.gain_limits_db()
-    _require_range(option, low, high, gain_db)
-    if not low <= gain_db <= high:
-        raise InputError(option, f"must be {low:g} to {high:g} dB with this device", gain_db)
-    end.set_gain(gain_db)
+def _check_gain(option, end, gain_db):
+    _require_within(option, gain_db, end.gain_limits_db(), "dB")
 
 
-def _set_antenna(option, end, antenna):
+def _check_antenna(option, end, antenna):
     _require_known(option, antenna, end.antennas())
-    end.set_antenna(antenna)
 
 
-def _set_bandwidth(option, end, bandwidth_hz):
+def _check_bandwidth(option, end, bandwidth_hz):
     limits_hz = end.bandwidth_limits_hz()
     if limits_hz is None:
         raise InputError(option, "must not be given: this device's filter is fixed")
-    _require_range(option, *limits_hz, bandwidth_hz)
-    low, high = (limit / 1e6 for limit in limits_hz)
-    if not low <= bandwidth_hz / 1e6 <= high:
-        rule = f"must be {low:.6g} to {high:.6g} MHz with this device"
-        raise InputError(option, rule, bandwidth_hz)
-    end.set_bandwidth(bandwidth_hz)
+    _require_within(option, bandwidth_hz, limits_hz, "MHz", 1e6)
 
 
 def _require_stated(where, actual_hz, value_hz):
@@ -246,9 +227,12 @@ def _require_stated(where, actual_hz, value_hz):
         raise InputError(where, rule, value_hz)
 
 
-def _require_range(option, low, high, value):
+def _require_within(option, value, limits, unit, scale=1.0):
+    low, high = (limit / scale for limit in limits)
     if math.isnan(low) or math.isnan(high):
         raise InputError(option, "must not be given: this device's driver states no range", value)
+    if not low <= value / scale <= high:
+        raise InputError(option, f"must be {low:.6g} to {high:.6g} {unit} with this device", value)
 
 
 def _require_known(option, name, known):

@@ -126,7 +126,7 @@ class _SoapyEnd(End):
             if block.has_gain_mode(channel):
                 block.set_gain_mode(channel, False)
 
-    def _set(self, name, value):
+    def set(self, name, value):
         for channel in self._channels:
             getattr(self.block, f"set_{name}")(channel, value)
 
@@ -134,13 +134,13 @@ class _SoapyEnd(End):
         nearest = _nearest(self.block.get_sample_rate_range(0), rate_hz)
         if not math.isclose(nearest, rate_hz, rel_tol=1e-6):
             return nearest
-        self._set("sample_rate", nearest)
+        self.set("sample_rate", nearest)
         return self.block.get_sample_rate(0)
 
     def set_carrier(self, carrier_hz):
         if _nearest(self.block.get_frequency_range(0), carrier_hz) != carrier_hz:
             return math.inf
-        self._set("frequency", carrier_hz)
+        self.set("frequency", carrier_hz)
         return self.block.get_frequency(0)
 
     def carrier_limits_hz(self):

@@ -32,7 +32,7 @@ class UhdRadio(Radio):
         return receiver, transmitter
 
     def _set_first_gain(self, end):
-        end.set_gain(first_gain_db(*end.gain_limits_db()))
+        end.set("gain", first_gain_db(*end.gain_limits_db()))
 
     def _clock_sources(self):
         return self.source.get_clock_sources(0)
@@ -68,7 +68,7 @@ class _UhdEnd(End):
     def __init__(self, block):
         super().__init__(block, block.output_signature().min_streams() or 1)
 
-    def _set(self, name, value):
+    def set(self, name, value):
         for channel in self._channels:
             getattr(self.block, f"set_{name}")(value, channel)
 
@@ -77,7 +77,7 @@ class _UhdEnd(End):
         return self.block.get_samp_rate()
 
     def set_carrier(self, carrier_hz):
-        self._set("center_freq", carrier_hz)
+        self.set("center_freq", carrier_hz)
         return self.block.get_center_freq()
 
     def carrier_limits_hz(self):
