@@ -8,7 +8,6 @@ import numpy as np
 from gnuradio.wiforce.io.text.textfile import check_output, write_csv
 
 from ..shell.options import scene_names, worker_options
-from ..shell.progress import progress
 from ..shell.tables import Column, table
 from . import published
 from .published import series_lines
@@ -60,8 +59,7 @@ def paper(output):
         check_output(output)
     vna = published.FOLDER / "vna.csv"
     presses = published.published_presses()
-    with progress("evaluating", published.models_scored()) as step:
-        scores = published.score_presses(vna, presses, step)
+    scores = published.score_presses(vna, presses)
     if output is not None:
         shown = {key: scores[key].map("{:g}".format) for key in ("freq_mhz", "location_mm")}
         write_csv(output, scores.assign(**shown))

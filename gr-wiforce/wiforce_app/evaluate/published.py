@@ -7,6 +7,7 @@ another trial. From trial 3 nothing is learnt.
 """
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
@@ -15,6 +16,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
+from ..shell.progress import progress
 from .causes import FOLDER
 
 # Twice the paper's median force error of one sensor: what it expects of the sum, not a measurement.
@@ -139,7 +141,7 @@ def bench_model(table):
     return calibrate(table, name, 80.0, "auto-beyond", ONSET_FORCE_N, location_steps="given")
 
 
-def score_presses(vna_path, presses, progress=lambda steps: None):
+def score_presses(vna_path, presses):
     """Every model and method on every reading of the presses, as a DataFrame in columns of `-o`.
 
     ``wireless_calibration``: with one press per location, of the other trial.
@@ -147,13 +149,12 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
     import pandas
 
     frames = []
-    for frequency in FREQUENCIES_HZ:
-        bench = bench_model(read_vna_csv(vna_path, frequency))
-        own = [press for press in presses if press.frequency_hz[0] == frequency]
-        for trial, learnt_from in LEARNT_FROM.items():
-            other = [press for press in own if press.press[0] == learnt_from]
-            scored = [press for press in own if press.press[0] == trial]
-            for refined in (False, True):
+    with progress("evaluating", 2 * len(FREQUENCIES_HZ) * len(LEARNT_FROM)) as step:
+        for frequency in FREQUENCIES_HZ:
+            bench = bench_model(read_vna_csv(vna_path, frequency))
+            own = [press for press in presses if press.frequency_hz[0] == frequency]
+            for (trial, learnt_from), refined in product(LEARNT_FROM.items(), (False, True)):
+                other = [press for press in own if press.press[0] == learnt_from]
                 model = refine(bench, CalibrationTable.joined(other)) if refined else bench
                 std = model.noise_deg() if refined else _scatter(bench, other)
                 frames += [
@@ -168,16 +169,11 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
                             **_read_press(model, std, press, method),
                         }
                     )
-                    for press in scored
-                    for method in METHODS
+                    for press, method in product(own, METHODS)
+                    if press.press[0] == trial
                 ]
-                progress(1)
+                step(1)
     return pandas.concat(frames, ignore_index=True)
-
-
-def models_scored():
-    """How often :func:`score_presses` calls ``progress``."""
-    return len(FREQUENCIES_HZ) * len(LEARNT_FROM) * 2
 
 
 def _scatter(model, presses):
