@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The page of a live run: an output that a process of its own shows (:mod:`page_process`)."""
+"""The page of a live run: an output, and the process of its own that serves it."""
 
 import contextlib
 import multiprocessing
+import os
 import shutil
+import signal
+import socket
 import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Mapping
+from multiprocessing.connection import Connection
 from typing import Any
 
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
@@ -14,6 +20,7 @@ from gnuradio.wiforce.io.outputs import Output
 
 from ..shell.processes import spawned
 from .address import OPTION, PageAddress
+from .zmq_source import ZmqSource
 
 # The process sends viewers the end of the run before it ends itself.
 _CLOSE_S = 3.0
@@ -42,7 +49,7 @@ class LivePage(Output):
             self._run, run = multiprocessing.Pipe()
             with run:
                 descriptors = listening.fileno(), run.fileno()
-                self._process = spawned(f"{__package__}.page_process", *descriptors)
+                self._process = spawned(f"{__package__}.live_page", *descriptors)
         with contextlib.suppress(OSError):  # it has ended already, which is reported
             self._run.send((address, readings, self.control, self._folder))
 
@@ -67,3 +74,53 @@ class LivePage(Output):
             self._process.wait()
         self._publisher.close()
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+# The process, whose module this is as well. Readings come first where processors are short.
+_NICENESS = 10
+# For the last message, after the run has ended.
+_LAST_S = 0.5
+
+
+class _Run:
+    """Whether the run is over: it has said so, or its process is gone."""
+
+    def __init__(self, source: ZmqSource, connection: Connection):
+        self._source, self._connection = source, connection
+        self._gone_s: float | None = None
+
+    def ended(self) -> bool:
+        """Asked at every tick."""
+        if self._gone_s is None and self._connection.poll():
+            self._gone_s = time.monotonic()
+        if self._gone_s is None:
+            return False
+        late = time.monotonic() - self._gone_s > _LAST_S
+        if late and not self._source.ended:
+            self._source.give_up("the reader's process has ended without a word")
+        return late or self._source.ended
+
+
+def main() -> None:
+    """Serve the page, with the descriptors of the open port and of the connection."""
+    from .server import PageServer, serve_until_signal  # with Bokeh, which takes a second
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends first, and then the page
+    os.nice(_NICENESS)
+    port, descriptor = map(int, sys.argv[1:3])
+    connection = Connection(descriptor)
+    address, readings, control, folder = connection.recv()
+    source = ZmqSource(readings, control, name="the reader")
+    run = _Run(source, connection)
+    try:
+        with socket.socket(fileno=port) as listening:
+            serve_until_signal(
+                lambda: PageServer(source, address, listening), run.ended, (signal.SIGTERM,)
+            )
+    finally:
+        # The reader cannot do it when it was killed.
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

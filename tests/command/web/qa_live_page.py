@@ -24,7 +24,7 @@ def page_process(reader):
     """Process that serves the page of a live reader."""
     for task in Path(f"/proc/{reader.pid}/task").iterdir():
         for child in (task / "children").read_text().split():
-            if b"page_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+            if b"live_page" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return int(child)
     return None
 
