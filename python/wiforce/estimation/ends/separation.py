@@ -22,8 +22,7 @@ from ..clocks.clock_search import ClockSearch
 from ..clocks.tracked_tag import TagClock, TrackedTag
 from ..group_tones import GroupTones
 from ..groups import Array, Groups
-from .least_squares import ToneModel
-from .spread_lines import SpreadLines
+from .least_squares import SpreadLines, ToneModel
 
 # Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR
 # 60 dB, symbol of 0.05 of the tag's period; tests/models/waveform_captures.py).
