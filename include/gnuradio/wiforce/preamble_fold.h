@@ -29,8 +29,7 @@ namespace gr::wiforce {
  *
  * Frame timing is monitored: when samples were lost or repeated and no tag reports it,
  * the frames are found again as soon as two averages over 16 frames agree on the shift.
- * The number of samples lost is then known modulo the frame length. Frames of more than
- * 131072 samples are not monitored.
+ * The number of samples lost is then known modulo the frame length.
  *
  * In the first form the first output and the first one after every gap carry the tag
  * `snapshot`, the index of that frame on the grid. Outputs of sc16 samples at full scale

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "frame_watch.h"
 
-#include "../require.h"
+#include "../fourier/fourier_transform.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 namespace gr::wiforce::kernel {
 
@@ -17,53 +16,27 @@ namespace {
 constexpr float IN_PLACE = 0.7f;
 constexpr float SAME = 0.8f;
 
-// Shifts of long frames at which the whole is compared. A part of the preamble is found
-// at each of its repetitions, and a chirp at some samples beside each.
-constexpr std::size_t COMPARED = 256;
-
-// <a, b>, summed over pieces.
-struct product {
-    float real = 0;
-    float imag = 0;
-
-    void add(const fc32* a, const fc32* b, std::size_t count)
-    {
-        for (std::size_t i = 0; i < count; i++) {
-            real += a[i].real() * b[i].real() + a[i].imag() * b[i].imag();
-            imag += a[i].imag() * b[i].real() - a[i].real() * b[i].imag();
-        }
-    }
-    float power() const { return real * real + imag * imag; }
-};
-
-// |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
-float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t shift)
+// |<a, b>|^2
+float match(const std::vector<fc32>& a, const std::vector<fc32>& b)
 {
-    product sum;
-    sum.add(a.data() + shift, b.data(), a.size() - shift);
-    sum.add(a.data(), b.data() + a.size() - shift, shift);
-    return sum.power();
+    float real = 0, imag = 0;
+    for (std::size_t i = 0; i < a.size(); i++) {
+        real += a[i].real() * b[i].real() + a[i].imag() * b[i].imag();
+        imag += a[i].imag() * b[i].real() - a[i].real() * b[i].imag();
+    }
+    return real * real + imag * imag;
 }
 
 } // namespace
 
 frame_watch::frame_watch(int frame_length, std::uint64_t origin)
-    : d_length(frame_length),
-      d_is_active(frame_length <= LONGEST_FRAME),
-      d_origin(origin),
-      d_begin(origin)
+    : d_length(frame_length), d_origin(origin), d_begin(origin), d_sum(2 * d_length)
 {
-    require(
-        frame_length >= 1, "frame_watch", "frame_length", "must be >= 1", frame_length);
-    if (d_is_active)
-        d_sum.assign(2 * d_length, 0.0f);
 }
 
 template <class Sample>
 void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t position)
 {
-    if (!d_is_active)
-        return;
     const std::uint64_t end = position + count;
     const auto* parts = reinterpret_cast<const typename Sample::value_type*>(samples);
     for (std::uint64_t at = std::max(position, d_begin); at < end;) {
@@ -119,14 +92,14 @@ int frame_watch::judge(const profile& now)
 {
     if (d_reference.empty())
         d_reference = d_candidate = now;
-    if (match(now, d_reference, 0) > IN_PLACE) {
+    if (match(now, d_reference) > IN_PLACE) {
         d_reference = d_candidate;
         d_candidate = now;
         d_mismatch.clear();
         return 0;
     }
     d_candidate = d_reference;
-    const bool steady = !d_mismatch.empty() && match(now, d_mismatch, 0) > SAME;
+    const bool steady = !d_mismatch.empty() && match(now, d_mismatch) > SAME;
     d_mismatch = now;
     if (!steady)
         return 0;
@@ -138,55 +111,28 @@ int frame_watch::judge(const profile& now)
     return shift;
 }
 
-// 0 when there is none.
+// By the correlation at all cyclic shifts; 0 when there is none.
 int frame_watch::find_shift(const profile& now) const
 {
-    float best = SAME;
+    fourier_transform fourier(d_length);
+    const auto transformed = [&](const profile& of) {
+        std::copy(of.begin(), of.end(), fourier.input());
+        const fc32* const found = fourier.execute();
+        return profile(found, found + d_length);
+    };
+    profile product = transformed(now);
+    const profile reference = transformed(d_reference);
+    for (std::uint64_t k = 0; k < d_length; k++)
+        product[k] = std::conj(product[k]) * reference[k];
+    const profile correlation = transformed(product); // conjugate, times the length
+    float best = SAME * d_length * d_length;
     int shift = 0;
-    for (const std::uint64_t i : likely_shifts(now)) {
-        const float value = match(now, d_reference, i);
-        if (value > best) {
+    for (std::uint64_t i = 1; i < d_length; i++)
+        if (const float value = std::norm(correlation[i]); value > best) {
             best = value;
             shift = i;
         }
-    }
     return shift;
-}
-
-// All shifts of a frame of up to LONGEST_WHOLE samples; of a longer one those at which
-// the part of the reference with most energy is most similar.
-std::vector<std::uint64_t> frame_watch::likely_shifts(const profile& now) const
-{
-    std::vector<std::uint64_t> shifts(d_length - 1);
-    std::iota(shifts.begin(), shifts.end(), 1);
-    if (d_length <= LONGEST_WHOLE || shifts.size() <= COMPARED)
-        return shifts;
-    const std::uint64_t part = LONGEST_WHOLE * std::uint64_t(LONGEST_WHOLE) / d_length;
-    std::uint64_t first = 0;
-    float most = 0;
-    for (std::uint64_t start = 0; start + part <= d_length; start += part) {
-        float energy = 0;
-        for (std::uint64_t i = start; i < start + part; i++)
-            energy += std::norm(d_reference[i]);
-        if (energy > most) {
-            most = energy;
-            first = start;
-        }
-    }
-    profile twice(now);
-    twice.insert(twice.end(), now.begin(), now.end());
-    std::vector<float> found(d_length);
-    for (const std::uint64_t shift : shifts) {
-        product sum;
-        sum.add(&twice[first + shift], &d_reference[first], part);
-        found[shift] = sum.power();
-    }
-    std::partial_sort(shifts.begin(),
-                      shifts.begin() + COMPARED,
-                      shifts.end(),
-                      [&](auto a, auto b) { return found[a] > found[b]; });
-    shifts.resize(COMPARED);
-    return shifts;
 }
 
 void frame_watch::restart(std::uint64_t position)

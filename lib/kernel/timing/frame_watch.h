@@ -17,45 +17,27 @@ namespace gr::wiforce::kernel {
  * average before: static paths must arrive at the same sample. When they do not, the
  * average before is searched for at every cyclic shift. A shift counts when two averages
  * in a row agree on it and contain nearly all of the energy.
- *
- * The search takes time by the square of the frame length, 2 ms for 720 samples and 0.2
- * s for LONGEST_WHOLE. In longer frames, a part with most energy is searched for, and
- * the whole frame is compared where it is found, which takes 0.2 s as well. Frames longer
- * than LONGEST_FRAME, of which that part would be too short, are not monitored.
  */
 class frame_watch
 {
 public:
-    static constexpr int LONGEST_WHOLE = 8192;
-    static constexpr int LONGEST_FRAME = 16 * LONGEST_WHOLE;
-
     static constexpr std::uint64_t AVERAGED = 16; // frames that are compared at a time
-
-private:
-    static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
-    static constexpr std::uint64_t PERIOD = 1024; // frames
+    static constexpr std::uint64_t PERIOD = 1024; // frames from one average to the next
     static constexpr int LONGEST_SEARCH = 3;      // averages in a row
-
-public:
     // Frames before decide() finds a shift, at most, that are shifted already.
     static constexpr std::uint64_t UNNOTICED = PERIOD + LONGEST_SEARCH * AVERAGED;
 
-    // The grid begins at position `origin`. Throws std::invalid_argument unless
-    // frame_length >= 1.
+    // The grid begins at position `origin`; frame_length >= 1.
     frame_watch(int frame_length, std::uint64_t origin);
 
-    // Position at which decide() is to be called: the first sample of a frame, or one
-    // that is never reached when frames are not monitored.
-    std::uint64_t decision() const
-    {
-        return d_is_active ? d_begin + averaged_samples() : NEVER;
-    }
+    // Position at which decide() is to be called: the first sample of a frame.
+    std::uint64_t decision() const { return d_begin + averaged_samples(); }
     // Samples before it that are averaged; the others are ignored.
     std::uint64_t averaged_samples() const { return AVERAGED * d_length; }
     // Samples from `position` to the first of them.
     std::uint64_t until_averaged(std::uint64_t position) const
     {
-        return d_is_active ? std::max(d_begin, position) - position : NEVER;
+        return std::max(d_begin, position) - position;
     }
 
     // Takes the samples that follow each other from `position` on, none beyond
@@ -75,11 +57,9 @@ private:
 
     profile average() const;
     int find_shift(const profile& now) const;
-    std::vector<std::uint64_t> likely_shifts(const profile& now) const;
     int judge(const profile& now);
 
     const std::uint64_t d_length;
-    const bool d_is_active;
     const std::uint64_t d_origin;
     std::uint64_t d_begin;    // of the frames that are averaged
     std::vector<float> d_sum; // real and imaginary parts of a frame

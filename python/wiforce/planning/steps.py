@@ -173,10 +173,8 @@ def _transform_operations(length: int) -> float:
 _HALF_POWER = 0.443
 # Loss of that line by averaging from which a slower clock or fewer repetitions are worth it.
 _WORTHWHILE_DB = 3.0
-# Repetitions whose differences show interference, and longest frames whose timing is monitored
-# (lib/kernel/timing/frame_watch.h).
+# Repetitions whose differences show interference.
 _LEAST_COMPARED = 2
-_LONGEST_MONITORED = 131072
 
 
 def waveform_limits(plan: Plan) -> dict[str, Any]:
@@ -219,11 +217,6 @@ def waveform_warnings(plan: Plan) -> Iterator[str]:
         yield (
             "only one repetition is averaged: bursts of other transmitters are not recognised, "
             "since this takes the difference of two"
-        )
-    if waveform.frame_length > _LONGEST_MONITORED:
-        yield (
-            f"frames of more than {_LONGEST_MONITORED} samples: frame timing that slips without a "
-            "report by the device is not recognised"
         )
 
 

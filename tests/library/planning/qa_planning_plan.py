@@ -3,8 +3,6 @@
 
 import dataclasses
 import json
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +13,12 @@ from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
 from gnuradio.wiforce.planning.loss import losses_db
 from gnuradio.wiforce.planning.plan import HARMONICS, plan
-from gnuradio.wiforce.planning.steps import MORE_LINES, steps, waveform_warnings, with_more_lines
+from gnuradio.wiforce.planning.steps import MORE_LINES, steps, with_more_lines
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, score
 from long_cases import cases
-
-ROOT = Path(__file__).parents[3]
 
 T, TA = 57.6e-6, 20.48e-6
 
@@ -228,19 +224,6 @@ def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, anot
     assert [text.startswith("simulation.truth_model line-900mhz") for text in texts] == [
         True
     ] * another
-
-
-@pytest.mark.parametrize("more, stated", [(0, False), (1, True)])
-def test_frames_longer_than_the_kernel_monitors_are_stated(more, stated):
-    header = (ROOT / "lib/kernel/timing/frame_watch.h").read_text(encoding="utf-8")
-    whole = int(re.search(r"LONGEST_WHOLE = (\d+);", header)[1])
-    longest = int(re.search(r"LONGEST_FRAME = (\d+) \* LONGEST_WHOLE;", header)[1]) * whole
-    tag = {"name": "arm", "model": "line-900mhz", "clock_hz": 10}
-    sounding = {"frame_length": longest + more}
-    scene = {"sensors": [tag], "sounding": sounding, "phase_group": {"snapshots": 100}}
-    settings = plan({**scene, "reference_s": 3})
-    texts = [text for text in waveform_warnings(settings) if "frame timing that slips" in text]
-    assert [f"more than {longest} samples" in text for text in texts] == [True] * stated
 
 
 def test_improve_proposals_have_stated_effect():
