@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "kernel/counter.h"
 #include "kernel/doppler/group_collector.h"
 #include "tag_values.h"
 #include <gnuradio/wiforce/names.h>
@@ -24,7 +23,11 @@ protected:
                 int symbol_length,
                 Arguments&&... arguments)
         : Base(std::forward<Arguments>(arguments)...),
-          d_collector(std::move(transform), group_length, symbol_length)
+          d_collector(
+              std::move(transform),
+              group_length,
+              symbol_length,
+              std::make_shared<kernel::interference_screen>(group_length, symbol_length))
     {
         if (!d_collector.passes_snapshots())
             this->message_port_register_out(d_incomplete_port);
@@ -118,7 +121,8 @@ private:
     pmt::pmt_t incomplete_pdu() const
     {
         const kernel::phase_group& group = d_collector.group();
-        const auto snapshots = group.with_zeros();
+        std::vector<kernel::fc32> snapshots(group.length() * group.symbol_length());
+        group.copy_to(snapshots.data());
         pmt::pmt_t meta = pmt::make_dict();
         meta = pmt::dict_add(
             meta, pmt::mp(names::GROUP), pmt::from_uint64(d_collector.index()));

@@ -2,7 +2,6 @@
 #include "input_events.h"
 
 #include "tag_values.h"
-#include <gnuradio/wiforce/names.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,11 +10,6 @@
 namespace gr::wiforce {
 
 namespace {
-
-const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
-const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
-const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
-const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 
 // A carrier given within this fraction of a sensor model's is taken for it.
 constexpr double CARRIER_TOLERANCE = 1e-3;
@@ -43,11 +37,11 @@ const std::optional<input_events::event>& input_events::next(std::uint64_t befor
 
 void input_events::note(const gr::tag_t& tag)
 {
-    if (pmt::eq(tag.key, rx_time_key))
+    if (pmt::eq(tag.key, keys::rx_time))
         note_time(tag);
-    else if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
+    else if (pmt::eq(tag.key, keys::rx_rate) || pmt::eq(tag.key, keys::rx_freq))
         note_setting(tag);
-    else if (pmt::eq(tag.key, retuned_key))
+    else if (pmt::eq(tag.key, keys::retuned))
         d_next = event{ tag.offset, 0, usable(), true };
 }
 
@@ -79,7 +73,7 @@ void input_events::note_setting(const gr::tag_t& tag)
         return;
     const double value = pmt::to_double(tag.value);
     const bool was_usable = usable();
-    if (pmt::eq(tag.key, rx_rate_key)) {
+    if (pmt::eq(tag.key, keys::rx_rate)) {
         d_rate_is_right = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
         d_refused_rate = d_rate_is_right ? 0 : value;
     } else if (!d_carrier && d_expected &&
@@ -89,7 +83,7 @@ void input_events::note_setting(const gr::tag_t& tag)
         d_carrier = d_carrier.value_or(value);
         d_carrier_is_right = std::abs(value - *d_carrier) <= 1;
     }
-    if (pmt::eq(tag.key, rx_freq_key))
+    if (pmt::eq(tag.key, keys::rx_freq))
         d_refused_carrier = d_carrier_is_right ? 0 : value;
     if (usable() == was_usable)
         return;

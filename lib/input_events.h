@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "kernel/counter.h"
 #include "kernel/timing/timeline.h"
+#include "kernel/types.h"
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
 

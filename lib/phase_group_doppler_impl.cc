@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "group_block.h"
 #include "kernel/doppler/doppler_transform.h"
-#include "kernel/doppler/tone_accumulator.h"
 #include "tag_values.h"
 #include <gnuradio/io_signature.h>
-#include <gnuradio/wiforce/names.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 #include <algorithm>
@@ -19,11 +17,6 @@ std::size_t vector_bytes(int symbol_length)
     return symbol_length * sizeof(kernel::fc32);
 }
 
-const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
-const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
-const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
-const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
-const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 } // namespace
 
 class phase_group_doppler_impl : public group_block<phase_group_doppler>
@@ -61,7 +54,7 @@ public:
         const int available = ninput_items[0];
 
         std::vector<gr::tag_t> tags;
-        get_tags_in_window(tags, 0, 0, available, snapshot_key);
+        get_tags_in_window(tags, 0, 0, available, keys::snapshot);
         std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
         auto tag = tags.begin();
         collect_noise(available);
@@ -91,10 +84,10 @@ public:
                     kernel::note_values_not_finite(slots, n, d_symbol_length, noise);
                     return n;
                 });
-            d_collector.note_saturated(tags_among(count, here, saturated_key).size());
-            if (!tags_among(count, here, retuned_key).empty())
+            d_collector.note_saturated(tags_among(count, here, keys::saturated).size());
+            if (!tags_among(count, here, keys::retuned).empty())
                 mark_group_retuned();
-            for (const gr::tag_t& tag : tags_among(count, here, slipped_key))
+            for (const gr::tag_t& tag : tags_among(count, here, keys::slipped))
                 mark_group_slipped(tag.value);
             consumed += count;
             d_snapshot += count;
@@ -134,7 +127,7 @@ private:
         const std::uint64_t end = nitems_read(0) + available;
         std::vector<gr::tag_t> tags;
         get_tags_in_range(
-            tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, noise_key);
+            tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, keys::noise);
         std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
         d_noise.add(tags);
         d_noise_read_to = end;

@@ -2,13 +2,10 @@
 #include "group_block.h"
 #include "input_events.h"
 #include "kernel/doppler/doppler_transform.h"
-#include "kernel/doppler/tone_accumulator.h"
-#include "kernel/fold/frame_mean.h"
 #include "kernel/fold/frame_walk.h"
 #include "kernel/require.h"
 #include "tag_values.h"
 #include <gnuradio/io_signature.h>
-#include <gnuradio/wiforce/names.h>
 #include <gnuradio/wiforce/preamble_fold.h>
 
 #include <algorithm>
@@ -25,12 +22,6 @@ std::size_t vector_bytes(const kernel::preamble_folder& folder)
 {
     return folder.symbol_length() * sizeof(kernel::fc32);
 }
-
-const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
-const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
-const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
-const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
-const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
 } // namespace
 
@@ -276,12 +267,12 @@ protected:
             this->add_item_tag(0, item, key, value);
         };
         if (d_expected != snapshot)
-            tag(snapshot_key, pmt::from_uint64(snapshot));
+            tag(keys::snapshot, pmt::from_uint64(snapshot));
         if (d_retuned)
-            tag(retuned_key, pmt::from_uint64(1));
+            tag(keys::retuned, pmt::from_uint64(1));
         d_retuned = false;
         for (const pmt::pmt_t& misplaced : d_slips)
-            tag(slipped_key, misplaced);
+            tag(keys::slipped, misplaced);
         d_slips.clear();
         d_noise.resize(count);
         this->d_folder.fold(averaged,
@@ -289,10 +280,10 @@ protected:
                             this->d_out +
                                 this->d_produced * this->d_folder.symbol_length(),
                             d_noise.data(),
-                            &this->d_saturated);
-        tag(noise_key, noise_value(d_noise.data(), count));
+                            this->d_saturated);
+        tag(keys::noise, noise_value(d_noise.data(), count));
         for (const int frame : this->d_saturated)
-            tag(saturated_key, pmt::from_uint64(1), frame);
+            tag(keys::saturated, pmt::from_uint64(1), frame);
         this->d_produced += count;
         d_expected = snapshot + count;
         return count;
@@ -348,7 +339,7 @@ protected:
             snapshot,
             std::min(frames, collector.BATCH),
             [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
-                this->d_folder.fold(averaged, n, folded, noise, &this->d_saturated);
+                this->d_folder.fold(averaged, n, folded, noise, this->d_saturated);
                 return n;
             });
         collector.note_saturated(this->d_saturated.size());
@@ -373,16 +364,11 @@ preamble_fold::sptr make_fold(const std::string& item_type,
                               std::uint64_t frame_offset,
                               Further&&... further)
 {
-    const char* where = "preamble_fold";
     kernel::require(std::isfinite(sample_rate) && sample_rate > 0,
-                    where,
-                    "sample_rate",
-                    "must be positive",
+                    "preamble_fold: sample_rate must be positive",
                     sample_rate);
     kernel::require(item_type == "fc32" || item_type == "sc16",
-                    where,
-                    "item_type",
-                    "must be 'fc32' or 'sc16'",
+                    "preamble_fold: item_type must be 'fc32' or 'sc16'",
                     "'" + item_type + "'");
     const auto of = [&](auto sample) -> preamble_fold::sptr {
         return gnuradio::make_block_sptr<Fold<decltype(sample)>>(

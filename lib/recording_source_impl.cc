@@ -2,21 +2,11 @@
 #include "kernel/recording/recorded_frames.h"
 #include "tag_values.h"
 #include <gnuradio/io_signature.h>
-#include <gnuradio/wiforce/names.h>
 #include <gnuradio/wiforce/recording_source.h>
 
 #include <algorithm>
 
 namespace gr::wiforce {
-
-namespace {
-
-const pmt::pmt_t slipped_key = pmt::mp(names::SLIPPED);
-const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
-const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
-const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
-
-} // namespace
 
 class recording_source_impl : public recording_source
 {
@@ -63,7 +53,7 @@ public:
             for (; d_slips < d_frames.misplaced().size(); d_slips++)
                 add_item_tag(0,
                              nitems_written(0) + produced,
-                             slipped_key,
+                             keys::slipped,
                              slip_value(d_frames.misplaced()[d_slips]));
             d_noise.resize(noutput_items - produced);
             const int count = d_reader.fold(noutput_items - produced,
@@ -73,12 +63,12 @@ public:
                 continue;
             add_item_tag(0,
                          nitems_written(0) + produced,
-                         noise_key,
+                         keys::noise,
                          noise_value(d_noise.data(), count));
             if (d_expected != first)
-                tag(produced, snapshot_key, first);
+                tag(produced, keys::snapshot, first);
             for (const int frame : d_reader.saturated())
-                tag(produced + frame, saturated_key, 1);
+                tag(produced + frame, keys::saturated, 1);
             produced += count;
             d_expected = first + count;
         }

@@ -6,6 +6,7 @@
 #include "kernel/types.h"
 #include <gnuradio/tags.h>
 #include <gnuradio/wiforce/api.h>
+#include <gnuradio/wiforce/names.h>
 #include <pmt/pmt.h>
 
 #include <cstdint>
@@ -14,6 +15,23 @@
 #include <vector>
 
 namespace gr::wiforce {
+
+// Keys of stream tags.
+namespace keys {
+
+inline const pmt::pmt_t rx_time = pmt::mp(names::RX_TIME);
+inline const pmt::pmt_t rx_rate = pmt::mp(names::RX_RATE);
+inline const pmt::pmt_t rx_freq = pmt::mp(names::RX_FREQ);
+inline const pmt::pmt_t snapshot = pmt::mp(names::SNAPSHOT);
+inline const pmt::pmt_t noise = pmt::mp(names::NOISE);
+inline const pmt::pmt_t group = pmt::mp(names::GROUP);
+inline const pmt::pmt_t mask = pmt::mp(names::MASK);
+inline const pmt::pmt_t disturbed = pmt::mp(names::DISTURBED);
+inline const pmt::pmt_t saturated = pmt::mp(names::SATURATED);
+inline const pmt::pmt_t retuned = pmt::mp(names::RETUNED);
+inline const pmt::pmt_t slipped = pmt::mp(names::SLIPPED);
+
+} // namespace keys
 
 // The time in the value of an rx_time tag, a tuple(uint64 seconds, double fraction) as
 // gr-uhd makes it; nothing when it is anything else. Python blocks use the same rule.

@@ -22,7 +22,7 @@ BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
     std::vector<fc32> folded(64 * frames);
     std::vector<snapshot_noise> noise(frames);
     const auto fold = [&](const auto& samples, int count) {
-        folder.fold(&samples[64], count, folded.data(), noise.data(), &found);
+        folder.fold(&samples[64], count, folded.data(), noise.data(), found);
     };
     fold(x, frames);
     BOOST_TEST(found.empty());
@@ -62,7 +62,7 @@ BOOST_DATA_TEST_CASE(a_frame_with_a_value_that_is_not_finite_has_no_noise,
             x[3 * length + n] = n % 2 ? fc32(bad, 0) : fc32(0, bad);
             x[4 * length + symbol_length] = 1; // full scale
             folder.fold(
-                &x[symbol_length], frames, folded.data(), noise.data(), &saturated);
+                &x[symbol_length], frames, folded.data(), noise.data(), saturated);
             const bool averaged =
                 n >= symbol_length && n < symbol_length * (repetitions + 1);
             for (int frame = 0; frame < frames; frame++)
@@ -103,10 +103,10 @@ BOOST_DATA_TEST_CASE(samples_limited_below_full_scale_are_noticed,
     std::vector<snapshot_noise> noise(frames);
     // Without noise of some codes every sample has one value, limited or not.
     const std::size_t expected = limited && noise_codes >= 2 ? frames : 0;
-    folder.fold(&codes[64], frames, folded.data(), noise.data(), &found);
+    folder.fold(&codes[64], frames, folded.data(), noise.data(), found);
     BOOST_TEST(found.size() == expected);
-    folder.fold(&floats[64], frames, folded.data(), noise.data(), &found);
+    folder.fold(&floats[64], frames, folded.data(), noise.data(), found);
     BOOST_TEST(found.size() == expected);
-    folder.fold(&codes[64], 1, folded.data(), noise.data(), &found);
+    folder.fold(&codes[64], 1, folded.data(), noise.data(), found);
     BOOST_TEST(found.empty()); // too few to tell
 }

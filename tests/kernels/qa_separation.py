@@ -10,7 +10,7 @@ from gnuradio.wiforce.wiforce_kernels import (
     end_fit,
     group_weights,
     noise_estimate,
-    phase_expansion,
+    phase_information,
     raised_subcarriers,
     whiten,
 )
@@ -126,12 +126,12 @@ def test_end_fit_refuses_arrays_of_other_shapes(mixed, tones):
 def test_methods_refuse_arrays_of_other_shapes():
     """A kernel must not read beyond its arrays."""
     _, tones, fit = fitted(1)
-    expansion, kernel = phase_expansion(fit), clock_likelihood(np.ones((6, 4)), np.ones(4))
+    kernel = clock_likelihood(np.ones((6, 4)), np.ones(4))
     for call, arrays in (
         (fit.solve, [tones[:2]]),
         (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
         (raised_subcarriers, [np.ones(5), 14]),
-        (expansion.information, [np.ones(7)]),
+        (phase_information, [fit, np.ones(7)]),
         (kernel.at, [np.ones(3), np.ones((3, 5, 6)), np.ones(6)]),
         (kernel.at, [np.ones(3), np.ones((2, 4, 6)), np.ones(6)]),
     ):

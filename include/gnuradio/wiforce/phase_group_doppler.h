@@ -41,7 +41,6 @@ public:
      * \param weights M x N_g weights, row by row
      * \param group_length snapshots per phase group, N_g
      * \param symbol_length samples of a snapshot, 16 to 4096
-     * \param group_length snapshots per phase group, N_g
      * \throws std::invalid_argument naming parameter, rule and value
      */
     static sptr make(const std::vector<std::complex<double>>& weights,

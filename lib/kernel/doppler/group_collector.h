@@ -30,16 +30,6 @@ public:
                     int group_length,
                     int symbol_length,
                     std::shared_ptr<interference_screen> screen);
-    group_collector(std::unique_ptr<doppler_transform> transform,
-                    int group_length,
-                    int symbol_length = DEFAULT_SYMBOL_LENGTH)
-        : group_collector(
-              std::move(transform),
-              group_length,
-              symbol_length,
-              std::make_shared<interference_screen>(group_length, symbol_length))
-    {
-    }
 
     int rows() const { return d_transform->rows(); }
     // Values of a transformed group.

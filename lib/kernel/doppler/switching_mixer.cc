@@ -2,7 +2,6 @@
 #include "switching_mixer.h"
 
 #include "../clones.h"
-#include "../require.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,23 +18,12 @@ using four = double __attribute__((vector_size(32)));
 constexpr std::size_t width = 16, vectors = width * sizeof(double) / sizeof(four),
                       stretch = 128;
 
-int columns_of(const std::vector<double>& weights, const std::vector<double>& times_s)
-{
-    require(!times_s.empty() && weights.size() % times_s.size() == 0,
-            "switching_mixer",
-            "weights",
-            "must have a row for each of " + std::to_string(times_s.size()) +
-                " snapshots",
-            weights.size());
-    return weights.size() / times_s.size();
-}
-
 } // namespace
 
 switching_mixer::switching_mixer(const std::vector<double>& weights,
                                  std::vector<double> times_s)
     : d_times_s(std::move(times_s)),
-      d_columns(columns_of(weights, d_times_s)),
+      d_columns(d_times_s.empty() ? 0 : weights.size() / d_times_s.size()),
       d_sums((d_columns + width - 1) / width * width * d_times_s.size())
 {
     const std::size_t snapshots = d_times_s.size(), columns = d_columns;

@@ -25,7 +25,7 @@ public:
     };
 
     // `weights` has a row of equal length for each snapshot, `times_s` their times from
-    // the centre. Throws std::invalid_argument where the rows do not have equal lengths.
+    // the centre.
     switching_mixer(const std::vector<double>& weights, std::vector<double> times_s);
 
     // Length of a row.

@@ -24,9 +24,8 @@ void note_values_not_finite(const fc32* vectors,
 }
 
 phase_group::phase_group(int length, int symbol_length)
-    : d_length(length), d_symbol_length(symbol_length)
+    : d_length(require_group_length(length)), d_symbol_length(symbol_length)
 {
-    require(length >= 1, "phase_group_doppler", "group_length", "must be >= 1", length);
     require_symbol_length(symbol_length, "phase_group_doppler");
     d_snapshots.resize(offset_of(length));
     d_slots = d_snapshots.data();
@@ -104,13 +103,6 @@ void phase_group::copy_to(fc32* out) const
             std::fill_n(out, d_symbol_length, fc32());
         else if (out != slot(n))
             std::copy_n(slot(n), d_symbol_length, out);
-}
-
-std::vector<fc32> phase_group::with_zeros() const
-{
-    std::vector<fc32> snapshots(d_snapshots.size());
-    copy_to(snapshots.data());
-    return snapshots;
 }
 
 void phase_group::copy_present_to(fc32* out) const

@@ -67,7 +67,6 @@ public:
     // All slots, absent ones as zeros: symbol_length * length values. `out` may be the
     // memory of the slots.
     void copy_to(fc32* out) const;
-    std::vector<fc32> with_zeros() const;
     // The present ones only: symbol_length * present() values.
     void copy_present_to(fc32* out) const;
     // Mean of the present ones, zeros without any.

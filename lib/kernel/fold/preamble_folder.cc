@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <type_traits>
 
 namespace gr::wiforce::kernel {
 
@@ -83,55 +84,34 @@ preamble_folder::preamble_folder(int frame_length,
       d_repetitions(repetitions),
       d_symbol_length(symbol_length)
 {
-    const char* where = "preamble_fold";
-    require(first_averaged >= 0, where, "first_averaged", "must be >= 0", first_averaged);
+    require(first_averaged >= 0,
+            "preamble_fold: first_averaged must be >= 0",
+            first_averaged);
     // Above 65536 repetitions the integer sums could overflow.
     require(repetitions >= 1 && repetitions <= 65536,
-            where,
-            "repetitions",
-            "must be 1 to 65536",
+            "preamble_fold: repetitions must be 1 to 65536",
             repetitions);
-    require_symbol_length(symbol_length, where);
+    require_symbol_length(symbol_length, "preamble_fold");
     const long long end = first_averaged + 1LL * symbol_length * repetitions;
     require(frame_length >= end,
-            where,
-            "frame_length",
-            "must be >= first_averaged + " + std::to_string(symbol_length) +
-                " repetitions = " + std::to_string(end),
+            "preamble_fold: frame_length must be >= first_averaged + " +
+                std::to_string(symbol_length) + " repetitions = " + std::to_string(end),
             frame_length);
 }
 
-void preamble_folder::fold(const fc32* averaged,
+template <class Sample>
+void preamble_folder::fold(const Sample* averaged,
                            std::size_t frames,
                            fc32* folded,
                            snapshot_noise* noise,
-                           std::vector<int>* saturated) const
+                           std::vector<int>& saturated) const
 {
-    const auto* components = reinterpret_cast<const float*>(averaged);
-    fold(components, 1, frames, folded, noise, saturated);
-}
-
-void preamble_folder::fold(const sc16* averaged,
-                           std::size_t frames,
-                           fc32* folded,
-                           snapshot_noise* noise,
-                           std::vector<int>* saturated) const
-{
-    const auto* components = reinterpret_cast<const std::int16_t*>(averaged);
-    fold(components, 32768, frames, folded, noise, saturated);
-}
-
-template <class Component>
-void preamble_folder::fold(const Component* averaged,
-                           float one,
-                           std::size_t frames,
-                           fc32* folded,
-                           snapshot_noise* noise,
-                           std::vector<int>* saturated) const
-{
+    using component = typename Sample::value_type;
+    constexpr float one = std::is_integral_v<component> ? 32768 : 1; // what counts as 1
+    const auto* const parts = reinterpret_cast<const component*>(averaged);
     const std::size_t stride = 2 * d_frame_length;
-    const repeated_symbols<Component> symbols{
-        averaged, stride, frames, d_repetitions, 2 * d_symbol_length
+    const repeated_symbols<component> symbols{
+        parts, stride, frames, d_repetitions, 2 * d_symbol_length
     };
     const float peak = fold_samples(symbols,
                                     1.0f / (one * d_repetitions),
@@ -139,19 +119,21 @@ void preamble_folder::fold(const Component* averaged,
                                     reinterpret_cast<float*>(noise));
     if (!std::isfinite(peak))
         note_values_not_finite(folded, frames, d_symbol_length, noise);
-    if (!saturated)
-        return;
-    saturated->clear();
+    saturated.clear();
     if (peak < FULL_SCALE * one && is_limited(symbols, peak)) {
-        saturated->resize(frames);
-        std::iota(saturated->begin(), saturated->end(), 0);
-        return;
+        saturated.resize(frames);
+        std::iota(saturated.begin(), saturated.end(), 0);
     }
     for (std::size_t frame = 0; !(peak < FULL_SCALE * one) && frame < frames; frame++) {
-        const float most = peak_of(averaged + frame * stride, 2 * averaged_length());
+        const float most = peak_of(parts + frame * stride, 2 * averaged_length());
         if (most >= FULL_SCALE * one && most <= BEYOND * one)
-            saturated->push_back(frame);
+            saturated.push_back(frame);
     }
 }
+
+template void preamble_folder::fold(
+    const fc32*, std::size_t, fc32*, snapshot_noise*, std::vector<int>&) const;
+template void preamble_folder::fold(
+    const sc16*, std::size_t, fc32*, snapshot_noise*, std::vector<int>&) const;
 
 } // namespace gr::wiforce::kernel

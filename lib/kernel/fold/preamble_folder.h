@@ -38,27 +38,14 @@ public:
     // frame and, to `saturated`, the frames that hold averaged samples at a converter's
     // full scale, 1 for floats (none where they exceed it), or at a lower limit.
     // Allocates nothing where it has room for all frames.
-    void fold(const fc32* averaged,
+    template <class Sample> // fc32 or sc16
+    void fold(const Sample* averaged,
               std::size_t frames,
               fc32* folded,
               snapshot_noise* noise,
-              std::vector<int>* saturated = nullptr) const;
-    void fold(const sc16* averaged,
-              std::size_t frames,
-              fc32* folded,
-              snapshot_noise* noise,
-              std::vector<int>* saturated = nullptr) const;
+              std::vector<int>& saturated) const;
 
 private:
-    // `one`: the component that counts as 1.
-    template <class Component>
-    void fold(const Component* averaged,
-              float one,
-              std::size_t frames,
-              fc32* folded,
-              snapshot_noise* noise,
-              std::vector<int>* saturated) const;
-
     const int d_frame_length;
     const int d_first_averaged;
     const int d_repetitions;

@@ -15,45 +15,29 @@ namespace gr::wiforce::kernel {
 class channel_equalizer
 {
 public:
-    // The factors are as many as a symbol has samples. Throws std::invalid_argument
-    // unless these are 16 to 4096 and finite and, where there is a rotation at all, it
-    // has as many finite values a row.
-    explicit channel_equalizer(const std::vector<std::complex<double>>& factors,
+    // The factors are as many as a symbol has samples; `bins` are the FFT bins that
+    // write() keeps, in order. Throws std::invalid_argument unless the factors are 16 to
+    // 4096 and finite, the rotation, where there is one at all, has as many finite values
+    // a row, and bins are below the symbol's length.
+    explicit channel_equalizer(const std::vector<complex>& factors,
                                int rows = 1,
-                               const std::vector<std::complex<double>>& rotation = {});
+                               const std::vector<complex>& rotation = {},
+                               const std::vector<int>& bins = {});
 
     int rows() const { return d_rows; }
     int symbol_length() const { return static_cast<int>(d_factors.size()); }
-    void equalize(int row, const fc32* samples, fc32* channel);
-
-private:
-    const int d_rows;
-    const std::vector<fc32> d_factors;
-    const std::vector<fc32> d_rotation; // rows x symbol_length, or none
-    fourier_transform d_fft;
-};
-
-// The channel at each tone of a group on the occupied subcarriers.
-class tone_channel
-{
-public:
-    // `bins` are the FFT bins to keep, in order. Throws std::invalid_argument as
-    // channel_equalizer does, and when a bin is not below the symbol's length.
-    tone_channel(const std::vector<std::complex<double>>& factors,
-                 int rows,
-                 const std::vector<std::complex<double>>& rotation,
-                 const std::vector<int>& bins);
-
     const std::vector<int>& bins() const { return d_bins; }
-
-    int symbol_length() const { return d_equalizer.symbol_length(); }
+    void equalize(int row, const fc32* samples, fc32* channel);
 
     // Equalizes rows x symbol_length values in place, and writes the bins of each row.
     void write(fc32* transform, fc32* tones);
 
 private:
-    channel_equalizer d_equalizer;
+    const int d_rows;
+    const std::vector<fc32> d_factors;
+    const std::vector<fc32> d_rotation; // rows x symbol_length, or none
     const std::vector<int> d_bins;
+    fourier_transform d_fft;
 };
 
 } // namespace gr::wiforce::kernel

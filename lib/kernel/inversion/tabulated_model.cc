@@ -52,25 +52,19 @@ tabulated_model::tabulated_model(std::vector<double> force_n,
       d_log_step(0),
       d_location_step(0)
 {
-    const std::string where = "tabulated_model";
     require(d_force.size() >= 2 && d_force.front() > 0 &&
                 d_force.back() > d_force.front(),
-            where,
-            "force_n",
-            "must have 2 or more rising positive nodes",
+            "tabulated_model: force_n must have 2 or more rising positive nodes",
             d_force.size());
     require(d_location.size() >= 2 && d_location.back() > d_location.front(),
-            where,
-            "location_mm",
-            "must have 2 or more rising nodes",
+            "tabulated_model: location_mm must have 2 or more rising nodes",
             d_location.size());
     const auto per_phase = d_force.size() * d_location.size() * columns;
     d_phases = table.size() / per_phase;
     require(d_phases >= 2 && d_phases <= most_phases &&
                 table.size() == d_phases * per_phase,
-            where,
-            "table",
-            "must have 5 numbers for each of 2 to 32 phases at every node",
+            "tabulated_model: table must have 5 numbers for each of 2 to 32 phases at "
+            "every node",
             table.size());
     d_log_step = std::log(d_force.back() / d_force.front()) /
                  static_cast<double>(d_force.size() - 1);

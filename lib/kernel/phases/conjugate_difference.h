@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "profile_check.h"
+#include "../types.h"
 
-#include <complex>
 #include <cstddef>
 #include <vector>
 
@@ -11,16 +10,58 @@ namespace gr::wiforce::kernel {
 
 // Channels V of E ends on K subcarriers in a group.
 struct end_channels {
-    std::complex<double>* values; // E x K
-    const double* gain;           // E: variance of V over that of H, infinite without V
-    const double* noise;          // K: variance of H
-    const double* noise_rise;     // K: the same over that before; null where not known
+    complex* values;          // E x K
+    const double* gain;       // E: variance of V over that of H, infinite without V
+    const double* noise;      // K: variance of H
+    const double* noise_rise; // K: the same over that before; null where not known
 };
 
 // What the ends are compared with.
 struct reference_channels {
-    const std::complex<double>* values; // E x K
-    const double* gain; // E: variance over that of H, infinite without one
+    const complex* values; // E x K
+    const double* gain;    // E: variance over that of H, infinite without one
+};
+
+// Removes the receiver's mirror image from the channels of E ends on K subcarriers, and
+// compares the rest with those of the untouched sensor on D other delay profiles.
+class profile_check
+{
+public:
+    using channel = std::vector<complex>;
+
+    profile_check(std::size_t ends, std::size_t subcarriers);
+
+    std::size_t ends() const { return d_means.size(); }
+    std::size_t subcarriers() const { return d_subcarriers; }
+
+    // Channels of the untouched sensor and their images, E x K each, and the conjugate of
+    // other delay profiles, E x D x K: orthonormal, and orthogonal to the channel.
+    void set_reference(channel reference, channel image, channel other);
+
+    // Forgets the groups so far, for a new reference.
+    void reset();
+
+    // Takes the channel of an end in the next group, and removes the image from it. Gives
+    // the factor, at least 1, by which the variance of R exceeds that of noise.
+    // `weights`: K, of sum 1; `gain`: variance of V - R V_ref over that of H.
+    double process(std::size_t end,
+                   complex* channel,
+                   const double* weights,
+                   const end_channels& by,
+                   double gain);
+
+private:
+    double factor(std::size_t end, double ratio);
+
+    struct mean {
+        double ratio = 1.0;
+        std::size_t groups = 0;
+    };
+
+    const std::size_t d_subcarriers;
+    channel d_reference, d_image, d_other, d_residual;
+    std::vector<double> d_other_powers;
+    std::vector<mean> d_means; // by end
 };
 
 // A group's ends against their reference.
@@ -41,14 +82,14 @@ difference conjugate_difference(const end_channels& ends,
 // Ratios R of the ends of a group, and the standard deviations of their phases, in
 // degrees; infinite where there is none.
 struct ratio {
-    std::complex<double> value;
+    complex value;
     double phase_std_deg;
 };
 
 // R = sum_k w_k X_k with w_k = 1 / sigma_k^2 for changes X of an end (K). Its variance is
 // g (1 + g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2, where g and g_ref are the
 // gains of V and V_ref.
-ratio subcarrier_average(const std::complex<double>* changes,
+ratio subcarrier_average(const complex* changes,
                          const double* noise,
                          std::size_t subcarriers,
                          double gain,

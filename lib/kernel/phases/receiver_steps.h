@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <complex>
+#include "../types.h"
+
 #include <cstddef>
 #include <vector>
 
@@ -14,8 +15,6 @@ namespace gr::wiforce::kernel {
 class receiver_steps
 {
 public:
-    using complex = std::complex<double>;
-
     explicit receiver_steps(double group_period_s);
 
     // A group as it was received: K subcarriers, E ends, two of each tag.

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "../press/press_filter.h"
+#include "../types.h"
 
 #include <array>
-#include <complex>
 #include <cstddef>
 #include <cstdint>
 
@@ -24,7 +24,7 @@ struct sensor_group {
 // `estimation.groups.Groups`.
 struct stage_arrays {
     std::size_t groups, sensors;
-    const std::complex<double>* ratios;   // G x 2S
+    const complex* ratios;                // G x 2S
     const double *phase_std_deg, *snr_db; // G x 2S, the latter null where it is unknown
     const bool *in_reference, *late_reference, *reshaped; // G x 2S
     const bool *locked, *overlapping, *disturbed;         // G x S, the last may be null

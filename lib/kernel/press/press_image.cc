@@ -18,9 +18,8 @@ press_image::press_image(const std::vector<double>& change,
     : d_density(cells * cells, 0.0), d_along(cells * cells, pair_of_ends{})
 {
     require(forces >= 2 && locations >= 2 && change.size() == 2 * forces * locations,
-            "press_image",
-            "change",
-            "must hold both phases of 2 forces or more at 2 locations or more",
+            "press_image: change must hold both phases of 2 forces or more at 2 "
+            "locations or more",
             change.size());
     const auto at = [&](std::size_t i, std::size_t j) {
         return change.data() + 2 * (i * locations + j);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "readers.h"
 
-#include "../doppler/tone_accumulator.h"
 #include "../require.h"
 
 #include <sched.h>
@@ -71,7 +70,7 @@ struct tone_reader::worker {
            std::unique_ptr<doppler_transform> accumulator,
            int group_length,
            std::shared_ptr<interference_screen> screen,
-           std::unique_ptr<tone_channel> to_channel)
+           std::unique_ptr<channel_equalizer> to_channel)
         : reader(frames),
           collector(std::move(accumulator), group_length, frames.symbol_length(), screen),
           channel(std::move(to_channel)),
@@ -82,7 +81,7 @@ struct tone_reader::worker {
     std::vector<frame_run> runs; // of the group
     frame_reader reader;
     group_collector collector;
-    const std::unique_ptr<tone_channel> channel;
+    const std::unique_ptr<channel_equalizer> channel;
     std::vector<fc32> transform; // rows x symbol_length
 };
 
@@ -120,11 +119,10 @@ tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
             std::make_unique<tone_accumulator>(accumulator),
             group_length,
             screen,
-            std::make_unique<tone_channel>(factors, d_rows, rotation, bins)));
+            std::make_unique<channel_equalizer>(factors, d_rows, rotation, bins)));
     require(d_workers[0]->channel->symbol_length() == symbol_length,
-            "tone_reader",
-            "factors",
-            "must be as many as a symbol has samples, " + std::to_string(symbol_length),
+            "tone_reader: factors must be as many as a symbol has samples, " +
+                std::to_string(symbol_length),
             d_workers[0]->channel->symbol_length());
 }
 
@@ -178,48 +176,38 @@ void tone_reader::work(worker& by,
                        batch& groups,
                        const incomplete_handler& take_incomplete)
 {
+    std::unique_lock<std::mutex> lock(now.mutex);
     try {
-        while (fold_next(by, now, groups, take_incomplete)) {
+        while (now.begun < now.groups && !now.ended && !now.failure) {
+            const bool whole = take_group(by.runs);
+            now.ended = !whole;
+            const std::size_t turn = now.begun++;
+            lock.unlock();
+            fold(by);
+            lock.lock();
+            now.next.wait(lock, [&] { return now.screened == turn || now.failure; });
+            if (now.failure)
+                return;
+            lock.unlock();
+            const std::size_t row = groups.index.size();
+            const bool any = whole && end_group(by.collector, groups, take_incomplete);
+            lock.lock();
+            now.screened++;
+            now.next.notify_all();
+            lock.unlock();
+            if (any) {
+                by.collector.transform(by.transform.data());
+                by.channel->write(by.transform.data(), &groups.tones[row * values()]);
+            }
+            by.collector.clear();
+            lock.lock();
         }
     } catch (...) {
-        const std::lock_guard<std::mutex> lock(now.mutex);
+        if (!lock.owns_lock())
+            lock.lock();
         now.failure = std::current_exception();
         now.next.notify_all();
     }
-}
-
-bool tone_reader::fold_next(worker& by,
-                            round& now,
-                            batch& groups,
-                            const incomplete_handler& take_incomplete)
-{
-    std::unique_lock<std::mutex> lock(now.mutex);
-    if (now.begun == now.groups || now.ended || now.failure)
-        return false;
-    now.ended = !take_group(by.runs);
-    const bool whole = !now.ended;
-    const std::size_t turn = now.begun++;
-    lock.unlock();
-    fold(by);
-    if (whole) {
-        lock.lock();
-        now.next.wait(lock, [&] { return now.screened == turn || now.failure; });
-        if (now.failure)
-            return false;
-        lock.unlock();
-        const std::size_t row = groups.index.size();
-        const bool any = end_group(by.collector, groups, take_incomplete);
-        lock.lock();
-        now.screened++;
-        now.next.notify_all();
-        lock.unlock();
-        if (any) {
-            by.collector.transform(by.transform.data());
-            by.channel->write(by.transform.data(), &groups.tones[row * values()]);
-        }
-    }
-    by.collector.clear();
-    return whole;
 }
 
 void tone_reader::fold(worker& by)

@@ -86,7 +86,6 @@ private:
 
     bool take_group(std::vector<frame_run>& runs);
     void work(worker&, round&, batch&, const incomplete_handler&);
-    bool fold_next(worker&, round&, batch&, const incomplete_handler&);
     void fold(worker&);
     bool end_group(group_collector&, batch&, const incomplete_handler&);
     std::size_t values() const { return d_rows * d_bins.size(); } // of a group

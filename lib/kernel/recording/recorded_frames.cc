@@ -108,7 +108,7 @@ std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_nois
         const std::uint64_t wanted = d_frames.span(count);
         const std::uint64_t held = d_frames.d_recording.look(
             *d_part, d_run.sample, wanted, [&](const auto* samples) {
-                d_frames.d_folder.fold(samples, count, folded, noise, &d_saturated);
+                d_frames.d_folder.fold(samples, count, folded, noise, d_saturated);
             });
         if (held == wanted)
             break;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../counter.h"
 #include "../fold/frame_walk.h"
 #include "recording.h"
 

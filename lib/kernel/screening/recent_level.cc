@@ -44,14 +44,9 @@ float ordered(std::vector<float>& values, std::size_t candidates, std::size_t in
     return *at;
 }
 
-float quantile(std::vector<float>& values, std::size_t candidates, double part)
-{
-    return ordered(values, candidates, part * (values.size() - 1));
-}
-
 float quantile(std::vector<float>& values, double part)
 {
-    return quantile(values, values.size(), part);
+    return ordered(values, values.size(), part * (values.size() - 1));
 }
 
 recent_level::recent_level(int group_length)

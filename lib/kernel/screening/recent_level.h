@@ -8,13 +8,10 @@
 namespace gr::wiforce::kernel {
 
 // The value at `index` of the sorted values, which are sorted in part; it lies among the
-// first `candidates`.
+// first `candidates`: a call for a lower one is faster after one for a higher one.
 float ordered(std::vector<float>& values, std::size_t candidates, std::size_t index);
 
-// Quantile `part` of values, which are sorted in part. The quantile lies among the
-// smallest `candidates` of them: a call for a lower quantile is faster after one for a
-// higher one.
-float quantile(std::vector<float>& values, std::size_t candidates, double part);
+// Quantile `part` of values, which are sorted in part.
 float quantile(std::vector<float>& values, double part);
 
 /*

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <complex>
+#include "../types.h"
+
 #include <cstddef>
 #include <vector>
 
@@ -13,8 +14,6 @@ namespace gr::wiforce::kernel {
 class end_fit
 {
 public:
-    using complex = std::complex<double>;
-
     // Sizes: groups, tones M (an even number), ends E of the tags that are fitted, two
     // each, and subcarriers K.
     struct shape {
@@ -40,15 +39,6 @@ public:
 
     // Sum of the squared residual over the tones, K of each group.
     std::vector<double> power() const;
-
-    // Ratios of each group's residual along every end's channel to noise (E each).
-    // `inverse_noise`: 1 / sigma_k^2, K of each group. The sandwich estimator HC2 of
-    // J. MacKinnon and H. White (1985) takes the own power of each pair of opposite
-    // tones, whose shares are the same; `mean` is that of all tones.
-    struct coherence {
-        std::vector<double> sandwich, mean;
-    };
-    coherence coherent(const double* inverse_noise) const;
 
 private:
     void invert(); // the mixing

@@ -1,20 +1,30 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../clocks/clock_likelihood.h"
-#include "../clocks/clock_tracker.h"
 #include "../doppler/switching_mixer.h"
-#include "coherent_residual.h"
+#include "clock_tracker.h"
 #include "end_fit.h"
 #include "group_weights.h"
 #include "noise_estimate.h"
 
-#include <complex>
 #include <cstddef>
+#include <deque>
 #include <functional>
+#include <utility>
 #include <vector>
 
 namespace gr::wiforce::kernel {
+
+// Median of the last values that are finite, and their number.
+class running_median
+{
+public:
+    std::pair<double, std::size_t> update(double value);
+
+private:
+    std::deque<double> d_latest;
+    std::vector<double> d_sorted;
+};
 
 // Separates the tones of groups into the channels of the tags' ends, one group after the
 // other: the clocks are corrected, the tones are solved for the ends at these, and noise
@@ -22,8 +32,6 @@ namespace gr::wiforce::kernel {
 class end_separation
 {
 public:
-    using complex = std::complex<double>;
-
     struct settings {
         std::size_t tags;         // S, of which some may not be locked
         std::size_t group_length; // snapshots of a complete group
@@ -34,7 +42,7 @@ public:
         // Error of a phase, in rad, that noise does not explain; 0 unless the tags switch
         // within a symbol.
         double least_error;
-        clock_limits limits;
+        double absent_s, unseen_s; // see clock_tracker::expired
     };
 
     // A tag whose clock is tracked.
@@ -57,21 +65,18 @@ public:
         const complex* tones;
     };
 
-    // What the tags do beyond a fit, as numbers of the group and its clocks (phases in
-    // rad, rates in rad/s above nominal) tell it; empty functions where they do not.
+    // What the tags do beyond the fit of a group, by its number and the tags' clocks
+    // (phases in rad, rates in rad/s above nominal); empty where they do nothing.
+    template <class Result>
+    using correction = std::function<Result(std::size_t number,
+                                            end_fit& fit,
+                                            const std::vector<double>& phase,
+                                            const std::vector<double>& rate)>;
     struct corrections {
         // Whitened parts, M x K, without what tags spread over the subcarriers.
-        std::function<std::vector<complex>(std::size_t,
-                                           end_fit&,
-                                           const std::vector<double>&,
-                                           const std::vector<double>&)>
-            spread;
+        correction<std::vector<complex>> spread;
         // Removes from the residual what the wander of clocks within the group explains.
-        std::function<void(std::size_t,
-                           end_fit&,
-                           const std::vector<double>&,
-                           const std::vector<double>&)>
-            wander;
+        correction<void> wander;
     };
 
     // Of the first groups given, up to one that the noise does not fit, or before which
@@ -89,12 +94,12 @@ public:
         std::vector<double> clock_phase, clock_offset_ppm, clock2_delay; // S
     };
 
-    explicit end_separation(settings of) : d_settings(of), d_coherence(2 * of.tags) {}
+    explicit end_separation(settings of) : d_settings(of), d_coherent(2 * of.tags) {}
 
     std::size_t tags() const { return d_settings.tags; }
 
     // Forgets the residuals so far, when the clocks were acquired again.
-    void reset() { d_coherence.reset(); }
+    void reset() { d_coherent.assign(d_coherent.size(), {}); }
 
     // `update`: clocks and noise, unless they were acquired from these very groups.
     separated process(const std::vector<tag>& tags,
@@ -111,7 +116,7 @@ private:
     void separate(one& of, bool update);
 
     const settings d_settings;
-    coherent_residual d_coherence;
+    std::vector<running_median> d_coherent; // ratios of the residual, by end
 };
 
 } // namespace gr::wiforce::kernel

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "group_weights.h"
 
-#include "../algebra/complex_rows.h"
-#include "../algebra/matrix_product.h"
 #include "../clones.h"
+#include "matrix_product.h"
 
 #include <algorithm>
 
@@ -13,7 +12,7 @@ template <class T>
 WIFORCE_CLONES void parts_of(const std::complex<T>* tones,
                              std::size_t count,
                              std::size_t subcarriers,
-                             std::complex<double>* parts)
+                             complex* parts)
 {
     const auto* const from = reinterpret_cast<const T*>(tones);
     auto* const to = reinterpret_cast<double*>(parts);
@@ -32,17 +31,15 @@ WIFORCE_CLONES void parts_of(const std::complex<T>* tones,
     }
 }
 
-template void
-parts_of(const std::complex<float>*, std::size_t, std::size_t, std::complex<double>*);
-template void
-parts_of(const std::complex<double>*, std::size_t, std::size_t, std::complex<double>*);
+template void parts_of(const std::complex<float>*, std::size_t, std::size_t, complex*);
+template void parts_of(const complex*, std::size_t, std::size_t, complex*);
 
 WIFORCE_CLONES
-void tone_of(const std::complex<double>* parts,
+void tone_of(const complex* parts,
              std::size_t row,
              std::size_t count,
              std::size_t subcarriers,
-             std::complex<double>* tone)
+             complex* tone)
 {
     const auto [pair, sign] = pair_of(row, count);
     const auto* const first = parts + 2 * pair * subcarriers;
@@ -54,10 +51,10 @@ void tone_of(const std::complex<double>* parts,
 
 WIFORCE_CLONES
 double whiten(const double* whitener,
-              const std::complex<double>* parts,
+              const complex* parts,
               std::size_t count,
               std::size_t subcarriers,
-              std::complex<double>* white)
+              complex* white)
 {
     triangular_product(whitener, count, parts, subcarriers, white);
     return power_of(white, count * subcarriers) /

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "../doppler/switching_mixer.h"
+#include "../types.h"
 
-#include <complex>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -18,7 +18,7 @@ template <class T> // float or double
 void parts_of(const std::complex<T>* tones,
               std::size_t count,
               std::size_t subcarriers,
-              std::complex<double>* parts);
+              complex* parts);
 
 // The pair that one of the M tones belongs to, and the sign of its second part.
 inline std::pair<std::size_t, int> pair_of(std::size_t row, std::size_t count)
@@ -28,19 +28,19 @@ inline std::pair<std::size_t, int> pair_of(std::size_t row, std::size_t count)
 }
 
 // One of the M tones, row of K, from the parts.
-void tone_of(const std::complex<double>* parts,
+void tone_of(const complex* parts,
              std::size_t row,
              std::size_t count,
              std::size_t subcarriers,
-             std::complex<double>* tone);
+             complex* tone);
 
 // Makes the noise of parts (M x K) white by a lower triangular matrix (M x M); gives the
 // mean power of the result.
 double whiten(const double* whitener,
-              const std::complex<double>* parts,
+              const complex* parts,
               std::size_t count,
               std::size_t subcarriers,
-              std::complex<double>* white);
+              complex* white);
 
 // Weights that lead from the snapshots received of a group to its M tones.
 class group_weights

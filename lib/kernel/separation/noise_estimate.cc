@@ -36,11 +36,6 @@ constexpr double least_raised = 4.0;
 // long.
 constexpr int lasting_groups = 16;
 
-double raised_limit(std::size_t freedom)
-{
-    return std::max(chi_squared_limit(freedom, raised_stds), least_raised);
-}
-
 double mean_of(const std::vector<double>& values)
 {
     return std::accumulate(values.begin(), values.end(), 0.0) / values.size();
@@ -57,8 +52,8 @@ std::vector<double> raised_subcarriers(const std::vector<double>& ratios,
                                        std::size_t freedom)
 {
     std::vector<double> raised(ratios.size(), 1.0);
-    const double limit = raised_limit(freedom);
-    if (*std::max_element(ratios.begin(), ratios.end()) > limit) {
+    const double limit = std::max(chi_squared_limit(freedom, raised_stds), least_raised);
+    if (!ratios.empty() && *std::max_element(ratios.begin(), ratios.end()) > limit) {
         auto sorted = ratios;
         const auto quarter = sorted.begin() + sorted.size() / 4;
         std::nth_element(sorted.begin(), quarter, sorted.end());
@@ -98,51 +93,36 @@ void noise_estimate::set(std::vector<double> variance, double level)
     }
 }
 
-noise_estimate::history noise_estimate::follow(const double* residuals,
-                                               std::size_t freedom,
-                                               const std::vector<double>& levels,
-                                               const std::vector<bool>& complete)
+noise_estimate::group noise_estimate::follow(std::vector<double> residual,
+                                             std::size_t freedom,
+                                             double level,
+                                             bool complete)
 {
-    const double limit = raised_limit(freedom);
-    const std::size_t subcarriers = d_variance.size();
-    history found;
-    std::vector<double> residual(subcarriers), ratios(subcarriers);
-    for (std::size_t group = 0;
-         group < levels.size() && found.outcome == verdict::learned;
-         group++) {
-        std::copy_n(residuals + group * subcarriers, subcarriers, residual.begin());
-        for (std::size_t k = 0; k < subcarriers; k++)
-            ratios[k] = residual[k] * d_inverse[k];
-        const bool any = *std::max_element(ratios.begin(), ratios.end()) > limit;
-        const auto raised = any ? raised_subcarriers(ratios, freedom)
-                                : std::vector<double>(subcarriers, 1.0);
-        for (std::size_t k = 0; k < subcarriers; k++) {
-            found.inverse.push_back(d_inverse[k] / raised[k]);
-            ratios[k] /= raised[k];
-        }
-        found.ratio.push_back(mean_of(ratios));
-        found.raised.insert(found.raised.end(), raised.begin(), raised.end());
-        if (complete[group])
-            found.outcome = learn(
-                residual, found.ratio.back(), levels[group], any ? &raised : nullptr);
-        found.variance.insert(found.variance.end(), d_variance.begin(), d_variance.end());
+    auto ratios = residual;
+    for (std::size_t k = 0; k < ratios.size(); k++)
+        ratios[k] *= d_inverse[k];
+    group found{ 0, raised_subcarriers(ratios, freedom), d_inverse, verdict::learned };
+    for (std::size_t k = 0; k < ratios.size(); k++) {
+        found.inverse[k] /= found.raised[k];
+        ratios[k] /= found.raised[k];
     }
+    found.ratio = mean_of(ratios);
+    if (complete)
+        found.outcome = learn(std::move(residual), found, level);
     return found;
 }
 
-noise_estimate::verdict noise_estimate::learn(std::vector<double> residual,
-                                              double ratio,
-                                              double level,
-                                              const std::vector<double>* raised)
+noise_estimate::verdict
+noise_estimate::learn(std::vector<double> residual, const group& of, double level)
 {
     d_raised_groups.resize(residual.size());
     // Raised subcarriers are learned only if it lasts.
     for (std::size_t k = 0; k < residual.size(); k++) {
-        d_raised_groups[k] = raised && (*raised)[k] > 1 ? d_raised_groups[k] + 1 : 0;
+        d_raised_groups[k] = of.raised[k] > 1 ? d_raised_groups[k] + 1 : 0;
         if (d_raised_groups[k] > 0 && d_raised_groups[k] <= lasting_groups)
             residual[k] = d_variance[k];
     }
-    d_ratios.push_back(ratio);
+    d_ratios.push_back(of.ratio);
     if (d_ratios.size() > step_groups)
         d_ratios.pop_front();
     const bool full = d_ratios.size() == step_groups;
@@ -152,24 +132,22 @@ noise_estimate::verdict noise_estimate::learn(std::vector<double> residual,
         d_ratios.clear();
         return verdict::lost;
     }
-    if (ratio > outlier_ratio)
+    if (of.ratio > outlier_ratio)
         return verdict::learned;
     const double median = sorted[sorted.size() / 2];
-    if (full && !(1 / step < median && median < step) && median <= outlier_ratio) {
-        // The level has changed; the profile over the subcarriers is still the best
-        // estimate.
-        d_ratios.clear();
-        for (std::size_t k = 0; k < residual.size(); k++)
-            residual[k] = median * d_variance[k];
-        d_groups = std::min(d_groups, step_groups);
-        set(std::move(residual), level);
-        return verdict::stepped;
-    }
-    d_groups = std::min(d_groups + 1, d_memory);
+    const bool stepped =
+        full && !(1 / step < median && median < step) && median <= outlier_ratio;
+    d_groups =
+        stepped ? std::min(d_groups, step_groups) : std::min(d_groups + 1, d_memory);
     for (std::size_t k = 0; k < residual.size(); k++)
-        residual[k] = d_variance[k] + (residual[k] - d_variance[k]) / d_groups;
+        if (stepped) // the profile over the subcarriers is still the best estimate
+            residual[k] = median * d_variance[k];
+        else
+            residual[k] = d_variance[k] + (residual[k] - d_variance[k]) / d_groups;
+    if (stepped)
+        d_ratios.clear();
     set(std::move(residual), level);
-    return verdict::learned;
+    return stepped ? verdict::stepped : verdict::learned;
 }
 
 } // namespace gr::wiforce::kernel

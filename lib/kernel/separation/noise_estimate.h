@@ -38,14 +38,13 @@ public:
                  // is tracked at a wrong phase
     };
 
-    // Noise in some groups: K of each, but for the ratio.
-    struct history {
-        std::vector<double> ratio;    // residual over the noise before, 1 when the model
-                                      // fits; raised subcarriers count by their own
-        std::vector<double> raised;   // noise over that of the groups before
-        std::vector<double> inverse;  // 1 / sigma_k^2 by the groups before and `raised`
-        std::vector<double> variance; // sigma_k^2 afterwards, without `raised`
-        verdict outcome = verdict::learned; // of the last of these groups
+    // Noise in a group.
+    struct group {
+        double ratio; // residual over the noise before, 1 when the model fits; raised
+                      // subcarriers count by their own
+        std::vector<double> raised;  // K: noise over that of the groups before
+        std::vector<double> inverse; // K: 1 / sigma_k^2 by the groups before and `raised`
+        verdict outcome;
     };
 
     // `profile`: noise of the subcarriers relative to each other, where only its level is
@@ -68,20 +67,16 @@ public:
     // Number of groups that the variance is a mean of.
     void set_groups(std::size_t groups) { d_groups = groups; }
 
-    // Learns from groups up to the first one that it does not fit, at least one.
-    // `residuals`: mean square of each group's whitened residual per degree of freedom, K
-    // each; `levels`: mean power of their whitened tones; `complete`: whether they may be
-    // learned from.
-    history follow(const double* residuals,
-                   std::size_t freedom,
-                   const std::vector<double>& levels,
-                   const std::vector<bool>& complete);
+    // Learns from a group, unless it is not `complete`. `residual`: mean square of its
+    // whitened residual per degree of freedom, K; `level`: mean power of its whitened
+    // tones.
+    group follow(std::vector<double> residual,
+                 std::size_t freedom,
+                 double level,
+                 bool complete);
 
 private:
-    verdict learn(std::vector<double> residual,
-                  double ratio,
-                  double level,
-                  const std::vector<double>* raised);
+    verdict learn(std::vector<double> residual, const group& of, double level);
 
     const std::vector<double> d_profile;
     const std::size_t d_memory; // groups of the mean, at most

@@ -8,18 +8,12 @@
 
 namespace gr::wiforce::kernel {
 
-namespace {
-
-constexpr double LARGEST_FRACTION_S = 1e9;
-
-}
+static constexpr double LARGEST_FRACTION_S = 1e9;
 
 timeline::timeline(double sample_rate) : d_sample_rate(sample_rate)
 {
     require(std::isfinite(sample_rate) && sample_rate > 0,
-            "timeline",
-            "sample_rate",
-            "must be positive",
+            "timeline: sample_rate must be positive",
             sample_rate);
 }
 

@@ -3,14 +3,12 @@
 
 #include <gnuradio/block_detail.h>
 #include <gnuradio/buffer_reader.h>
-#include <gnuradio/wiforce/names.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
 
 #include "packets.h"
-#include "refusal.h"
 #include "tag_values.h"
 
 #include <algorithm>
@@ -18,82 +16,60 @@
 
 using namespace gr::wiforce;
 
-// A table of weights, row by row; its columns are the snapshots of a group.
-static std::vector<std::complex<double>> rows_of(const complex_array& weights,
-                                                 int group_length)
+// Makes a block of a table of weights, whose columns are the snapshots of a group.
+template <class Made, class... Rest>
+static auto
+with_table(Made (*make)(const std::vector<std::complex<double>>&, int, Rest...))
 {
-    if (group_length >= 1 && weights.ndim() == 2 && weights.shape(1) != group_length)
-        throw std::invalid_argument(
-            "phase_group_doppler: weights must have group_length = " +
-            std::to_string(group_length) + " columns, got " +
-            std::to_string(weights.shape(1)));
-    return flat(weights);
+    return [make](const complex_array& weights, int group_length, Rest... rest) {
+        if (group_length >= 1 && weights.ndim() == 2 && weights.shape(1) != group_length)
+            throw std::invalid_argument(
+                "phase_group_doppler: weights must have group_length = " +
+                std::to_string(group_length) + " columns, got " +
+                std::to_string(weights.shape(1)));
+        return make(flat(weights), group_length, rest...);
+    };
 }
 
 static void bind_preamble_fold(py::module& m)
 {
-    py::class_<preamble_fold, gr::block, gr::basic_block, std::shared_ptr<preamble_fold>>(
-        m,
-        "preamble_fold",
-        "Averages the repeated part of each sounding frame.\n\n"
-        "Input: samples, fc32 or sc16 (scaled by 1/32768). Output: a vector of a "
-        "symbol's\n"
-        "samples per frame; the tag `snapshot` holds its index on the frame grid, on the "
-        "first "
-        "one\n"
-        "and after every gap that an `rx_time` tag reports.")
-        .def(py::init(&preamble_fold::make),
-             "frame_length"_a,
-             "first_averaged"_a = 64,
-             "repetitions"_a = 4,
-             "sample_rate"_a = 12.5e6,
-             "frame_offset"_a = 0,
-             "item_type"_a = "fc32",
-             "symbol_length"_a = 64)
-        .def_static(
+    py::class_<preamble_fold, gr::block, gr::basic_block, std::shared_ptr<preamble_fold>>
+        fold(m,
+             "preamble_fold",
+             R"(Averages the repeated part of each sounding frame.
+
+Input: samples, fc32 or sc16 (scaled by 1/32768). Output: a vector of a symbol's samples
+per frame; the tag `snapshot` holds its index on the frame grid, on the first one and
+after every gap that an `rx_time` tag reports.)");
+    const auto with_frames = [](const auto& define) {
+        define("frame_length"_a,
+               "first_averaged"_a = 64,
+               "repetitions"_a = 4,
+               "sample_rate"_a = 12.5e6,
+               "frame_offset"_a = 0,
+               "item_type"_a = "fc32",
+               "symbol_length"_a = 64);
+    };
+    with_frames(
+        [&](const auto&... of) { fold.def(py::init(&preamble_fold::make), of...); });
+    with_frames([&](const auto&... of) {
+        fold.def_static(
             "tones",
-            [](const complex_array& weights,
-               int group_length,
-               int frame_length,
-               int first_averaged,
-               int repetitions,
-               double sample_rate,
-               std::uint64_t frame_offset,
-               const std::string& item_type,
-               int symbol_length) {
-                return preamble_fold::tones(rows_of(weights, group_length),
-                                            group_length,
-                                            frame_length,
-                                            first_averaged,
-                                            repetitions,
-                                            sample_rate,
-                                            frame_offset,
-                                            item_type,
-                                            symbol_length);
-            },
+            with_table(&preamble_fold::tones),
             "weights"_a,
             "group_length"_a,
-            "frame_length"_a,
-            "first_averaged"_a = 64,
-            "repetitions"_a = 4,
-            "sample_rate"_a = 12.5e6,
-            "frame_offset"_a = 0,
-            "item_type"_a = "fc32",
-            "symbol_length"_a = 64,
-            "Tones of phase groups: this block and phase_group_doppler in one.")
-        .def_static("collected",
-                    &preamble_fold::collected,
-                    "group_length"_a,
-                    "frame_length"_a,
-                    "first_averaged"_a = 64,
-                    "repetitions"_a = 4,
-                    "sample_rate"_a = 12.5e6,
-                    "frame_offset"_a = 0,
-                    "item_type"_a = "fc32",
-                    "symbol_length"_a = 64,
-                    "Snapshots of phase groups: this block and "
-                    "phase_group_doppler.collected in one.")
-        .def("expect_carrier",
+            of...,
+            "Tones of phase groups: this block and phase_group_doppler in one.");
+    });
+    with_frames([&](const auto&... of) {
+        fold.def_static("collected",
+                        &preamble_fold::collected,
+                        "group_length"_a,
+                        of...,
+                        "Snapshots of phase groups: this block and "
+                        "phase_group_doppler.collected in one.");
+    });
+    fold.def("expect_carrier",
              &preamble_fold::expect_carrier,
              "frequency_hz"_a,
              "Expects a carrier in Hz, to 0.1 %; samples of another one are discarded.")
@@ -121,9 +97,8 @@ static void bind_preamble_fold(py::module& m)
                 const auto mean = fold.mean_frame();
                 return py::array_t<std::complex<double>>(mean.size(), mean.data());
             },
-            "Mean of the first 1000 frames, guards included; empty while they are not "
-            "complete,\n"
-            "and where samples are missing among them.");
+            R"(Mean of the first 1000 frames, guards included; empty while they are not
+complete, and where samples are missing among them.)");
 }
 
 static void bind_ofdm_channel_estimator(py::module& m)
@@ -135,10 +110,10 @@ static void bind_ofdm_channel_estimator(py::module& m)
                std::shared_ptr<ofdm_channel_estimator>>(
         m,
         "ofdm_channel_estimator",
-        "Estimates the channel on each subcarrier: FFT, times factors.\n\n"
-        "Each row's samples are first multiplied by its row of `rotation`, if given.\n"
-        "Input and output: vectors of rows x len(factors) complex, bins in natural FFT "
-        "order.")
+        R"(Estimates the channel on each subcarrier: FFT, times factors.
+
+Each row's samples are first multiplied by its row of `rotation`, if given. Input and
+output: vectors of rows x len(factors) complex, bins in natural FFT order.)")
         .def(py::init([](const complex_array& factors,
                          int rows,
                          const complex_array& rotation) {
@@ -157,20 +132,13 @@ static void bind_phase_group_doppler(py::module& m)
                std::shared_ptr<phase_group_doppler>>(
         m,
         "phase_group_doppler",
-        "Doppler tones of each phase group: P[m, k] = sum_n weights[m, n] h[n, k].\n\n"
-        "Input: a vector of symbol_length complex per snapshot, its index in the tag "
-        "`snapshot`. "
-        "Output: a\n"
-        "vector of M x symbol_length per group with the tag `group`; an incomplete one "
-        "carries the "
-        "tag\n"
-        "`missing`, and its snapshots and mask go out on the port `incomplete` before "
-        "it.")
-        .def(py::init(
-                 [](const complex_array& weights, int group_length, int symbol_length) {
-                     return phase_group_doppler::make(
-                         rows_of(weights, group_length), group_length, symbol_length);
-                 }),
+        R"(Doppler tones of each phase group: P[m, k] = sum_n weights[m, n] h[n, k].
+
+Input: a vector of symbol_length complex per snapshot, its index in the tag `snapshot`.
+Output: a vector of M x symbol_length per group with the tag `group`; an incomplete one
+carries the tag `missing`, and its snapshots and mask go out on the port `incomplete`
+before it.)")
+        .def(py::init(with_table(&phase_group_doppler::make)),
              "weights"_a,
              "group_length"_a,
              "symbol_length"_a = 64)
@@ -186,9 +154,9 @@ static void bind_phase_group_doppler(py::module& m)
             &phase_group_doppler::collected,
             "group_length"_a,
             "symbol_length"_a = 64,
-            "The snapshots of each group, N_g x symbol_length, absent ones as zeros. The "
-            "tag\n`mask` of an incomplete group says which are present, `disturbed` "
-            "those that\ninterference hit.")
+            R"(The snapshots of each group, N_g x symbol_length, absent ones as zeros. The
+tag `mask` of an incomplete group says which are present, `disturbed` those that
+interference hit.)")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
         .def("groups", &phase_group_doppler::groups, "Groups emitted.")
         .def("incomplete_groups",
@@ -205,10 +173,10 @@ static void bind_recording_source(py::module& m)
                std::shared_ptr<recording_source>>(
         m,
         "recording_source",
-        "Reads the folded preambles of a recording.\n\n"
-        "Segments are tuples (file sample, index in the stream, length) of unbroken "
-        "runs.\n"
-        "Output: a vector of a symbol's samples per frame, as of preamble_fold.")
+        R"(Reads the folded preambles of a recording.
+
+Segments are tuples (file sample, index in the stream, length) of unbroken runs. Output: a
+vector of a symbol's samples per frame, as of preamble_fold.)")
         .def(py::init(&recording_source::make),
              "path"_a,
              "datatype"_a,
@@ -251,10 +219,9 @@ static void bind_packets(py::module& m)
                 return read_part(reader, out.mutable_data(), out.shape(0));
             },
             py::arg("out").noconvert(),
-            "Reads a part of a packet into int16 (n, 2 antennas): the number of samples, "
-            "0 where\nnothing comes within the socket's timeout; the packed tags of a "
-            "packet "
-            "that begins;\nthe largest magnitude; whether the stream has ended.")
+            R"(Reads a part of a packet into int16 (n, 2 antennas): the number of samples,
+0 where nothing comes within the socket's timeout; the packed tags of a packet that
+begins; the largest magnitude; whether the stream has ended.)")
         .def(
             "read_to",
             [](packet_reader& reader, const gr::block& block, std::size_t most) {
@@ -288,9 +255,8 @@ static void bind_packets(py::module& m)
             "count"_a,
             "head"_a,
             py::call_guard<py::gil_scoped_release>(),
-            "Writes samples at the inputs of a block that is being called, behind a "
-            "head, and\n"
-            "sleeps until the interval is over; whether all were sent.");
+            R"(Writes samples at the inputs of a block that is being called, behind a
+head, and sleeps until the interval is over; whether all were sent.)");
 }
 
 static py::object rx_time_or_none(const pmt::pmt_t& value)
@@ -331,12 +297,6 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
         input->get_sizeof_item() / (group_length * sizeof(gr_complex));
     std::vector<gr::tag_t> tags;
     input->get_tags_in_range(tags, first, first + count, block.unique_id());
-    static const auto index_key = pmt::mp(names::GROUP);
-    static const auto mask_key = pmt::mp(names::MASK);
-    static const auto disturbed_key = pmt::mp(names::DISTURBED);
-    static const auto saturated_key = pmt::mp(names::SATURATED);
-    static const auto retuned_key = pmt::mp(names::RETUNED);
-    static const auto slipped_key = pmt::mp(names::SLIPPED);
     struct group {
         std::uint64_t index = 0, saturated = 0;
         bool numbered = false, retuned = false;
@@ -346,20 +306,20 @@ collected_groups(const gr::block& block, int count, py::ssize_t group_length)
     std::vector<group> groups(count);
     for (const gr::tag_t& tag : tags) {
         group& own = groups.at(tag.offset - first);
-        if (pmt::eq(tag.key, index_key)) {
+        if (pmt::eq(tag.key, keys::group)) {
             own.index = pmt::to_uint64(tag.value);
             own.numbered = true;
-        } else if (pmt::eq(tag.key, saturated_key))
+        } else if (pmt::eq(tag.key, keys::saturated))
             own.saturated = pmt::to_uint64(tag.value);
-        else if (pmt::eq(tag.key, retuned_key))
+        else if (pmt::eq(tag.key, keys::retuned))
             own.retuned = true;
-        else if (pmt::eq(tag.key, slipped_key)) {
+        else if (pmt::eq(tag.key, keys::slipped)) {
             const auto frames = pmt::u64vector_elements(tag.value);
             for (std::size_t i = 0; i + 1 < frames.size(); i += 2)
                 own.misplaced.emplace_back(frames[i], frames[i + 1]);
-        } else if (pmt::eq(tag.key, mask_key))
+        } else if (pmt::eq(tag.key, keys::mask))
             own.present = marks_of(pmt::u8vector_elements(tag.value), 1);
-        else if (pmt::eq(tag.key, disturbed_key))
+        else if (pmt::eq(tag.key, keys::disturbed))
             own.undisturbed = marks_of(pmt::u8vector_elements(tag.value), 0);
     }
     const auto* item = static_cast<const gr_complex*>(input->read_pointer());
@@ -443,16 +403,15 @@ PYBIND11_MODULE(wiforce_python, m)
           &rx_time_or_none,
           "value"_a,
           "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
-    m.def(
-        "collected_groups",
-        &collected_groups,
-        "block"_a,
-        "count"_a,
-        "group_length"_a,
-        "The groups of collected snapshots at the input of a block, as tuples: index, "
-        "folded (N, L)\nin the buffer, present (N,) or None for all, undisturbed (N,) or "
-        "None for all, snapshots at\nfull scale, whether retuned, first frame and end "
-        "before each slip that may lie elsewhere.");
+    m.def("collected_groups",
+          &collected_groups,
+          "block"_a,
+          "count"_a,
+          "group_length"_a,
+          R"(The groups of collected snapshots at the input of a block, as tuples: index,
+folded (N, L) in the buffer, present (N,) or None for all, undisturbed (N,) or None for
+all, snapshots at full scale, whether retuned, first frame and end before each slip that
+may lie elsewhere.)");
     m.def("kept_with",
           &kept_with,
           "block"_a,

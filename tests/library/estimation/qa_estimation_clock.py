@@ -14,7 +14,7 @@ from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagCloc
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth
-from gnuradio.wiforce.wiforce_kernels import end_fit, phase_errors, phase_expansion
+from gnuradio.wiforce.wiforce_kernels import end_fit, phase_errors, phase_information
 from long_cases import cases
 from plain import (
     TA,
@@ -266,7 +266,7 @@ def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_p
     assert (np.abs(read["force_n"] - true_n) < 4 * read["force_std_n"]).all()
 
 
-def test_phase_expansion_information_equals_that_of_joint_least_squares():
+def test_phase_information_equals_that_of_joint_least_squares():
     """Against differences of what is left when the ends are solved anew at other phases."""
     rng = np.random.default_rng(1)
     mixing, slopes = rng.standard_normal((2, 14, 4)) / np.sqrt(2)
@@ -279,7 +279,7 @@ def test_phase_expansion_information_equals_that_of_joint_least_squares():
         return float(np.sum(np.abs(residual) ** 2 @ inverse_noise))
 
     fit = end_fit(np.hstack([mixing, slopes])[None], tones[None])
-    of_groups = phase_expansion(fit).information(inverse_noise)
+    of_groups = phase_information(fit, inverse_noise)
     gradient, information, excess = (each[0] for each in of_groups)
     step = 1e-5
     for tag in range(2):

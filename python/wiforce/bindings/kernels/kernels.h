@@ -8,7 +8,10 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <array>
 #include <cstring>
+#include <exception>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -16,6 +19,19 @@
 
 namespace py = pybind11;
 using namespace py::literals;
+
+// A refused parameter is bad input, as Python code raises it: errors.InputError.
+inline void translate_refusal(std::exception_ptr thrown)
+{
+    try {
+        std::rethrow_exception(thrown);
+    } catch (const std::invalid_argument& refusal) {
+        const auto type =
+            py::module::import("gnuradio.wiforce.errors").attr("InputError");
+        const py::object error = type.attr("__new__")(type, refusal.what());
+        PyErr_SetObject(type.ptr(), error.ptr());
+    }
+}
 
 void bind_inversion(py::module& m);
 void bind_phases(py::module& m);
@@ -38,10 +54,27 @@ void require_shape(const array<T>& values, const shape& wanted, const char* rule
         throw std::invalid_argument(rule);
 }
 
+// Sizes of an array of N dimensions.
+template <std::size_t N, class T>
+std::array<py::ssize_t, N> sizes_of(const array<T>& values, const char* rule)
+{
+    if (values.ndim() != N)
+        throw std::invalid_argument(rule);
+    std::array<py::ssize_t, N> sizes;
+    std::copy_n(values.shape(), N, sizes.begin());
+    return sizes;
+}
+
 template <class T>
 py::array_t<T> copy(const std::vector<T>& values, const shape& of)
 {
     return py::array_t<T>(of, values.data());
+}
+
+template <class T>
+py::array_t<T> copy(const std::vector<T>& values)
+{
+    return py::array_t<T>(values.size(), values.data());
 }
 
 template <class T>

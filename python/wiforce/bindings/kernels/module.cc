@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Plain kernels for NumPy: nothing here needs GNU Radio's runtime.
-#include "../refusal.h"
 #include "kernels.h"
 
 #include <kernel/timing/timeline.h>

@@ -16,12 +16,11 @@ void set_reference(profile_check& check,
                    const complex_array& other)
 {
     const py::ssize_t ends = check.ends(), subcarriers = check.subcarriers();
-    const char* const rule = "profile_check: reference and image must have shape (E, K)";
+    const char* const rule =
+        "profile_check: reference and image must have shape (E, K), other (E, D, K)";
     require_shape(reference, { ends, subcarriers }, rule);
     require_shape(image, { ends, subcarriers }, rule);
-    if (other.ndim() != 3 || other.shape(0) != ends || other.shape(2) != subcarriers ||
-        !other.shape(1))
-        throw std::invalid_argument("profile_check: other must have shape (E, D, K)");
+    require_shape(other, { ends, sizes_of<3>(other, rule)[1], subcarriers }, rule);
     check.set_reference(flat(reference), flat(image), flat(other));
 }
 
@@ -33,17 +32,17 @@ py::dict difference_of(const complex_array& ends,
                        const array<double>& reference_gain,
                        profile_check* check)
 {
-    if (ends.ndim() != 3)
-        throw std::invalid_argument("ends must have shape (G, E, K)");
-    const py::ssize_t groups = ends.shape(0), count = ends.shape(1),
-                      subcarriers = ends.shape(2);
+    const char* const rule =
+        "conjugate_difference: ends must have shape (G, E, K), gain (G, E), noise and "
+        "noise_rise (G, K), reference (E, K), reference_gain (E,)";
+    const auto [groups, count, subcarriers] = sizes_of<3>(ends, rule);
     const shape by_end{ groups, count }, by_subcarrier{ groups, subcarriers };
-    require_shape(gain, by_end, "gain must have shape (G, E)");
-    require_shape(noise, by_subcarrier, "noise must have shape (G, K)");
+    require_shape(gain, by_end, rule);
+    require_shape(noise, by_subcarrier, rule);
     if (noise_rise)
-        require_shape(*noise_rise, by_subcarrier, "noise_rise must have shape (G, K)");
-    require_shape(reference, { count, subcarriers }, "reference must have shape (E, K)");
-    require_shape(reference_gain, { count }, "reference_gain must have shape (E,)");
+        require_shape(*noise_rise, by_subcarrier, rule);
+    require_shape(reference, { count, subcarriers }, rule);
+    require_shape(reference_gain, { count }, rule);
     if (check && (check->ends() != std::size_t(count) ||
                   check->subcarriers() != std::size_t(subcarriers)))
         throw std::invalid_argument("check must be of E ends and K subcarriers");
@@ -81,13 +80,11 @@ py::tuple average_of(const complex_array& changes,
                      const array<double>& reference_gain,
                      const array<double>& reference_power)
 {
-    if (changes.ndim() != 3)
-        throw std::invalid_argument("changes must have shape (G, E, K)");
-    const py::ssize_t groups = changes.shape(0), ends = changes.shape(1),
-                      subcarriers = changes.shape(2);
+    const char* const rule = "subcarrier_average: changes must have shape (G, E, K), "
+                             "noise (G, K), gains and reference_power (G, E)";
+    const auto [groups, ends, subcarriers] = sizes_of<3>(changes, rule);
     const shape by_end{ groups, ends };
-    require_shape(noise, { groups, subcarriers }, "noise must have shape (G, K)");
-    const char* const rule = "gains and reference_power must have shape (G, E)";
+    require_shape(noise, { groups, subcarriers }, rule);
     for (const auto* each : { &gain, &reference_gain, &reference_power })
         require_shape(*each, by_end, rule);
     complex_array ratios(by_end);
@@ -112,34 +109,25 @@ array<double> steps_of(receiver_steps& steps,
                        const array<double>& reference_power,
                        const array<bool>& locked)
 {
-    if (ratios.ndim() != 2)
-        throw std::invalid_argument("ratios must have shape (G, E)");
-    const py::ssize_t groups = ratios.shape(0), ends = ratios.shape(1);
+    const char* const rule = "receiver_steps: static must have shape (G, K), ratios and "
+                             "reference_power (G, E), locked (G, E / 2)";
+    const auto [groups, ends] = sizes_of<2>(ratios, rule);
+    const py::ssize_t subcarriers = static_path ? sizes_of<2>(*static_path, rule)[1] : 0;
+    if (static_path)
+        require_shape(*static_path, { groups, subcarriers }, rule);
+    require_shape(reference_power, { groups, ends }, rule);
+    require_shape(locked, { groups, ends / 2 }, rule);
     array<double> changes(shape{ groups, 3 });
-    const auto set = [&](py::ssize_t group, const receiver_steps::change& found) {
-        double* const row = changes.mutable_data(group, 0);
-        row[0] = found.turn;
-        row[1] = found.gain;
-        row[2] = found.variance;
-    };
-    if (!static_path) {
-        for (py::ssize_t group = 0; group < groups; group++)
-            set(group, receiver_steps::none());
-        return changes;
+    for (py::ssize_t group = 0; group < groups; group++) {
+        const auto found = static_path ? steps.next({ static_path->data(group, 0),
+                                                      ratios.data(group, 0),
+                                                      reference_power.data(group, 0),
+                                                      locked.data(group, 0),
+                                                      std::size_t(subcarriers),
+                                                      std::size_t(ends) })
+                                       : receiver_steps::none();
+        std::copy_n(&found.turn, 3, changes.mutable_data(group, 0));
     }
-    if (static_path->ndim() != 2 || static_path->shape(0) != groups)
-        throw std::invalid_argument("static must have shape (G, K)");
-    require_shape(
-        reference_power, { groups, ends }, "reference_power must have shape (G, E)");
-    require_shape(locked, { groups, ends / 2 }, "locked must have shape (G, E / 2)");
-    for (py::ssize_t group = 0; group < groups; group++)
-        set(group,
-            steps.next({ static_path->data(group, 0),
-                         ratios.data(group, 0),
-                         reference_power.data(group, 0),
-                         locked.data(group, 0),
-                         std::size_t(static_path->shape(1)),
-                         std::size_t(ends) }));
     return changes;
 }
 
@@ -153,14 +141,11 @@ void bind_phases(py::module& m)
         .def("set_reference",
              &set_reference,
              "reference, image: (E, K). other: (E, D, K).");
-    m.def(
-        "conjugate_difference",
-        &difference_of,
-        "ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.\n"
-        "reference: (E, K). reference_gain: (E,). check: with this reference, or None.\n"
-        "Gives changes (G, E, K), and gain, reference_power, reference_gain and "
-        "reshaped\n"
-        "(G, E).");
+    m.def("conjugate_difference",
+          &difference_of,
+          R"(ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.
+reference: (E, K). reference_gain: (E,). check: with this reference, or None. Gives
+changes (G, E, K), and gain, reference_power, reference_gain and reshaped (G, E).)");
     m.def(
         "subcarrier_average",
         &average_of,
@@ -172,7 +157,6 @@ void bind_phases(py::module& m)
         .def(py::init<double>())
         .def("process",
              &steps_of,
-             "static: (G, K) or None. ratios, reference_power: (G, E). locked: (G, E / "
-             "2).\n"
-             "Gives turn, gain and variance, (G, 3).");
+             R"(static: (G, K) or None. ratios, reference_power: (G, E). locked: (G, E /
+2). Gives turn, gain and variance, (G, 3).)");
 }

@@ -163,9 +163,8 @@ void bind_recordings(py::module& m)
         .def("read",
              &read_folded,
              "max_frames"_a,
-             "The next n <= max_frames snapshots: `snapshot`, `saturated` (n,), `folded` "
-             "(n, L),\n"
-             "and `noise` (n, 2), smallest and largest. Releases the GIL.");
+             R"(The next n <= max_frames snapshots: `snapshot`, `saturated` (n,), `folded`
+(n, L), and `noise` (n, 2), smallest and largest. Releases the GIL.)");
     bind_counters(folded);
 
     py::class_<tone_reader> tones(
@@ -193,11 +192,8 @@ void bind_recordings(py::module& m)
              &read_tones,
              "max_groups"_a,
              "on_incomplete"_a = py::none(),
-             "The next G <= max_groups groups: `index`, `missing`, `rejected`, "
-             "`saturated` (G,)\n"
-             "and `tones` (G, M, K). on_incomplete(row, mask (N,), folded (n, L)) is "
-             "called "
-             "for each\n"
-             "incomplete one. Releases the GIL.");
+             R"(The next G <= max_groups groups: `index`, `missing`, `rejected`,
+`saturated` (G,) and `tones` (G, M, K). on_incomplete(row, mask (N,), folded (n, L)) is
+called for each incomplete one. Releases the GIL.)");
     bind_counters(tones);
 }

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
-#include <kernel/clocks/clock_likelihood.h>
-#include <kernel/clocks/clock_tracker.h>
+#include <kernel/separation/clock_tracker.h>
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/end_separation.h>
 #include <kernel/separation/group_weights.h>
 #include <kernel/separation/noise_estimate.h>
-#include <kernel/separation/phase_expansion.h>
+#include <kernel/separation/phase_information.h>
 
 #include <cmath>
 #include <cstdint>
@@ -18,51 +17,45 @@ using namespace gr::wiforce::kernel;
 
 namespace {
 
-// An array that belongs to another object.
-template <class T>
-py::array_t<T> view(std::vector<T>& values, const shape& of, const py::object& owner)
-{
-    return py::array_t<T>(of, values.data(), owner);
-}
-
-// A member of an end_fit as an array over its groups.
-template <class T, class Rows, class Columns>
-auto member(std::vector<T> end_fit::*values, Rows rows, Columns columns)
+// A member of an end_fit as an array over its groups, which the fit owns.
+template <class T, class... Sizes>
+auto member(std::vector<T> end_fit::*values, Sizes... sizes)
 {
     return [=](const py::object& self) {
         auto& fit = self.cast<end_fit&>();
-        return view(fit.*values,
-                    { py::ssize_t(fit.sizes.groups),
-                      py::ssize_t(fit.sizes.*rows),
-                      py::ssize_t(fit.sizes.*columns) },
-                    self);
+        const shape of{ py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.*sizes)... };
+        return py::array_t<T>(of, (fit.*values).data(), self);
     };
 }
 
 end_fit make_end_fit(const array<double>& mixed, const complex_array& tones)
 {
-    if (mixed.ndim() != 3 || tones.ndim() != 3 || mixed.shape(0) != tones.shape(0) ||
-        mixed.shape(1) != tones.shape(1) || mixed.shape(1) % 2 || mixed.shape(2) % 4)
-        throw std::invalid_argument(
-            "end_fit: mixed must have shape (G, M, 4S), tones (G, M, K), M even");
-    return end_fit({ std::size_t(tones.shape(0)),
-                     std::size_t(tones.shape(1)),
-                     std::size_t(mixed.shape(2) / 2),
-                     std::size_t(tones.shape(2)) },
+    const char* const rule =
+        "end_fit: mixed must have shape (G, M, 4S), tones (G, M, K), M even";
+    const auto [groups, count, subcarriers] = sizes_of<3>(tones, rule);
+    const py::ssize_t columns = sizes_of<3>(mixed, rule)[2];
+    require_shape(mixed, { groups, count, columns }, rule);
+    if (count % 2 || columns % 4)
+        throw std::invalid_argument(rule);
+    return end_fit({ std::size_t(groups),
+                     std::size_t(count),
+                     std::size_t(columns / 2),
+                     std::size_t(subcarriers) },
                    mixed.data(),
                    tones.data());
 }
 
 py::tuple whitened(const array<double>& whitener, const complex_array& tones)
 {
-    if (tones.ndim() != 3 || tones.shape(1) % 2)
-        throw std::invalid_argument("whiten: tones must have shape (G, M, K), M even");
-    const py::ssize_t groups = tones.shape(0), count = tones.shape(1),
-                      subcarriers = tones.shape(2);
-    require_shape(whitener, { count, count }, "whiten: whitener must have shape (M, M)");
+    const char* const rule =
+        "whiten: tones must have shape (G, M, K), M even, whitener (M, M)";
+    const auto [groups, count, subcarriers] = sizes_of<3>(tones, rule);
+    require_shape(whitener, { count, count }, rule);
+    if (count % 2)
+        throw std::invalid_argument(rule);
     complex_array white(shape{ groups, count, subcarriers });
     array<double> level(shape{ groups });
-    std::vector<std::complex<double>> parts(count * subcarriers);
+    std::vector<complex> parts(count * subcarriers);
     for (py::ssize_t group = 0; group < groups; group++) {
         parts_of(tones.data(group, 0, 0), count, subcarriers, parts.data());
         level.mutable_data()[group] = whiten(whitener.data(),
@@ -79,14 +72,13 @@ group_weights make_group_weights(const array<double>& mixer,
                                  const array<double>& whitener,
                                  double loss)
 {
-    const py::ssize_t tones = mixer.ndim() == 2 ? mixer.shape(1) : 0;
-    require_shape(mixer,
-                  { times_s.size(), tones },
-                  "group_weights: mixer must have a row for each of times_s");
-    require_shape(
-        whitener, { tones, tones }, "group_weights: whitener must have shape (M, M)");
+    const char* const rule = "group_weights: mixer must have shape (n, M), M even, "
+                             "times_s (n,), whitener (M, M)";
+    const auto [snapshots, tones] = sizes_of<2>(mixer, rule);
+    require_shape(times_s, { snapshots }, rule);
+    require_shape(whitener, { tones, tones }, rule);
     if (tones % 2)
-        throw std::invalid_argument("group_weights: mixer must have pairs of tones");
+        throw std::invalid_argument(rule);
     return { flat(mixer), flat(times_s), flat(whitener), loss };
 }
 
@@ -94,11 +86,11 @@ array<double> mix_switching(const group_weights& weights,
                             const array<double>& clocks,
                             const array<double>& pulses)
 {
-    if (clocks.ndim() != 3 || clocks.shape(2) != 3 || pulses.ndim() != 2 ||
-        pulses.shape(0) != clocks.shape(1) || pulses.shape(1) != 3)
-        throw std::invalid_argument(
-            "group_weights: clocks must have shape (G, S, 3), pulses (S, 3)");
-    const py::ssize_t groups = clocks.shape(0), tags = clocks.shape(1);
+    const char* const rule =
+        "group_weights: clocks must have shape (G, S, 3), pulses (S, 3)";
+    const auto [groups, tags, three] = sizes_of<3>(clocks, rule);
+    require_shape(clocks, { groups, tags, 3 }, rule);
+    require_shape(pulses, { tags, three }, rule);
     const auto at = structures<switching_mixer::clock>(clocks);
     const auto of = structures<switching_mixer::pulses>(pulses);
     array<double> mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
@@ -113,12 +105,11 @@ array<double> mix_switching(const group_weights& weights,
 array<double> peaks_of(const py::array& tones)
 {
     const auto values = py::cast<array<std::complex<float>>>(tones);
-    if (values.ndim() != 3)
-        throw std::invalid_argument("tone_peaks: tones must have shape (G, M, K)");
-    const py::ssize_t count = values.shape(0),
-                      size = 2 * values.shape(1) * values.shape(2);
-    array<double> found(count);
-    for (py::ssize_t group = 0; group < count; group++) {
+    const auto [groups, count, subcarriers] =
+        sizes_of<3>(values, "tone_peaks: tones must have shape (G, M, K)");
+    const py::ssize_t size = 2 * count * subcarriers;
+    array<double> found(groups);
+    for (py::ssize_t group = 0; group < groups; group++) {
         const auto* const parts =
             reinterpret_cast<const float*>(values.data() + group * size / 2);
         // As integers without their signs, numbers have the same order, and those that
@@ -182,35 +173,32 @@ py::dict separate(end_separation& of,
             if (py::ssize_t(line) >= rows)
                 throw std::invalid_argument("end_separation: lines must be tones");
     }
-    const auto call = [&](const py::function& function,
-                          std::size_t row,
-                          end_fit& fit,
-                          const std::vector<double>& phase,
-                          const std::vector<double>& rate) {
-        const shape by_tag{ py::ssize_t(phase.size()) };
-        return function(row,
-                        py::cast(&fit, py::return_value_policy::reference),
-                        copy(phase, by_tag),
-                        copy(rate, by_tag));
+    using values = std::vector<double>;
+    const auto calling = [](const correction& function) {
+        return
+            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
+                const shape by_tag{ py::ssize_t(phase.size()) };
+                return (*function)(row,
+                                   py::cast(&fit, py::return_value_policy::reference),
+                                   copy(phase, by_tag),
+                                   copy(rate, by_tag));
+            };
     };
     end_separation::corrections by;
-    using values = std::vector<double>;
     if (spread)
-        by.spread =
-            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
-                py::gil_scoped_acquire python;
-                const complex_array found = call(*spread, row, fit, phase, rate);
-                require_shape(found,
-                              { rows, subcarriers },
-                              "end_separation: spread must give shape (M, K)");
-                return flat(found);
-            };
+        by.spread = [&, call = calling(spread)](auto&&... arguments) {
+            py::gil_scoped_acquire python;
+            const complex_array found = call(arguments...);
+            require_shape(found,
+                          { rows, subcarriers },
+                          "end_separation: spread must give shape (M, K)");
+            return flat(found);
+        };
     if (wander)
-        by.wander =
-            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
-                py::gil_scoped_acquire python;
-                call(*wander, row, fit, phase, rate);
-            };
+        by.wander = [call = calling(wander)](auto&&... arguments) {
+            py::gil_scoped_acquire python;
+            call(arguments...);
+        };
     const auto found = [&] {
         py::gil_scoped_release others_may_run;
         return of.process(tags, groups, subcarriers, noise, update, by);
@@ -238,18 +226,13 @@ py::dict separate(end_separation& of,
                     "lost"_a = found.outcome == noise_estimate::verdict::lost);
 }
 
-shape by_subcarrier(const end_fit::shape& sizes)
-{
-    return { py::ssize_t(sizes.groups), py::ssize_t(sizes.subcarriers) };
-}
-
-py::tuple informed(const phase_expansion& of, const array<double>& inverse_noise)
+py::tuple informed(const end_fit& fit, const array<double>& inverse_noise)
 {
     require_shape(inverse_noise,
-                  { py::ssize_t(of.sizes.subcarriers) },
-                  "phase_expansion: inverse_noise must have shape (K,)");
-    const auto found = of.informed(inverse_noise.data());
-    const py::ssize_t groups = of.sizes.groups, tags = of.sizes.ends / 2;
+                  { py::ssize_t(fit.sizes.subcarriers) },
+                  "phase_information: inverse_noise must have shape (K,)");
+    const auto found = information_of(fit, inverse_noise.data());
+    const py::ssize_t groups = fit.sizes.groups, tags = fit.sizes.ends / 2;
     return py::make_tuple(copy(found.gradient, { groups, tags }),
                           copy(found.expected, { groups, tags, tags }),
                           copy(found.excess, { groups, tags }));
@@ -260,11 +243,11 @@ py::tuple errors_of(const array<double>& gradient,
                     const array<double>& excess)
 {
     const py::ssize_t count = gradient.size();
-    require_shape(gradient, { count }, "phase_errors: gradient must have shape (S,)");
-    require_shape(information,
-                  { count, count },
-                  "phase_errors: information must have shape (S, S)");
-    require_shape(excess, { count }, "phase_errors: excess must have shape (S,)");
+    const char* const rule = "phase_errors: gradient and excess must have shape (S,), "
+                             "information (S, S)";
+    require_shape(gradient, { count }, rule);
+    require_shape(information, { count, count }, rule);
+    require_shape(excess, { count }, rule);
     py::array_t<double> errors(count), variances(count);
     const auto found = phase_errors({ flat(gradient), flat(information), flat(excess) });
     for (py::ssize_t i = 0; i < count; i++) {
@@ -279,13 +262,12 @@ py::array_t<double> likelihood_at(const clock_likelihood& of,
                                   const complex_array& tones,
                                   const array<double>& inverse_noise)
 {
-    if (phase.ndim() != 1 || tones.ndim() != 3 || inverse_noise.ndim() != 1)
-        throw std::invalid_argument("clock_likelihood: phase must have shape (G,), tones "
-                                    "(G, L, K), inverse_noise (K,)");
-    const py::ssize_t groups = phase.size(), subcarriers = inverse_noise.size();
-    require_shape(tones,
-                  { groups, py::ssize_t(of.lines()), subcarriers },
-                  "clock_likelihood: tones must have shape (G, L, K)");
+    const char* const rule = "clock_likelihood: phase must have shape (G,), tones (G, L, "
+                             "K), inverse_noise (K,)";
+    const auto [groups, lines, subcarriers] = sizes_of<3>(tones, rule);
+    require_shape(phase, { groups }, rule);
+    require_shape(tones, { groups, py::ssize_t(of.lines()), subcarriers }, rule);
+    require_shape(inverse_noise, { subcarriers }, rule);
     py::array_t<double> found(shape{ groups, 3 });
     for (py::ssize_t group = 0; group < groups; group++) {
         const auto terms = of.at(
@@ -295,9 +277,8 @@ py::array_t<double> likelihood_at(const clock_likelihood& of,
     return found;
 }
 
-using clocks = std::vector<clock_tracker*>;
-
-py::tuple predict_clocks(const clocks& trackers, const array<double>& center_s)
+py::tuple predict_clocks(const std::vector<clock_tracker*>& trackers,
+                         const array<double>& center_s)
 {
     const py::ssize_t groups = center_s.size(), tags = trackers.size();
     py::array_t<double> phase(shape{ groups, tags }), rate(shape{ groups, tags });
@@ -312,11 +293,10 @@ py::tuple predict_clocks(const clocks& trackers, const array<double>& center_s)
 
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 {
-    if (ratios.ndim() != 2 || !ratios.shape(1))
-        throw std::invalid_argument("raised_subcarriers: ratios must have shape (G, K)");
-    const py::ssize_t subcarriers = ratios.shape(1);
-    py::array_t<double> found(shape{ ratios.shape(0), subcarriers });
-    for (py::ssize_t group = 0; group < ratios.shape(0); group++) {
+    const auto [groups, subcarriers] =
+        sizes_of<2>(ratios, "raised_subcarriers: ratios must have shape (G, K)");
+    py::array_t<double> found(shape{ groups, subcarriers });
+    for (py::ssize_t group = 0; group < groups; group++) {
         const double* const row = ratios.data(group, 0);
         const auto raised = raised_subcarriers({ row, row + subcarriers }, freedom);
         std::copy(raised.begin(), raised.end(), found.mutable_data(group, 0));
@@ -330,13 +310,12 @@ void bind_separation(py::module& m)
 {
     m.def("whiten",
           &whitened,
-          "whitener: (M, M). tones: (G, M, K). Gives their parts with white noise (G, M, "
-          "K), and\ntheir mean power (G,).");
+          R"(whitener: (M, M). tones: (G, M, K). Gives their parts with white noise (G, M,
+K), and their mean power (G,).)");
     m.def("tone_peaks",
           &peaks_of,
-          "tones: (G, M, K). Gives their largest real or imaginary part (G,), NaN where "
-          "not "
-          "all are\nfinite.");
+          R"(tones: (G, M, K). Gives their largest real or imaginary part (G,), NaN where
+not all are finite.)");
     using sizes = end_fit::shape;
     py::class_<end_fit>(m, "end_fit", "mixed: (G, M, 4S). tones: (G, M, K).")
         .def(py::init(&make_end_fit))
@@ -367,38 +346,30 @@ void bind_separation(py::module& m)
             "residual",
             member(&end_fit::residual, &sizes::tones, &sizes::subcarriers),
             "(G, M, K); may be changed.")
-        .def_property_readonly(
-            "gain",
-            [](const py::object& self) {
-                auto& fit = self.cast<end_fit&>();
-                return view(
-                    fit.gain,
-                    { py::ssize_t(fit.sizes.groups), py::ssize_t(fit.sizes.ends) },
-                    self);
-            },
-            "(G, E), variance of an end over that of H.")
+        .def_property_readonly("gain",
+                               member(&end_fit::gain, &sizes::ends),
+                               "(G, E), variance of an end over that of H.")
         .def_property_readonly("freedom",
                                &end_fit::freedom,
                                "Degrees of freedom of a group on one subcarrier.")
         .def(
             "power",
             [](const end_fit& fit) {
-                return copy(fit.power(), by_subcarrier(fit.sizes));
+                return copy(fit.power(),
+                            { py::ssize_t(fit.sizes.groups),
+                              py::ssize_t(fit.sizes.subcarriers) });
             },
             "(G, K), sum of the squared residual over the tones.");
-    py::class_<phase_expansion>(
-        m, "phase_expansion", "A fit of ends, expanded in the phases of the clocks.")
-        .def(py::init<const end_fit&>())
-        .def("information",
-             &informed,
-             "inverse_noise: (K,). Gives gradient (G, S), expected (G, S, S), excess (G, "
-             "S).");
+    m.def("phase_information",
+          &informed,
+          "What a fit tells of the phases of the clocks. inverse_noise: (K,). Gives "
+          "gradient "
+          "(G, S),\nexpected (G, S, S), excess (G, S).");
     m.def(
         "phase_errors",
         &errors_of,
-        "Gauss-Newton step (S,) to be added to each phase in rad, and its variance (S,);"
-        "\ninfinite where a phase is not determined. gradient, excess: (S,), "
-        "information: (S, S).");
+        R"(Gauss-Newton step (S,) to be added to each phase in rad, and its variance (S,);
+infinite where a phase is not determined. gradient, excess: (S,), information: (S, S).)");
     py::class_<clock_likelihood>(
         m, "clock_likelihood", "derivatives: (6, L). lines: (L,).")
         .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
@@ -410,8 +381,8 @@ void bind_separation(py::module& m)
     py::class_<group_weights>(
         m,
         "group_weights",
-        "mixer: (n, M), of whitened parts. times_s: (n,). whitener: (M, M), lower "
-        "triangular,\nof the parts of tones. loss: snapshots of a group over n.")
+        R"(mixer: (n, M), of whitened parts. times_s: (n,). whitener: (M, M), lower
+triangular, of the parts of tones. loss: snapshots of a group over n.)")
         .def(py::init(&make_group_weights),
              "mixer"_a,
              "times_s"_a,
@@ -421,10 +392,10 @@ void bind_separation(py::module& m)
         .def(
             "switched",
             &mix_switching,
-            "Whitened parts of the tags' switching waveforms, and their derivatives: (G, "
-            "M, 4S).\nclocks: (G, S, 3), phase in rad and rate in rad/s at the centres, "
-            "and half the phase that\na snapshot averages over. pulses: (S, 3), delay "
-            "of clock 2 in rad of clock 1, and both\nduty cycles.")
+            R"(Whitened parts of the tags' switching waveforms, and their derivatives: (G,
+M, 4S). clocks: (G, S, 3), phase in rad and rate in rad/s at the centres, and half the
+phase that a snapshot averages over. pulses: (S, 3), delay of clock 2 in rad of clock 1,
+and both duty cycles.)")
         .def_property_readonly(
             "colorer",
             [](const group_weights& of) {
@@ -440,29 +411,17 @@ void bind_separation(py::module& m)
             "(M, M), makes tones of whitened parts.");
     py::class_<clock_tracker>(
         m, "clock_tracker", "A tag's free-running clock from group to group.")
-        .def(py::init([](double time_s,
-                         double phase,
-                         double rate,
-                         std::pair<double, double> variances,
-                         double nominal_rate,
-                         double subcarriers,
-                         double slope_variance,
-                         std::pair<double, double> energy_and_curvature,
-                         std::size_t groups,
-                         double seen_s) {
-            return clock_tracker({ time_s,
-                                   phase,
-                                   rate,
-                                   variances.first,
-                                   variances.second,
-                                   nominal_rate,
-                                   subcarriers,
-                                   slope_variance,
-                                   energy_and_curvature.first,
-                                   energy_and_curvature.second,
-                                   groups,
-                                   seen_s });
-        }))
+        .def(py::init<double,
+                      double,
+                      double,
+                      const std::array<double, 3>&,
+                      double,
+                      double,
+                      double,
+                      double,
+                      double,
+                      std::size_t,
+                      double>())
         .def(py::init<const clock_tracker&>())
         .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
         .def_readwrite("phase", &clock_tracker::phase, "In rad.")
@@ -476,27 +435,15 @@ void bind_separation(py::module& m)
             [](clock_tracker& of,
                double at_s,
                const std::array<double, 3>& likelihood,
-               double noise_level,
-               const std::optional<std::pair<double, double>>& measured) {
-                clock_tracker::measurement error{};
-                if (measured)
-                    error = { measured->first, measured->second };
-                return of.update(
-                    at_s, likelihood.data(), noise_level, measured ? &error : nullptr);
+               double noise_level) {
+                return of.update(at_s, likelihood, noise_level, nullptr);
             },
-            "at_s"_a,
-            "likelihood"_a,
-            "noise_level"_a,
-            "measured"_a = py::none(),
-            "Correct by J, J' and J'' of a group at the phase predicted, or by the error "
-            "of "
-            "this\nphase and its variance. Gives whether the group holds the tag.")
-        .def(
-            "expired",
-            [](const clock_tracker& of, double at_s, double absent_s, double unseen_s) {
-                return clock_limits{ absent_s, unseen_s }.expired(of, at_s);
-            },
-            "Whether the tag was absent, or not received, for longer than this.");
+            R"(Correct by J, J' and J'' of a group at the phase predicted. Gives whether
+the group holds the tag.)")
+        .def("expired",
+             &clock_tracker::expired,
+             "at_s, absent_s, unseen_s: whether the tag was absent, or not received, for "
+             "longer.");
     m.def("predict_clocks",
           &predict_clocks,
           "Phases and rates (G, S) expected at times (G,).");
@@ -513,15 +460,11 @@ void bind_separation(py::module& m)
                        "Whether there is an estimate; until then arrays are empty.")
         .def_property_readonly(
             "variance",
-            [](const noise_estimate& of) {
-                return copy(of.variance(), { py::ssize_t(of.variance().size()) });
-            },
+            [](const noise_estimate& of) { return copy(of.variance()); },
             "(K,), sigma_k^2.")
         .def_property_readonly(
             "inverse",
-            [](const noise_estimate& of) {
-                return copy(of.inverse(), { py::ssize_t(of.inverse().size()) });
-            },
+            [](const noise_estimate& of) { return copy(of.inverse()); },
             "(K,), 1 / sigma_k^2.")
         .def_property_readonly(
             "level", &noise_estimate::level, "Mean of the variance over the subcarriers.")
@@ -579,7 +522,8 @@ void bind_separation(py::module& m)
                                     jointly,
                                     line_power,
                                     least_error,
-                                    { absent_s, unseen_s } });
+                                    absent_s,
+                                    unseen_s });
         }))
         .def("reset",
              &end_separation::reset,
@@ -595,11 +539,9 @@ void bind_separation(py::module& m)
              "update"_a,
              "spread"_a = py::none(),
              "wander"_a = py::none(),
-             "weights, center_s, complete: (G,). tones: (G, M, K). spread and wander are "
-             "called with\nthe group's row, the fit, and phases and rates (S,) of the "
-             "clocks. "
-             "Gives arrays of the\nfirst groups, and whether the last one shows that the "
-             "model is lost.");
+             R"(weights, center_s, complete: (G,). tones: (G, M, K). spread and wander are
+called with the group's row, the fit, and phases and rates (S,) of the clocks. Gives
+arrays of the first groups, and whether the last one shows that the model is lost.)");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
     m.def("raised_subcarriers", &raised_of, "ratios: (G, K). Gives (G, K).");

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernels.h"
 
+#include <kernel/doppler/doppler_transform.h>
 #include <kernel/doppler/slepian_sequences.h>
-#include <kernel/doppler/tone_accumulator.h>
 #include <kernel/fold/sample_loops.h>
 #include <kernel/fourier/channel_equalizer.h>
 #include <kernel/screening/interference_screen.h>
@@ -52,7 +52,7 @@ public:
 private:
     const int d_length; // snapshots of a group
     tone_accumulator d_accumulator;
-    tone_channel d_channel;
+    channel_equalizer d_channel;
     std::vector<fc32> d_transform; // rows x symbol_length
 };
 
@@ -135,6 +135,6 @@ void bind_tones(py::module& m)
         .def(py::init<int, int>())
         .def("examine",
              &group_screen::examine,
-             "present: (N,). folded: (n, L) and noise: (n, 2) of the present snapshots.\n"
-             "Gives (N,), true where rejected. Releases the GIL.");
+             R"(present: (N,). folded: (n, L) and noise: (n, 2) of the present snapshots.
+Gives (N,), true where rejected. Releases the GIL.)");
 }

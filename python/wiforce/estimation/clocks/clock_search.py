@@ -19,7 +19,7 @@ from ...wiforce_kernels import (
     OUTLIER_RATIO,
     noise_estimate,
     phase_errors,
-    phase_expansion,
+    phase_information,
     raised_subcarriers,
 )
 from ..ends.least_squares import ToneModel
@@ -348,7 +348,7 @@ class ClockSearch:
         trackers = self._model.trackers
         count = len(trackers)
         fit = self._model.fit(groups, self._model.predict(groups))
-        slope, curvature, noise = phase_expansion(fit).information(self._noise.inverse)
+        slope, curvature, noise = phase_information(fit, self._noise.inverse)
         # A phase error at the start acts on all groups alike, one of the rate by the time elapsed.
         elapsed_s = groups.center_s - trackers[0].time_s
         course = np.stack([np.ones(len(groups)), elapsed_s], axis=1)

@@ -51,17 +51,17 @@ class ClockTracker(clock_tracker):
         precision = max(float(np.sum(elapsed**2)), 1e-12)
         phases = fit.phase + (nominal_rate + fit.rate) * elapsed
         energy, _, curvature = evaluate(turned_by(fit.coefficients, phases))
-        # J and J'' of a mean group, independent of the noise level, which may change.
-        mean = noise_level * float(energy.mean()), noise_level * float(curvature.mean())
         super().__init__(
             fit.time_s,
             fit.phase,
             fit.rate,
-            (fit.variance / len(elapsed), fit.variance / precision),
+            (fit.variance / len(elapsed), 0.0, fit.variance / precision),
             nominal_rate,
             subcarriers,
             subcarriers * fit.likelihood.noise_variance,
-            mean,
+            # J and J'' of a mean group, independent of the noise level, which may change.
+            noise_level * float(energy.mean()),
+            noise_level * float(curvature.mean()),
             len(elapsed),
             times_s[-1],
         )
