@@ -14,6 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.io.text.values import KeyPath, Scope
 from gnuradio.wiforce.scene import Scene, load_scene, scene_json_schema
+from gnuradio.wiforce.scene.schema import Radio, SceneSensor
 from gnuradio.wiforce.sensor import sensor_from_dict
 from gnuradio.wiforce.sensor.file import MODELS, sensor_json_schema
 from wiforce_app.main import main
@@ -202,3 +203,17 @@ def test_yaml_examples_in_documentation_are_valid(page):
 def test_schema_command_prints_the_json_schema(capsys, kind, schema):
     assert main(["schema", kind]) == 0
     assert json.loads(capsys.readouterr().out) == schema()
+
+
+def test_declared_mapping_behaves_as_frozen_dataclass():
+    """Scenes are compared, printed, used as keys and changed by `replace`, but never in place."""
+    radio = Radio(sample_rate_hz=1e6)
+    assert repr(radio) == "Radio(center_frequency_hz=900000000.0, sample_rate_hz=1000000.0)"
+    assert dataclasses.replace(radio, sample_rate_hz=12.5e6) == Radio() != radio
+    assert {radio: 1}[copy.deepcopy(radio)] == 1
+    with pytest.raises(dataclasses.FrozenInstanceError, match="'sample_rate_hz'"):
+        radio.sample_rate_hz = 2e6
+    with pytest.raises(TypeError, match="Radio has no rate"):
+        Radio(rate=1)
+    with pytest.raises(TypeError, match="SceneSensor needs name, model"):
+        SceneSensor(clock_hz=1.0)

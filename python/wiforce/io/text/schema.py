@@ -86,10 +86,49 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+class _Declared:
+    """Methods of all classes that declare a mapping: those of a frozen dataclass."""
+
+    def __init__(self, **values: Any) -> None:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        given = {each.name: each.default for each in fields} | values
+        if len(given) > len(fields):
+            raise TypeError(f"{type(self).__name__} has no {', '.join(list(given)[len(fields) :])}")
+        if missing := [name for name, value in given.items() if value is dataclasses.MISSING]:
+            raise TypeError(f"{type(self).__name__} needs {', '.join(missing)}")
+        vars(self).update(given)
+
+    def _compared(self) -> list[Any]:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return [getattr(self, each.name) for each in fields if each.compare]
+
+    def __repr__(self) -> str:
+        names = [each.name for each in dataclasses.fields(self)]  # type: ignore[arg-type]
+        values = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
+        return f"{type(self).__qualname__}({values})"
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return _Declared._compared(self) == _Declared._compared(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(_Declared._compared(self)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key,))
 def declared(cls: type[T]) -> type[T]:
     """Make a class a frozen dataclass that declares, and documents, the keys of a mapping."""
-    cls = dataclass(frozen=True, kw_only=True)(cls)
+    # Methods that dataclass compiles for each class would take most of the time to load a scene.
+    cls = dataclass(init=False, repr=False, eq=False, kw_only=True)(cls)
+    for name in "__init__ __repr__ __eq__ __hash__ __setattr__ __delattr__".split():
+        setattr(cls, name, vars(_Declared)[name])
     attributes = [
         f"{name} : {each.type.allowed}\n    {each.doc}" for name, each in keys(cls).items()
     ]
