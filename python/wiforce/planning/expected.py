@@ -30,38 +30,27 @@ if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
 
 
-def turn_std_deg(
-    sensor: PlannedSensor, carrier_hz: float, presses: Array, phase_std_deg: Array
-) -> Array:
-    """Standard deviation in deg of the tag's rotation, as amplitudes show it, at presses (n, 2).
-
-    It is inf without off states.
-    """
-    off = np.asarray(sensor.off_reflection, complex)
-    if not off.any():
-        return np.full(len(presses), np.inf)
-    stds = PressedLine(sensor, carrier_hz, presses).stds(
-        off, np.radians(phase_std_deg), sensor.off_reflection_std
-    )
-    return np.degrees(stds[:, 2])
-
-
-def off_error_deg(sensor: PlannedSensor, carrier_hz: float, presses: Array) -> Array:
-    """Standard deviation of both phases of presses (n, 2) by what is unknown of the off states."""
-    line = PressedLine(sensor, carrier_hz, presses)
-    return np.degrees(sensor.off_reflection_std * line.error(np.asarray(sensor.off_reflection)))
-
-
 class PressedLine:
     """What both ends reflect at presses (n, 2): G / rho, and the slopes of psi, in rad."""
 
     def __init__(self, sensor: PlannedSensor, carrier_hz: float, presses: Array) -> None:
         model, forward = sensor.model, sensor.model.inverter(carrier_hz).forward
+        self._off, self._off_std = np.asarray(sensor.off_reflection), sensor.off_reflection_std
         self._untouched = np.exp(1j * np.radians(model.untouched_deg(carrier_hz)))
         self._reflection = np.exp(
             1j * np.radians(model.phases_deg(presses[:, 0], presses[:, 1], carrier_hz))
         )
         self._slopes = np.radians(forward.slopes(*forward.clip(*presses.T)))
+
+    def off_error_deg(self) -> Array:
+        """Standard deviation (n, 2) of both phases by what is unknown of the off states."""
+        return np.degrees(self._off_std * self.error(self._off))
+
+    def turn_std_deg(self, phase_std_deg: Array) -> Array:
+        """That (n,) of the tag's rotation, as amplitudes show it; inf without off states."""
+        if not self._off.any():
+            return np.full(len(self._reflection), np.inf)
+        return np.degrees(self.stds(self._off, np.radians(phase_std_deg), self._off_std)[:, 2])
 
     def error(self, off: Array) -> Array:
         """By how much D is wrong for unit errors of off states (..., 2); (..., n, 2)."""
@@ -270,8 +259,8 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
         limit = span = flagged = None
         if not why_not_readable(scene, i, levels):
             where = (_span(model) if pressed is None else pressed)[:, :2]
-            wrong = off_error_deg(sensor, carrier_hz, where)
-            wrong = np.sqrt(np.mean(wrong**2, axis=0))
+            line = PressedLine(sensor, carrier_hz, where)
+            wrong = np.sqrt(np.mean(line.off_error_deg() ** 2, axis=0))
             stated = _stated(model, carrier_hz, np.hypot(std, wrong))
             flagged = stated[3]
             if pressed is None:
@@ -279,7 +268,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
             else:
                 span = stated[1:3]
                 noise = np.hypot(std, _curvature_deg(scene))
-                turn_std = turn_std_deg(sensor, carrier_hz, where, noise)
+                turn_std = line.turn_std_deg(noise)
                 medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong), turn_std)
             limit = _limit(model, carrier_hz, where, std, wrong)
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span, flagged))
@@ -308,7 +297,8 @@ def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndar
     planned, carrier_hz = plan.sensors[sensor], plan.center_frequency_hz
     grid = np.meshgrid(force_n, location_mm, indexing="ij")
     points = np.stack(grid, axis=-1).reshape(-1, 2)
-    std = np.hypot(phase_std_deg(plan)[sensor], off_error_deg(planned, carrier_hz, points))
+    off_deg = PressedLine(planned, carrier_hz, points).off_error_deg()
+    std = np.hypot(phase_std_deg(plan)[sensor], off_deg)
     spread = _spread(planned.model, carrier_hz, points, std)
     return spread.reshape(len(force_n), len(location_mm), 2)
 

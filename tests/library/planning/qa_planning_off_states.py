@@ -11,7 +11,6 @@ from gnuradio.wiforce.planning.expected import (
     error_map,
     expect,
     phase_std_deg,
-    turn_std_deg,
 )
 from scipy.optimize import least_squares
 
@@ -74,7 +73,7 @@ def test_bound_is_the_spread_of_readings_of_a_tag_that_turns(wrong):
         errors.append(least_squares(residual, start, x_scale=[1, 1, 0.01, 0.01]).x - start)
     assert np.std(errors, axis=0)[0] == pytest.approx(free_std_n, rel=0.2)
     sensor = dataclasses.replace(plan.sensors[0], off_reflection_std=wrong * known_to)
-    turn_std = turn_std_deg(sensor, 900e6, PRESS, np.degrees(noise))
+    turn_std = PressedLine(sensor, 900e6, PRESS).turn_std_deg(np.degrees(noise))
     if wrong:  # noise, of which these draws have none, adds as much
         turn_std = turn_std / np.sqrt(2)
     assert np.std(errors, axis=0)[3] == pytest.approx(np.radians(turn_std[0]), rel=0.2)
