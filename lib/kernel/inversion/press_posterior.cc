@@ -68,41 +68,8 @@ densities(const double* z, std::size_t count, double* density)
     }
 }
 
-// The integral of exp(-z^2 / 2) from 0, by Taylor steps from a table: an error below
-// 1e-9.
-class normal_integral
-{
-public:
-    normal_integral()
-    {
-        for (std::size_t i = 0; i < d_at.size(); i++) {
-            const double z = static_cast<double>(i) / per_unit;
-            d_at[i] = { std::exp(-0.5 * z * z),
-                        std::sqrt(M_PI / 2) * std::erf(std::sqrt(0.5) * z) };
-        }
-    }
-
-    double operator()(double z) const
-    {
-        const double x = std::min(std::abs(z), largest);
-        const auto i = static_cast<std::size_t>(x * per_unit + 0.5);
-        const double a = static_cast<double>(i) / per_unit, h = x - a;
-        // derivatives of the density are Hermite polynomials times it
-        const double second = (a * a - 1) / 6, third = a * (3 - a * a) / 24,
-                     fourth = ((a * a - 6) * a * a + 3) / 120;
-        const double mean = 1 + h * (-a / 2 + h * (second + h * (third + h * fourth)));
-        return std::copysign(d_at[i].integral + h * d_at[i].density * mean, z);
-    }
-
-private:
-    struct values {
-        double density, integral;
-    };
-
-    static constexpr double largest = 40.0;
-    static constexpr int per_unit = 32;
-    std::vector<values> d_at = std::vector<values>(40 * per_unit + 1);
-};
+// The integral of exp(-z^2 / 2) from 0.
+double cumulated(double z) { return std::sqrt(M_PI / 2) * std::erf(std::sqrt(0.5) * z); }
 
 // Integrals of t^0, t^1, t^2 times exp(-z^2 / 2), z from a to b while t goes from 0 to 1.
 struct integrals {
@@ -268,7 +235,6 @@ press_posterior::mode_near(const phase_reading& wanted,
 WIFORCE_CLONES
 void press_posterior::integrate(workspace& work) const
 {
-    static const normal_integral cumulated;
     const auto& segments = work.curve.segments;
     const auto& points = work.curve.points;
     const auto count = segments.size();
