@@ -16,6 +16,19 @@ constexpr double CARRIER_TOLERANCE = 1e-3;
 
 } // namespace
 
+std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value)
+{
+    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
+        return std::nullopt;
+    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
+    const pmt::pmt_t fraction = pmt::tuple_ref(value, 1);
+    const bool is_whole = pmt::is_uint64(seconds) ||
+                          (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0);
+    if (!is_whole || !pmt::is_real(fraction))
+        return std::nullopt;
+    return kernel::timeline::time{ pmt::to_uint64(seconds), pmt::to_double(fraction) };
+}
+
 input_events::input_events(double sample_rate, gr::logger_ptr logger)
     : d_sample_rate(sample_rate), d_logger(std::move(logger)), d_timeline(sample_rate)
 {

@@ -6,6 +6,7 @@
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 #include <algorithm>
+#include <deque>
 
 namespace gr::wiforce {
 
@@ -16,6 +17,41 @@ std::size_t vector_bytes(int symbol_length)
 {
     return symbol_length * sizeof(kernel::fc32);
 }
+
+// The noise of folded vectors, by their tags.
+class noise_tags
+{
+public:
+    // Takes the tags in the order of their items.
+    void add(const std::vector<gr::tag_t>& tags)
+    {
+        for (const gr::tag_t& tag : tags)
+            if (pmt::is_f32vector(tag.value))
+                d_runs.push_back({ tag.offset, pmt::f32vector_elements(tag.value) });
+    }
+    // Writes the noise of so many items; zeros where no tag tells it. Items before the
+    // first one are forgotten.
+    void write(std::uint64_t first, int count, kernel::snapshot_noise* noise)
+    {
+        for (std::uint64_t item = first; item < first + count; item++, noise++) {
+            while (!d_runs.empty() && d_runs.front().end() <= item)
+                d_runs.pop_front();
+            *noise = {};
+            if (!d_runs.empty() && d_runs.front().first <= item) {
+                const auto& [begin, values] = d_runs.front();
+                *noise = { values[2 * (item - begin)], values[2 * (item - begin) + 1] };
+            }
+        }
+    }
+
+private:
+    struct run {
+        std::uint64_t first; // item
+        std::vector<float> values;
+        std::uint64_t end() const { return first + values.size() / 2; }
+    };
+    std::deque<run> d_runs;
+};
 
 } // namespace
 

@@ -10,7 +10,6 @@
 #include <pmt/pmt.h>
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <vector>
 
@@ -50,24 +49,5 @@ inline pmt::pmt_t slip_value(const kernel::frame_range& misplaced)
 {
     return pmt::init_u64vector(2, { misplaced.first, misplaced.second });
 }
-
-// The noise of folded vectors, by their tags.
-class noise_tags
-{
-public:
-    // Takes the tags in the order of their items.
-    void add(const std::vector<gr::tag_t>& tags);
-    // Writes the noise of so many items; zeros where no tag tells it. Items before the
-    // first one are forgotten.
-    void write(std::uint64_t first, int count, kernel::snapshot_noise* noise);
-
-private:
-    struct run {
-        std::uint64_t first; // item
-        std::vector<float> values;
-        std::uint64_t end() const { return first + values.size() / 2; }
-    };
-    std::deque<run> d_runs;
-};
 
 } // namespace gr::wiforce
