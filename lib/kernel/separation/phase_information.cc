@@ -3,7 +3,6 @@
 
 #include "../clones.h"
 #include "matrix_product.h"
-#include "symmetric.h"
 
 #include <algorithm>
 #include <cmath>

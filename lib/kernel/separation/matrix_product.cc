@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "symmetric.h"
+#include "matrix_product.h"
 
 #include <algorithm>
 #include <cmath>
