@@ -27,27 +27,6 @@ def fitted(tags, seed=1):
     return mixed, tones, end_fit(mixed, tones)
 
 
-@pytest.mark.parametrize("tags", [1, 2, 4])
-def test_end_fit_is_the_least_squares_solution(tags):
-    """Every reading is computed from these ends, and its noise from this residual."""
-    mixed, tones, fit = fitted(tags)
-    white = mixed[:, :, : 2 * tags]
-    solver = np.linalg.pinv(white)
-    ends = solver @ tones
-    residual = tones - white @ ends
-    np.testing.assert_array_equal(fit.white, white)
-    np.testing.assert_array_equal(fit.slopes, mixed[:, :, 2 * tags :])
-    np.testing.assert_allclose(fit.solver, solver, atol=1e-12)
-    np.testing.assert_allclose(fit.ends, ends, atol=1e-12)
-    np.testing.assert_allclose(fit.residual, residual, atol=1e-12)
-    np.testing.assert_allclose(fit.gain, np.sum(np.abs(solver) ** 2, axis=2), rtol=1e-10)
-    np.testing.assert_allclose(fit.power(), np.sum(np.abs(residual) ** 2, axis=1), rtol=1e-10)
-    assert fit.freedom == TONES - 2 * tags
-    fit.solve(2j * tones)
-    np.testing.assert_allclose(fit.ends, 2j * ends, atol=1e-12)
-    np.testing.assert_allclose(fit.residual, 2j * residual, atol=1e-12)
-
-
 @pytest.mark.parametrize("error", [0.0, 1e-9])
 def test_end_fit_of_ends_that_look_the_same_is_the_pseudo_inverse(error):
     """Two tags on one clock: what they have in common is read, and nothing grows without end."""
