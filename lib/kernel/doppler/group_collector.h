@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../screening/interference_screen.h"
 #include "doppler_transform.h"
+#include "interference_screen.h"
 
 #include <algorithm>
 #include <cstdint>

@@ -2,10 +2,10 @@
 #include "kernels.h"
 
 #include <kernel/doppler/doppler_transform.h>
+#include <kernel/doppler/interference_screen.h>
 #include <kernel/doppler/slepian_sequences.h>
 #include <kernel/fold/sample_loops.h>
 #include <kernel/fourier/channel_equalizer.h>
-#include <kernel/screening/interference_screen.h>
 
 #include <algorithm>
 
