@@ -87,9 +87,9 @@ def test_a_force_that_changes_goes_on_while_the_supply_fails():
     assert not found.wrong and found.counts["unflagged"] > 150, str(found)
 
 
-@pytest.mark.parametrize("family, seed", [("brownouts", 49), ("gaps", 76), ("warm", 54)])
+@pytest.mark.parametrize("family, seed", [("brownouts", 49), ("warm", 54)])
 def test_a_line_that_is_doubted_reads_no_press_confidently(family, seed):
-    """A supply that fails, a line that was not seen again, and one that a finger warms."""
+    """A supply that fails, and a line that a finger warms."""
     found = score([seed], 2500, family)
     assert not found.wrong and found.counts["unflagged"] > 20, str(found)
 

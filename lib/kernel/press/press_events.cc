@@ -33,7 +33,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     const auto was = next->press.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
     next->press.motion.widen({ variance, variance, variance });
-    give(*next, follow_turn(*next, was, from));
+    give(*next, follow_turn(*next, was));
 }
 
 void press_filter::turn_slowly(
@@ -63,25 +63,20 @@ void press_filter::turn_slowly(
     next->press.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next->press.motion.stop(d_elapsed_s);
-    give(*next, follow_turn(*next, was, from));
+    give(*next, follow_turn(*next, was));
 }
 
 void press_filter::begin_turn(explanation& to) const
 {
-    if (to.is != untouched) {
-        to.line.common.widen(
-            d_common_noise); // how far it turns is seen with the noise of a group
+    if (to.is != untouched)
         return;
-    }
     to.press.motion.hold(to.line.phase(), to.line.covariance());
     to.press.strength = to.line.amplitude;
 }
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
 // them.
-double press_filter::follow_turn(explanation& to,
-                                 const pair_of_ends& was,
-                                 const explanation& from) const
+double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 {
     drift(to);
     double likelihood = to.press.motion.update(d_group.phase, d_noise);
@@ -95,10 +90,6 @@ double press_filter::follow_turn(explanation& to,
             std::max(1.0, least_turn_s / d_elapsed_s);
     to.line.common.turn(by);
     likelihood += update_strength(to);
-    // What is seen in the second group of a press may have begun in the first. Amplitudes
-    // that show turns have shown that as well.
-    if (from.is != untouched && from.age_s < 1.5 * d_elapsed_s && !shows_turns(from))
-        to.line.common.widen(squared(by / 2));
     const double grown = to.press.strength.mean - before;
     to.line.amplitude.mean += grown;
     if (to.turn.by_hand)
@@ -175,8 +166,8 @@ void press_filter::exchange(const explanation& from, double probability)
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
-// another one from now on. Where that happens inside the group, it shows a part of it.
-void press_filter::move_line(const explanation& from, double probability, bool inside)
+// another one from now on.
+void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
@@ -197,13 +188,7 @@ void press_filter::move_line(const explanation& from, double probability, bool i
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off_differ)
         next->line.amplitude.difference_variance += 4 * squared(d_set.turn_np);
-    const double likelihood = update_baseline(*next);
-    if (inside) {
-        const auto by = from.change(next->line.phase());
-        next->line.common.widen(squared((by[0] + by[1]) / 2));
-        next->line.difference.widen(squared(by[0] - by[1]));
-    }
-    give(*next, likelihood);
+    give(*next, update_baseline(*next));
 }
 
 void press_filter::stop_changing(const explanation& from, double probability)

@@ -262,7 +262,6 @@ void press_filter::branch_untouched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
     move_line(from, between * moves);
-    move_line(from, (1 - between) * moves, true);
     with_courses(
         from, between * may.press, [&](const explanation& tag, double probability) {
             touch(tag, probability, pressed);
@@ -281,7 +280,7 @@ void press_filter::branch_touched(const explanation& from)
     if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends.
         const double ends = quiet * (1 - goes_on) / 2;
-        go_on_changing(from, quiet * goes_on);
+        change_steadily(from, quiet * goes_on, from.press.slides, from.press.speed);
         auto resting = from, held = from;
         resting.turn.goes_on = false;
         resting.press.motion.push(-from.turn.velocity);
@@ -298,7 +297,10 @@ void press_filter::branch_touched(const explanation& from)
                     from.turn.by_hand);
         begin_changing(from, quiet * goes_on * begins);
     } else if (from.press.steady) {
-        go_on_changing(from, quiet * goes_on * (1 - turns));
+        change_steadily(from,
+                        quiet * goes_on * (1 - turns),
+                        from.press.slides,
+                        from.press.speed);
         const double each = quiet * goes_on * turns / turning_speeds;
         if (may_count(from, each)) {
             auto turning = from;
@@ -392,22 +394,8 @@ void press_filter::begin_changing(const explanation& from, double probability)
         turn_slowly(from, each, course::warms, 0, false);
 }
 
-// A force that rises ever more slowly is one change, and it may begin to slide.
-void press_filter::go_on_changing(const explanation& from, double probability)
-{
-    const double ends = 1 - going_on(), slows = from.press.speed > 0 ? ends : 0,
-                 slides = from.press.slides ? 0 : sliding * ends;
-    change_steadily(
-        from, probability * (1 - slows - slides), from.press.slides, from.press.speed);
-    if (slows > 0)
-        change_steadily(
-            from, probability * slows, from.press.slides, from.press.speed - 1);
-    if (slides > 0)
-        change_steadily(from, probability * slides, true, from.press.speed);
-}
-
-// A turn that becomes steadier is one turn, as a force that rises ever more slowly. Where
-// amplitudes do not show it, a change of force explains it as well.
+// A turn that becomes steadier is one turn. Where amplitudes do not show it, a change of
+// force explains it as well.
 void press_filter::go_on_turning(const explanation& from, double probability)
 {
     const double slows = d_off_differ && from.turn.speed > 0 ? 1 - going_on() : 0;

@@ -83,7 +83,6 @@ private:
     void begin_turning(const explanation& from, double turns, double hands);
     void go_on_turning(const explanation& from, double probability);
     void begin_changing(const explanation& from, double probability);
-    void go_on_changing(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
@@ -112,7 +111,7 @@ private:
                          std::size_t speed);
     void stop_changing(const explanation& from, double probability);
     void release(const explanation& from, double probability);
-    void move_line(const explanation& from, double probability, bool inside = false);
+    void move_line(const explanation& from, double probability);
     void turn_suddenly(const explanation& from, double probability);
     void turn_slowly(const explanation& from,
                      double probability,
@@ -122,8 +121,7 @@ private:
     void mix(const explanation& from, double probability, double ends = 0);
 
     void begin_turn(explanation& to) const;
-    double
-    follow_turn(explanation& to, const pair_of_ends& was, const explanation& from) const;
+    double follow_turn(explanation& to, const pair_of_ends& was) const;
     void part_turn(explanation& to,
                    const pair_of_ends& was,
                    const pair_of_ends& direction) const;

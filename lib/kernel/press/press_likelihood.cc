@@ -10,8 +10,6 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Of the common phase by the amplitudes, where it is known to no better than a degree.
-constexpr int iterations = 4;
 constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 
 } // namespace
@@ -63,11 +61,6 @@ void press_filter::give(explanation& next, double log_likelihood, bool lasts)
 void press_filter::average(explanation& to, bool lasts) const
 {
     auto& mean = to.mean;
-    auto amplitude = d_group.amplitude;
-    if (to.in_part > 0.5) {
-        const auto own = to.is == untouched ? to.line.amplitude : seen_strength(to);
-        amplitude = { own.mean + own.difference / 2, own.mean - own.difference / 2 };
-    }
     const double x = d_set.smoothing_s > 0 ? d_elapsed_s / d_set.smoothing_s : 1;
     const double kept = lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
     for (int e = 0; e < 2; e++) {
@@ -75,7 +68,7 @@ void press_filter::average(explanation& to, bool lasts) const
                      gain = 1 / (1 + weight * noise);
         mean.phase[e] =
             d_group.phase[e] + (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
-        mean.amplitude[e] += gain * (amplitude[e] - mean.amplitude[e]);
+        mean.amplitude[e] += gain * (d_group.amplitude[e] - mean.amplitude[e]);
         mean.variance[e] = squared(gain) * noise + squared(1 - gain) * mean.variance[e];
         mean.weight[e] = weight + 1 / noise;
     }
@@ -315,26 +308,19 @@ double press_filter::follow_hands(explanation& to,
 }
 
 // Where the off states differ the amplitudes show the common phase, as far as is known
-// what the contact loses: a Kalman filter of both, which are correlated from then on,
-// iterated because the amplitudes are no linear function of the phase.
+// what the contact loses: a Kalman filter of both, which are correlated from then on.
 double press_filter::update_turn(explanation& to) const
 {
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
-    pair_of_ends expected;
-    double turn = 0, slope = 0, variance = 1, off = 0, by_turn = 0;
-    for (int i = 0; i < (known < squared(deg) ? 1 : iterations); i++) {
-        const pair_of_ends at{ seen[0] - turn, seen[1] - turn };
-        expected = d_off.amplitude(at);
-        slope = -d_off.slope(at);
-        variance = slope * slope * known + 2 * slope * to.press.with_common +
-                   own.difference_variance + 4 * d_amplitude_noise;
-        by_turn = (slope * known + to.press.with_common) / variance;
-        off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
-              slope * turn;
-        turn = by_turn * off;
-    }
+    const auto expected = d_off.amplitude(seen);
+    const double slope = -d_off.slope(seen);
+    const double variance = slope * slope * known + 2 * slope * to.press.with_common +
+                            own.difference_variance + 4 * d_amplitude_noise;
+    const double by_turn = (slope * known + to.press.with_common) / variance;
+    const double off =
+        d_amplitude_difference - (expected[0] - expected[1]) - own.difference;
     const double by_loss =
         (slope * to.press.with_common + own.difference_variance) / variance;
     const double likelihood = log_normal(off, variance);
@@ -342,7 +328,7 @@ double press_filter::update_turn(explanation& to) const
     own.difference_variance =
         std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
     to.press.with_common -= by_turn * by_loss * variance;
-    to.line.common.turn(turn);
+    to.line.common.turn(by_turn * off);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
     return likelihood +
            update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
