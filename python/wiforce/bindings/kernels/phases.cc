@@ -113,10 +113,11 @@ array<double> steps_of(receiver_steps& steps,
                              "reference_power (G, E), locked (G, E / 2)";
     const auto [groups, ends] = sizes_of<2>(ratios, rule);
     const py::ssize_t subcarriers = static_path ? sizes_of<2>(*static_path, rule)[1] : 0;
-    if (static_path)
+    if (static_path) { // without it nothing else counts
         require_shape(*static_path, { groups, subcarriers }, rule);
-    require_shape(reference_power, { groups, ends }, rule);
-    require_shape(locked, { groups, ends / 2 }, rule);
+        require_shape(reference_power, { groups, ends }, rule);
+        require_shape(locked, { groups, ends / 2 }, rule);
+    }
     array<double> changes(shape{ groups, 3 });
     for (py::ssize_t group = 0; group < groups; group++) {
         const auto found = static_path ? steps.next({ static_path->data(group, 0),
