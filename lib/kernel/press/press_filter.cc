@@ -297,10 +297,8 @@ void press_filter::branch_touched(const explanation& from)
                     from.turn.by_hand);
         begin_changing(from, quiet * goes_on * begins);
     } else if (from.press.steady) {
-        change_steadily(from,
-                        quiet * goes_on * (1 - turns),
-                        from.press.slides,
-                        from.press.speed);
+        change_steadily(
+            from, quiet * goes_on * (1 - turns), from.press.slides, from.press.speed);
         const double each = quiet * goes_on * turns / turning_speeds;
         if (may_count(from, each)) {
             auto turning = from;
