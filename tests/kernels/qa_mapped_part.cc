@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/recording/recording.h"
+#include "kernel/recording/recorded_frames.h"
 
 #include <boost/test/unit_test.hpp>
 
