@@ -22,7 +22,8 @@ constexpr int LONGEST_SYMBOL = 4096;
 // one sample where a single difference is taken. Of the differences at each sample (real
 // and imaginary parts apart) the smallest, and the largest. An edge of a tag shows in one
 // of them at each sample, interference over the whole frame in all. Both are 0 where
-// there is only one repetition: nothing is known.
+// there is only one repetition: nothing is known. The largest is NaN where a value of the
+// vector is not finite.
 struct snapshot_noise {
     float smallest;
     float largest;
