@@ -72,6 +72,19 @@ BOOST_DATA_TEST_CASE(a_frame_with_a_value_that_is_not_finite_has_no_noise,
         }
 }
 
+BOOST_DATA_TEST_CASE(finite_samples_whose_mean_is_infinite_have_no_noise,
+                     data::make({ 1, 2, 4 }),
+                     repetitions)
+{
+    const preamble_folder folder(64 * repetitions, 0, repetitions);
+    const std::vector<fc32> x(64 * repetitions, fc32(3e38f, -3e38f));
+    std::vector<fc32> folded(64);
+    snapshot_noise noise;
+    std::vector<int> saturated;
+    folder.fold(x.data(), 1, folded.data(), &noise, saturated);
+    BOOST_TEST(std::isnan(noise.largest) == (repetitions > 1));
+}
+
 // Frames of which a converter of 12 bits, or an amplifier, limits the largest sample.
 BOOST_DATA_TEST_CASE(samples_limited_below_full_scale_are_noticed,
                      data::make({ 0.0, 0.3, 2.0, 50.0 }) * data::make({ false, true }),

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <type_traits>
 
@@ -117,9 +118,11 @@ void preamble_folder::fold(const Sample* averaged,
                                     1.0f / (one * d_repetitions),
                                     reinterpret_cast<float*>(folded),
                                     reinterpret_cast<float*>(noise));
-    if (!std::isfinite(peak))
+    // NaN, infinity, or numbers whose sum may be infinite.
+    if (!(peak < std::numeric_limits<float>::max() / d_repetitions))
         note_values_not_finite(folded, frames, d_symbol_length, noise);
     saturated.clear();
+    // Not looked for beside a value that is not finite: the largest is unknown.
     if (peak < FULL_SCALE * one && is_limited(symbols, peak)) {
         saturated.resize(frames);
         std::iota(saturated.begin(), saturated.end(), 0);
