@@ -11,6 +11,7 @@ from gnuradio.wiforce.wiforce_kernels import (
     group_weights,
     noise_estimate,
     phase_information,
+    profile_check,
     raised_subcarriers,
     whiten,
 )
@@ -110,13 +111,15 @@ def test_methods_refuse_arrays_of_other_shapes():
         (fit.solve, [tones[:2]]),
         (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
         (raised_subcarriers, [np.ones(5), 14]),
+        (raised_subcarriers, [np.ones((2, 0)), 14]),
+        (profile_check(2, 6).set_reference, [np.ones((2, 6))] * 2 + [np.ones((2, 0, 6))]),
         (phase_information, [fit, np.ones(7)]),
         (kernel.at, [np.ones(3), np.ones((3, 5, 6)), np.ones(6)]),
         (kernel.at, [np.ones(3), np.ones((2, 4, 6)), np.ones(6)]),
     ):
         with pytest.raises(ValueError, match="must have shape"):
             call(*arrays)
-    with pytest.raises(ValueError, match="must have shape"):
+    with pytest.raises(ValueError, match=r"must have shape \(6, 4\), got 20 values"):
         clock_likelihood(np.ones((5, 4)), np.ones(4))
 
 
@@ -135,12 +138,19 @@ def test_mixer_refuses_arrays_of_other_shapes(clocks, pulses):
 
 
 @pytest.mark.parametrize(
-    ("mixer", "whitener"), [((6, 4), (4, 4)), ((5,), (0, 0)), ((5, 4), (3, 3)), ((5, 3), (3, 3))]
+    ("mixer", "times", "whitener"),
+    [
+        ((6, 4), 5, (4, 4)),
+        ((5,), 5, (0, 0)),
+        ((5, 4), 5, (3, 3)),
+        ((5, 3), 5, (3, 3)),
+        ((0, 4), 0, (4, 4)),
+    ],
 )
-def test_weights_refuse_arrays_of_other_shapes(mixer, whitener):
+def test_weights_refuse_arrays_of_other_shapes(mixer, times, whitener):
     """Weights, times and whitener must be those of the same snapshots and tones."""
     with pytest.raises(ValueError, match="must have"):
-        group_weights(np.ones(mixer), np.arange(5.0), np.ones(whitener))
+        group_weights(np.ones(mixer), np.arange(float(times)), np.ones(whitener))
 
 
 def test_colored_parts_are_the_tones():

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 namespace gr::wiforce::kernel {
 
@@ -35,8 +36,9 @@ clock_likelihood::clock_likelihood(std::vector<complex> derivatives,
     : d_derivatives(std::move(derivatives)), d_lines(std::move(lines))
 {
     require(d_derivatives.size() == 6 * d_lines.size(),
-            "clock_likelihood: derivatives must have shape (6, lines)",
-            d_derivatives.size());
+            "clock_likelihood: derivatives must have shape (6, " +
+                std::to_string(d_lines.size()) + ")",
+            std::to_string(d_derivatives.size()) + " values");
 }
 
 WIFORCE_CLONES

@@ -16,11 +16,14 @@ void set_reference(profile_check& check,
                    const complex_array& other)
 {
     const py::ssize_t ends = check.ends(), subcarriers = check.subcarriers();
-    const char* const rule =
-        "profile_check: reference and image must have shape (E, K), other (E, D, K)";
+    const char* const rule = "profile_check: reference and image must have shape (E, K), "
+                             "other (E, D, K), D >= 1";
+    const py::ssize_t others = sizes_of<3>(other, rule)[1];
     require_shape(reference, { ends, subcarriers }, rule);
     require_shape(image, { ends, subcarriers }, rule);
-    require_shape(other, { ends, sizes_of<3>(other, rule)[1], subcarriers }, rule);
+    require_shape(other, { ends, others, subcarriers }, rule);
+    if (others < 1)
+        throw std::invalid_argument(rule);
     check.set_reference(flat(reference), flat(image), flat(other));
 }
 

@@ -72,12 +72,12 @@ group_weights make_group_weights(const array<double>& mixer,
                                  const array<double>& whitener,
                                  double loss)
 {
-    const char* const rule = "group_weights: mixer must have shape (n, M), M even, "
-                             "times_s (n,), whitener (M, M)";
+    const char* const rule = "group_weights: mixer must have shape (n, M), n >= 1, M "
+                             "even, times_s (n,), whitener (M, M)";
     const auto [snapshots, tones] = sizes_of<2>(mixer, rule);
     require_shape(times_s, { snapshots }, rule);
     require_shape(whitener, { tones, tones }, rule);
-    if (tones % 2)
+    if (snapshots < 1 || tones % 2)
         throw std::invalid_argument(rule);
     return { flat(mixer), flat(times_s), flat(whitener), loss };
 }
@@ -293,8 +293,10 @@ py::tuple predict_clocks(const std::vector<clock_tracker*>& trackers,
 
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 {
-    const auto [groups, subcarriers] =
-        sizes_of<2>(ratios, "raised_subcarriers: ratios must have shape (G, K)");
+    const char* const rule = "raised_subcarriers: ratios must have shape (G, K), K >= 1";
+    const auto [groups, subcarriers] = sizes_of<2>(ratios, rule);
+    if (subcarriers < 1)
+        throw std::invalid_argument(rule);
     py::array_t<double> found(shape{ groups, subcarriers });
     for (py::ssize_t group = 0; group < groups; group++) {
         const double* const row = ratios.data(group, 0);
