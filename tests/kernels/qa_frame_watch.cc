@@ -140,18 +140,24 @@ BOOST_AUTO_TEST_CASE(
 }
 
 BOOST_DATA_TEST_CASE(lost_samples_are_found_in_long_frames,
-                     data::make({ 1, 4096, 8191, 20481 }))
+                     // The last length is prime.
+                     data::make({ 24576, 24576, 24576, 24576, 196608, 10009 }) ^
+                         data::make({ 1, 4096, 8191, 20481, 65537, 1009 }),
+                     length,
+                     lost)
 {
-    // Five repetitions of a symbol of 4096 samples, and a guard as long as it.
-    constexpr int SYMBOL = 4096, FRAME = 6 * SYMBOL;
+    // Five repetitions of a symbol, and a guard about as long as it.
+    const int symbol = length / 6;
     std::mt19937 random{ 5 };
     std::normal_distribution<float> normal;
-    std::vector<fc32> frame(FRAME);
-    for (int i = 0; i < SYMBOL; i++)
+    std::vector<fc32> frame(length), noise(9973);
+    for (int i = 0; i < symbol; i++)
         frame[i] = { normal(random), normal(random) };
-    for (int i = SYMBOL; i < 5 * SYMBOL; i++)
-        frame[i] = frame[i - SYMBOL];
-    frame_watch watch(FRAME, 0);
+    for (int i = symbol; i < 5 * symbol; i++)
+        frame[i] = frame[i - symbol];
+    for (fc32& value : noise)
+        value = 0.5f * normal(random);
+    frame_watch watch(length, 0);
     std::uint64_t position = 0, place = 0;
     int found = 0;
     for (int decisions = 0; decisions < 5 && found == 0; decisions++) {
@@ -160,12 +166,12 @@ BOOST_DATA_TEST_CASE(lost_samples_are_found_in_long_frames,
         position += skipped;
         place += skipped;
         for (; position < watch.decision(); position++, place++) {
-            const fc32 value = frame[place % FRAME] + 0.5f * fc32(normal(random), 0);
+            const fc32 value = frame[place % length] + noise[position % noise.size()];
             watch.take(&value, 1, position);
         }
         found = watch.decide();
         if (decisions == 1)
-            place += sample;
+            place += lost;
     }
-    BOOST_TEST(found == FRAME - sample);
+    BOOST_TEST(found == length - lost);
 }

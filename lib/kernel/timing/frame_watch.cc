@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "frame_watch.h"
 
-#include "../fourier/fourier_transform.h"
-
 #include <algorithm>
 #include <cmath>
 
@@ -30,7 +28,11 @@ float match(const std::vector<fc32>& a, const std::vector<fc32>& b)
 } // namespace
 
 frame_watch::frame_watch(int frame_length, std::uint64_t origin)
-    : d_length(frame_length), d_origin(origin), d_begin(origin), d_sum(2 * d_length)
+    : d_length(frame_length),
+      d_origin(origin),
+      d_begin(origin),
+      d_sum(2 * d_length),
+      d_fourier(frame_length)
 {
 }
 
@@ -112,12 +114,11 @@ int frame_watch::judge(const profile& now)
 }
 
 // By the correlation at all cyclic shifts; 0 when there is none.
-int frame_watch::find_shift(const profile& now) const
+int frame_watch::find_shift(const profile& now)
 {
-    fourier_transform fourier(d_length);
     const auto transformed = [&](const profile& of) {
-        std::copy(of.begin(), of.end(), fourier.input());
-        const fc32* const found = fourier.execute();
+        std::copy(of.begin(), of.end(), d_fourier.input());
+        const fc32* const found = d_fourier.execute();
         return profile(found, found + d_length);
     };
     profile product = transformed(now);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../fourier/fourier_transform.h"
 #include "../types.h"
 
 #include <algorithm>
@@ -15,8 +16,9 @@ namespace gr::wiforce::kernel {
  *
  * Now and then some whole frames, guard included, are averaged and compared with the
  * average before: static paths must arrive at the same sample. When they do not, the
- * average before is searched for at every cyclic shift. A shift counts when two averages
- * in a row agree on it and contain nearly all of the energy.
+ * average before is searched for at every cyclic shift, by FFTs of the frame's length,
+ * whose plan is made with the watch. A shift counts when two averages in a row agree on
+ * it and contain nearly all of the energy.
  */
 class frame_watch
 {
@@ -56,7 +58,7 @@ private:
     using profile = std::vector<fc32>;
 
     profile average() const;
-    int find_shift(const profile& now) const;
+    int find_shift(const profile& now);
     int judge(const profile& now);
 
     const std::uint64_t d_length;
@@ -67,6 +69,7 @@ private:
     profile d_reference;      // empty at first
     profile d_candidate; // the next reference, unless frames moved while it was averaged
     profile d_mismatch;  // the last average that did not match; empty when one did
+    fourier_transform d_fourier;
 };
 
 } // namespace gr::wiforce::kernel
