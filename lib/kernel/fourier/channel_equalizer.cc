@@ -19,20 +19,15 @@ void multiply(const fc32* x, const fc32* y, int count, fc32* product)
     }
 }
 
-} // namespace
-
-channel_equalizer::channel_equalizer(const std::vector<complex>& factors,
-                                     int rows,
-                                     const std::vector<complex>& rotation,
-                                     const std::vector<int>& bins)
-    : d_rows(rows),
-      d_factors(factors.begin(), factors.end()),
-      d_rotation(rotation.begin(), rotation.end()),
-      d_bins(bins),
-      d_fft(symbol_length())
+// Checks parameters before anything is made of them; gives the symbol's length.
+int checked_length(const std::vector<complex>& factors,
+                   int rows,
+                   const std::vector<complex>& rotation,
+                   const std::vector<int>& bins)
 {
     const std::string where = "ofdm_channel_estimator: ";
     const std::size_t values = std::max(rows, 0) * factors.size();
+    const int length = static_cast<int>(factors.size());
     require(rows >= 1, where + "rows must be >= 1", rows);
     require(factors.size() >= SHORTEST_SYMBOL && factors.size() <= LONGEST_SYMBOL,
             where + "factors must hold 16 to 4096 values",
@@ -43,9 +38,24 @@ channel_equalizer::channel_equalizer(const std::vector<complex>& factors,
     require_finite(factors, where + "factors");
     require_finite(rotation, where + "rotation");
     for (const int bin : bins)
-        require(bin >= 0 && bin < symbol_length(),
-                "tone_reader: bins must be 0 to " + std::to_string(symbol_length() - 1),
+        require(bin >= 0 && bin < length,
+                "tone_reader: bins must be 0 to " + std::to_string(length - 1),
                 bin);
+    return length;
+}
+
+} // namespace
+
+channel_equalizer::channel_equalizer(const std::vector<complex>& factors,
+                                     int rows,
+                                     const std::vector<complex>& rotation,
+                                     const std::vector<int>& bins)
+    : d_rows(rows),
+      d_factors(factors.begin(), factors.end()),
+      d_rotation(rotation.begin(), rotation.end()),
+      d_bins(bins),
+      d_fft(checked_length(factors, rows, rotation, bins))
+{
 }
 
 void channel_equalizer::equalize(int row, const fc32* samples, fc32* channel)
