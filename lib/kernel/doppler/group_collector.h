@@ -20,8 +20,8 @@ namespace gr::wiforce::kernel {
 class group_collector
 {
 public:
-    // Frames to fold at a time, whose vectors stay in the first cache until they are
-    // known to be finite.
+    // Frames to fold at a time: their largest sample says whether all are finite, and
+    // only where they may not be is each vector looked through, still in the first cache.
     static constexpr int BATCH = 32;
 
     // Collectors of the same recording share a screen, which learns from its groups in
@@ -50,7 +50,8 @@ public:
     }
 
     // Adds some of `available` snapshots from this index on, which
-    // write(count, folded, noise) writes at most; it and this return how many.
+    // write(count, folded, noise) writes at most, values that are not finite noted
+    // (phase_group::accept); it and this return how many.
     template <class Write>
     int add(std::uint64_t snapshot, std::uint64_t available, const Write& write)
     {

@@ -38,7 +38,8 @@ public:
 
     // Memory for the snapshots from first_slot on, and for their noise behind noise();
     // slots left out since the last call are missing. first_slot >= decided(). accept()
-    // takes up as many as were written.
+    // takes up as many as were written, and trusts their noise: who writes snapshots that
+    // may hold values which are not finite calls note_values_not_finite().
     fc32* reserve(int first_slot);
     snapshot_noise* noise() { return &d_noise[d_decided]; }
     void accept(int count);

@@ -150,8 +150,8 @@ std::vector<coherence> coherence_of(const end_fit& fit,
 
 // Factor, at least 1, by which the variance of an end exceeds that of independent noise,
 // and whether something is received on its lines that is no noise: by the sandwich
-// estimate in the median of the last groups. A sudden rise in a single
-// group is noticed by the mean of all tones, which fewer groups determine.
+// estimate in the median of the last groups. A sudden rise in a single group is noticed
+// by the mean of all tones, which fewer groups determine.
 std::pair<double, bool>
 excess(running_median& median, const coherence& of, double freedom)
 {
