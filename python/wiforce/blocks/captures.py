@@ -142,19 +142,35 @@ class capture_stream(Kept, gr.sync_block):
         known, self._known = self._known, open_capture(*self._source)
         if self._known.samples < known.samples:
             raise InputError(self._known.path, "was cut short while it was read")
-        if self._stated(known) != self._stated(self._known):
-            rule = (
-                "metadata of samples that were read already have changed (type, rate, carrier or "
-                "gaps); a recorder must write its metadata first"
-            )
-            raise InputError(self._known.path, rule)
+        self._check_unchanged(known)
         return self._known.samples > known.samples
 
-    def _stated(self, capture: Capture) -> tuple[Any, ...]:
-        """What metadata say of the samples that have been sent."""
-        gaps = [(s.file_sample, s.global_index) for s in capture.segments]
-        sent = [gap for gap in gaps if gap[0] < self._at]
-        return capture.datatype, capture.sample_rate_hz, capture.center_frequency_hz, sent
+    def _check_unchanged(self, known: Capture) -> None:
+        """Refuse metadata that contradict what has been sent."""
+        for what, before, now in (
+            ("datatype", known.datatype, self._known.datatype),
+            ("sample rate", known.sample_rate_hz, self._known.sample_rate_hz),
+            ("carrier", known.center_frequency_hz, self._known.center_frequency_hz),
+        ):
+            if before is not None and now != before:
+                rule = f"{what} must not change while the capture is read, was {before}"
+                raise InputError(self._known.path, rule, now)
+        sent, stated = self._times(known), self._times(self._known)
+        if sent != stated:
+            late = next((time[0] for time in stated if time not in sent), self._at)
+            rule = (
+                f"metadata report a gap at sample {late} only after that sample was read (a "
+                "recorder must write its metadata first)"
+            )
+            raise InputError(self._known.path, rule)
+
+    def _times(self, capture: Capture) -> list[tuple[int, int]]:
+        """First sample and device count of the segments that have been sent."""
+        return [
+            (segment.file_sample, segment.global_index)
+            for segment in capture.segments
+            if segment.file_sample < self._at
+        ]
 
     def _tag_segment(self) -> None:
         segment = self._known.segments[self._segment]
