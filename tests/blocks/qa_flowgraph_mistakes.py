@@ -15,6 +15,7 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.press.sensor_state import CLIPPED
 from press_capture import DEFAULT, array_source, as_floats
 
 # Half the usual rate takes half the time; frames and groups last as long as usual.
@@ -289,6 +290,18 @@ def test_watch_says_one_sentence_of_a_reference_in_doubt_and_what_follows(doubtf
         watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _, doubt=doubt: doubt)
     first, second = said if doubtful < 10 else (*said, "")
     assert f"arm: {said_first}" in first and ("no tag is found" in second) == (doubtful < 10)
+
+
+def test_watch_says_again_what_recurs_after_clear_readings():
+    """Of a receiver that clipped again, days later, nothing was said."""
+    watch, said = watched()
+    flags = ([()] * 5 + [("saturated",)] * 30) * 2
+    for i, each in enumerate(flags):
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _: CLIPPED)
+    watch.read([Reading(8.0, "arm", 0)], lambda _: CLIPPED)
+    watch.take([SimpleNamespace(index=100, present=np.zeros(1, bool))] * 100)
+    watch.end(lambda _: CLIPPED, lambda _: CLIPPED)
+    assert said == [f"reader: arm: {CLIPPED}"] * 2
 
 
 def press_codes_of(scene, folder):

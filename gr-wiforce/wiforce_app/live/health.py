@@ -76,7 +76,7 @@ class RunHealth:
         # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self._compared: tuple[float, float] | None = None
         self._events = deque()
-        self.silences: set[str] = set()  # what was said of tags that are not received
+        self.silences: dict[str, str] = {}  # what was said last of tags that were not received
         self._suspected = set()
         self._samples, self._samples_s = 0, now()
 
@@ -103,8 +103,8 @@ class RunHealth:
         since_s = tag.first_s if tag.received_s is None else tag.received_s
         if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
             tag.silent = True
-            self._events.append(describe_silence(reading.sensor, since_s))
-            self.silences.add(self._events[-1])
+            self.silences[reading.sensor] = describe_silence(reading.sensor, since_s)
+            self._events.append(self.silences[reading.sensor])
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)

@@ -133,10 +133,11 @@ class SessionMonitor:
 
     def _warn(self):
         session, pace = self._session, self._pace
-        while self._said:
+        # Of a stream that never began, what ended it is said already.
+        while self._said and session.time_s:
             sentence = self._said.popleft()
-            # Of a stream that never began, what ended it is said already.
-            if session.time_s and sentence.partition(": ")[2] not in self._health.silences:
+            silent = sentence.partition(": ")[2] in self._health.silences.values()
+            if not silent and pace.allows(sentence.partition(" since ")[0]):
                 log.warning(sentence)
         self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost

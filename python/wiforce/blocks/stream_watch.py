@@ -3,6 +3,7 @@
 
 import math
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -124,7 +125,7 @@ class SearchWatch:
 class StreamWatch:
     """Watches what passes a reader, and says once what is wrong with it.
 
-    The first cause that lasts for a second is ``said``, then nothing until readings are clear: what
+    The first cause that lasts for a second is said, then nothing until readings are clear: what
     follows from it would hide it. ``report`` is GNU Radio's log by default, ``sampled`` excludes
     ratios; ``folded`` is what samples were cut into, before it is read, ``touched`` what to say of
     sensors that were touched in the reference.
@@ -145,8 +146,11 @@ class StreamWatch:
         self.folded: Callable[[], Folded] | None = None
         self.survey: Callable[[], Survey | None] = lambda: None
         self.touched: Callable[[], dict[str, str]] = dict
-        self.said: list[str] = []
         self._quiet = False  # after a sentence, until readings are clear
+        # What was said, without times: of each sensor ("": of the samples) until it is clear, and
+        # ever.
+        self._unclear: dict[str, set[str]] = defaultdict(set)
+        self._said: set[str] = set()
         self._problem = self._level = ""
         self._since_s, self._next = 0.0, 0
         self._groups = 0
@@ -156,18 +160,19 @@ class StreamWatch:
         self._received_s: dict[str, float] = {}
         self._stopped = threading.Event()
 
-    def say(self, sentence: str) -> None:
-        """Report a sentence, unless one was reported and nothing is well since."""
+    def say(self, sentence: str, sensor: str = "") -> None:
+        """Report a sentence of a sensor or of the samples, unless nothing is well since another."""
         if not self._quiet:
-            self._quiet = self._say_once(sentence)
+            self._quiet = self._say_once(sentence, sensor)
 
-    def _say_once(self, sentence: str) -> bool:
-        """Report a sentence that was not reported before, and say whether it was."""
-        sentence = f"{self._name}: {sentence}" if sentence else ""
-        if not sentence or sentence in self.said:
+    def _say_once(self, sentence: str, sensor: str) -> bool:
+        """Report a sentence that was not reported since all was clear; whether it was."""
+        timeless = sentence.partition(" since ")[0]
+        if not sentence or timeless in self._unclear[sensor]:
             return False
-        self.said.append(sentence)
-        self._report(sentence)
+        self._unclear[sensor].add(timeless)
+        self._said.add(timeless)
+        self._report(f"{self._name}: {sentence}")
         return True
 
     def take(self, groups: Sequence[SnapshotGroup]) -> None:
@@ -176,6 +181,8 @@ class StreamWatch:
         for group in groups:
             if self._sampled and group.index >= self._next and group.present.any():
                 self._look(group)
+        if groups and not self._problem:
+            self._unclear[""].clear()
         if self.mean_frame is not None and len(frame := self.mean_frame()):
             self.mean_frame = None
             waveform = self._plan.waveform
@@ -198,6 +205,7 @@ class StreamWatch:
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
+                self._unclear[reading.sensor].clear()
                 self._quiet = False
             if reading.touch is not None:
                 self._received_s[reading.sensor] = reading.time_s
@@ -209,7 +217,8 @@ class StreamWatch:
             if known and reading.sensor not in self._begun:
                 self._begun.add(reading.sensor)
                 if not problem(reading.sensor):  # a doubt that lasted says as much
-                    self._say_once(self.touched().get(reading.sensor, ""))  # is no cause of others
+                    touched = self.touched().get(reading.sensor, "")
+                    self._say_once(touched, reading.sensor)  # is no cause of others
             waiting = self._readings.setdefault(reading.sensor, [])
             if waiting and not _CAUSES.intersection(waiting[0].flags, reading.flags):
                 waiting.clear()  # a cause that lasts for a second begins here, if there is one
@@ -218,7 +227,7 @@ class StreamWatch:
             while waiting and waiting[-1].time_s - waiting[0].time_s >= PATIENCE_S:
                 # Before a problem of the samples lasts as long, that of the readings is no cause.
                 if not self._problem:
-                    self.say(self._cause(sensor, waiting, problem))
+                    self.say(self._cause(sensor, waiting, problem), sensor)
                 waiting.clear()
 
     def _cause(
@@ -322,10 +331,12 @@ class StreamWatch:
             return
         for sensor, readings in self._readings.items():
             if readings and sensor not in self._clear:
-                self.say(self._cause(sensor, readings, final))
+                self.say(self._cause(sensor, readings, final), sensor)
         for each in plan.sensors:
-            if doubt := (problem if self._clear else final)(each.name):
-                self.say(describe_doubt(each.name, doubt))
+            doubt = (problem if self._clear else final)(each.name)
+            # One that is solved is told still.
+            if doubt and (told := describe_doubt(each.name, doubt)) not in self._said:
+                self.say(told, each.name)
         if not self._clear:
             for wrong in wrong_clocks(self.survey(), self._plan).values():
                 self.say(wrong)

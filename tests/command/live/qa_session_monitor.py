@@ -32,7 +32,8 @@ def session_in_words():
     )
 
 
-HEALTH = SimpleNamespace(state=("waiting", ""), report=dict, silences={"leg is not received"})
+SILENCES = {"leg": "leg is not received"}
+HEALTH = SimpleNamespace(state=("waiting", ""), report=dict, silences=SILENCES)
 
 
 def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
@@ -71,6 +72,22 @@ def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know
     session.reader.groups.on_warning("reader: the stream has ended")
     monitor.finish()
     assert not capsys.readouterr().err
+
+
+def test_session_monitor_repeats_what_recurs_at_growing_intervals_once_there_is_time(capsys):
+    """A sentence that came before the first samples was lost, and one that recurred for ever."""
+    now, session = [0.0], session_in_words()
+    session.time_s = 0.0
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
+    written = []
+    for second in range(60):
+        session.reader.groups.on_warning(f"reader: arm is not received since {second} s")
+        session.time_s = max(0.0, second - 2.0)
+        now[0] = 1.0 * second
+        monitor.look()
+        if capsys.readouterr().err:
+            written.append(second)
+    assert written == [3, 4, 6, 10, 18, 34]
 
 
 @pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
