@@ -257,7 +257,6 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """One browser, for which at most one message waits, then all that it lacks."""
 
     sent: "asyncio.Future[None] | None" = None
-    _asks = False  # waits for the answer to a tare
 
     def open(self, *_: str) -> None:
         self.answers: deque[str] = deque()
@@ -275,15 +274,15 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
 
     def on_close(self) -> None:
         self.page.viewers.discard(self)
+        if isinstance(self.page.source, ZmqSource):
+            self.page.source.forget(self._take_answer)
 
     def on_message(self, message: str | bytes) -> None:
         source = self.page.source
-        if message in ("tare", "tare force") and isinstance(source, ZmqSource) and not self._asks:
-            self._asks = True
+        if message in ("tare", "tare force") and isinstance(source, ZmqSource):
             source.tare(self._take_answer, message == "tare force")
 
     def _take_answer(self, answer: dict[str, Any]) -> None:
-        self._asks = False
         known = {key: answer.get(key) for key in ("ok", "error")}
         self.answers.append(json.dumps({"answer": known}))
 

@@ -40,8 +40,8 @@ class ZmqSource:
         self._context = zmq.Context()
         self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
         self._subscriber.subscribe("")
-        # Pending tares: socket, time, and what takes the answer.
-        self._asked: list[tuple[Any, float, Callable[[dict[str, Any]], None]]] = []
+        # Socket and time of pending tares, by what takes the answer and whether it is forced.
+        self._asked: dict[tuple[Callable[[dict[str, Any]], None], bool], tuple[Any, float]] = {}
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
@@ -61,15 +61,22 @@ class ZmqSource:
         page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare; ``answer`` takes ``ok`` and ``error``."""
+        """Request a tare, unless the same is pending; ``answer`` takes ``ok`` and ``error``."""
         import zmq
 
         if self._control is None:
             answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
             return
-        socket = self._connected(zmq.REQ, self._control, "--control")
-        socket.send_string("tare force" if force else "tare")
-        self._asked.append((socket, self._now(), answer))
+        if (answer, force) not in self._asked:
+            socket = self._connected(zmq.REQ, self._control, "--control")
+            self._asked[answer, force] = socket, self._now()
+            socket.send_string("tare force" if force else "tare")
+
+    def forget(self, answer: Callable[[dict[str, Any]], None]) -> None:
+        """Expect no answer for one who has gone."""
+        for force in (False, True):
+            if (answer, force) in self._asked:
+                self._asked.pop((answer, force))[0].close(linger=0)
 
     def give_up(self, reason: str) -> None:
         """Expect no more messages."""
@@ -79,7 +86,7 @@ class ZmqSource:
     def close(self) -> None:
         """Give the sockets back."""
         self._subscriber.close(linger=0)
-        for socket, *_ in self._asked:
+        for socket, _ in self._asked.values():
             socket.close(linger=0)
         self._context.term()
 
@@ -111,8 +118,7 @@ class ZmqSource:
         self._shown = status_of(message)
 
     def _take_answers(self) -> None:
-        for asked in self._asked.copy():
-            socket, sent_s, take = asked
+        for asked, (socket, sent_s) in tuple(self._asked.items()):
             if socket.poll(0):
                 taken = loaded(socket.recv())
                 answer = {"ok": taken.get("ok") is True, "error": text(taken.get("error"))}
@@ -121,8 +127,8 @@ class ZmqSource:
             else:
                 continue
             socket.close(linger=0)
-            self._asked.remove(asked)
-            take(answer)
+            del self._asked[asked]
+            asked[0](answer)
 
     def _status(self) -> dict[str, Any]:
         status = {**self._shown, "source": self._name, "can_tare": self._control is not None}

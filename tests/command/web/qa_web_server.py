@@ -410,6 +410,20 @@ def test_zmq_source_answers_each_of_several_tares():
     assert sorted(answers) == [(0, True), (1, True)]
 
 
+def test_viewers_that_ask_and_leave_are_forgotten():
+    """With a reader that hangs, each left sockets for a minute; a forced tare was not asked for."""
+    with socket.create_server(("127.0.0.1", 0)) as hung:
+        source = ZmqSource(str(free_port()), str(hung.getsockname()[1]))
+        with serving(source) as (url, page):
+            for _ in range(3):
+                with closing(RawViewer(url)) as viewer:
+                    for word in ("tare", "tare", "tare force"):
+                        viewer.send(word)
+                    wait_until(lambda: len(source._asked) == 2)
+                    assert {forced for _, forced in source._asked} == {False, True}
+                wait_until(lambda: not source._asked and not page.viewers)
+
+
 def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
     monkeypatch.setattr(f"{SERVER}._MOST_VIEWERS", 2)
     with serving(NoSource()) as (url, page):
