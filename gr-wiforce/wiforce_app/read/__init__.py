@@ -3,5 +3,5 @@
 
 `recordings` opens recordings and warns of what they lack, for all commands. `read_one` reads one,
 also while it grows (`follow`). `read_many` reads any number in parallel, each as a `reading_job`,
-notes the finished ones (`journal`) and joins their readings (`joined`).
+which also notes the finished ones and joins their readings.
 """

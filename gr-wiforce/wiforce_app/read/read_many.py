@@ -2,7 +2,9 @@
 """``gr-wiforce read`` of many captures: in parallel, each once, with a summary at the end."""
 
 import contextlib
+import errno
 import os
+import shutil
 from pathlib import Path
 
 import click
@@ -10,6 +12,7 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.files.formats import format_of
 from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.io.text.textfile import replacing
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
 from ..shell.log import PROGRAM, printable
@@ -100,7 +103,14 @@ def _keep(journal, task, report):
     output = Path(task.output)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(report.partial, output)
+        try:
+            os.replace(report.partial, output)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            with replacing(output) as beside:  # the output's folder is on another disk
+                shutil.copyfile(report.partial, beside)
+            os.unlink(report.partial)
         written = output.stat()
     except OSError as error:
         raise OutputError(output, f"cannot be written ({error.strerror})") from error

@@ -106,7 +106,7 @@ def _identity(file):
 
 
 RECORD = "captures.jsonl"
-_PARTIAL = ".partial-"
+_PARTIAL = ".gr-wiforce-partial-"
 
 
 class Journal:
@@ -116,7 +116,7 @@ class Journal:
     """
 
     def __init__(self, folder):
-        folder = Path(folder)
+        folder = Path(folder).absolute()
         self._path = folder / RECORD
         try:
             folder.mkdir(parents=True, exist_ok=True)

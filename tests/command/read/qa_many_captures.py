@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`gr-wiforce read` of several captures."""
 
+import errno
 import io
 import json
 import os
@@ -256,14 +257,32 @@ def test_worker_of_a_former_run_does_not_replace_readings(in_process, captures, 
     output = tmp_path / "out" / "a.csv"
     path = str(folder / "day1" / "a")
     settings = {"datatype": None, "frame_offset": None, "tracked": False}
-    left = output.parent / ".partial-left"
+    left = output.parent / ".gr-wiforce-partial-left"
     left.mkdir(parents=True)
     report = read_capture_file(ReadingJob("a", path, str(output), str(left), None, settings))
     assert not output.exists() and Path(report.partial).parent == left
     output.with_name(".note.txt.csv").touch()
+    output.with_name(".partial-of-another").mkdir()
     succeeded("read", folder / "day1" / "a", folder / "day1" / "b", "-o", output.parent)
     names = sorted(file.name for file in output.parent.iterdir())
-    assert names == [".note.txt.csv", "a.csv", "b.csv", "captures.jsonl"]
+    kept = [".note.txt.csv", ".partial-of-another"]
+    assert names == [*kept, "a.csv", "b.csv", "captures.jsonl"]
+
+
+def test_folder_of_outputs_may_be_on_another_disk(in_process, captures, tmp_path, monkeypatch):
+    folder, alone = captures
+    replace = os.replace
+
+    def on_two_disks(source, target):
+        if Path(source).parent != Path(target).parent:
+            raise OSError(errno.EXDEV, os.strerror(errno.EXDEV))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", on_two_disks)
+    succeeded("read", folder / "day1" / "a", folder / "day1" / "b", "-o", tmp_path / "out")
+    assert (tmp_path / "out" / "a.csv").read_text() == alone
+    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert names == ["a.csv", "b.csv", "captures.jsonl"]
 
 
 def test_captures_of_equal_size_and_time_are_not_confused(in_process, captures, tmp_path):
