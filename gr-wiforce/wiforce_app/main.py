@@ -144,7 +144,8 @@ def main(argv=None):
             return error.code
         return _fail(FAILED, str(error.__context__ or error))
     except OSError as error:
-        if isinstance(error.__context__, KeyboardInterrupt):  # the terminal is closed
+        closed = error.errno == errno.EIO and error.filename in (None, "standard output")
+        if closed and isinstance(error.__context__, KeyboardInterrupt):  # the terminal
             _silence_stdout()
             return _end_of_interruption(error)
         if state["debug"]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command: subcommands, one line per failure, exit status."""
 
+import errno
 import json
 import os
 import pty
@@ -143,6 +144,18 @@ def test_command_failure_gives_one_line_and_its_status(raising, capsys, error, s
     raising(error)
     assert app.main(["fail"]) == status
     assert capsys.readouterr().err.strip() == line
+
+
+@pytest.mark.parametrize(
+    "number, status, line", [(errno.EIO, 130, "interrupted"), (errno.ENOSPC, 1, "out of order")]
+)
+def test_command_failure_after_ctrl_c_is_named(raising, capsys, number, status, line):
+    """Only a terminal that is closed is no failure of its own."""
+    error = OSError(number, "out of order")
+    error.__context__ = KeyboardInterrupt()
+    raising(error)
+    assert app.main(["fail"]) == status
+    assert capsys.readouterr().err == f"gr-wiforce: {line}\n"
 
 
 def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
