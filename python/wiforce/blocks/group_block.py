@@ -12,6 +12,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..errors import InputError
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..io.readings import Reading
@@ -41,10 +42,16 @@ def _sendable(row: Array) -> Any:
 
 
 def state_from_pmt(value: Any) -> Groups:
-    """A batch of one group from :func:`state_to_pmt`."""
-    rows = {name: np.array(row) for name, row in pmt.to_python(value).items() if name in _NAMES}
-    flags = {name: row.astype(bool) for name, row in rows.items() if row.dtype == np.uint8}
-    return Groups(**{name: row[None] for name, row in (rows | flags).items()})
+    """A batch of one group from :func:`state_to_pmt`; other entries are ignored."""
+    try:
+        items = {name: pmt.dict_ref(value, pmt.intern(name), pmt.PMT_NIL) for name in _NAMES}
+        known = {name: item for name, item in items.items() if not pmt.is_null(item)}
+        rows = {name: np.array(pmt.to_python(item)) for name, item in known.items()}
+        flags = {name: row.astype(bool) for name, row in rows.items() if row.dtype == np.uint8}
+        return Groups(**{name: row[None] for name, row in (rows | flags).items()})
+    except (RuntimeError, TypeError, ValueError) as error:
+        rule = "must hold the state of a group, as the previous stage sends it"
+        raise InputError(f"tag {names.STATE}", rule) from error
 
 
 def noise_value(noise: Array) -> Any:

@@ -9,7 +9,7 @@ from chain_runs import assert_equal_readings, readings_of_chain, readings_of_rea
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
-from gnuradio.wiforce.blocks.group_block import state_to_pmt
+from gnuradio.wiforce.blocks.group_block import state_from_pmt, state_to_pmt
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
@@ -272,6 +272,15 @@ def state_tag_at(offset, group):
     tag = gr.tag_t()
     tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_to_pmt(group)
     return tag
+
+
+def test_state_of_another_kind_is_refused_and_further_entries_are_ignored():
+    state = state_to_pmt(separated(3, [True, False], [40.0, 0.0]))
+    own = pmt.dict_add(state, pmt.make_dict(), pmt.PMT_T)  # which Python cannot hold
+    assert state_from_pmt(own).clock_offset_ppm.tolist() == [[40.0, 0.0]]
+    for value in (pmt.from_long(3), pmt.make_dict(), pmt.intern("state")):
+        with pytest.raises(InputError, match="^tag state: must hold the state of a group"):
+            state_from_pmt(value)
 
 
 def test_clock_offset_without_lock_is_nan():
