@@ -53,10 +53,10 @@ class ServiceManager:
         if not stuck and now - self._alive_s >= self._alive_every_s and self._send("WATCHDOG=1"):
             self._alive_s = now
         if state != self._state or now - self._status_s >= _STATUS_S:
-            self._state, self._status_s = state, now
             text = {OPENING: "waiting for the device", RUNNING: "reading"}.get(state, state)
             groups = self._session.reader.counts.short()
-            self._send(f"STATUS={text}; {self._session.time_s:.0f} s, {groups}")
+            if self._send(f"STATUS={text}; {self._session.time_s:.0f} s, {groups}"):
+                self._state, self._status_s = state, now
 
     def stopping(self) -> None:
         """The service ends."""

@@ -84,6 +84,19 @@ def test_service_waiting_for_an_absent_device_is_ready(systemd):
         service.close()
 
 
+def test_service_tells_its_state_again_if_systemd_has_not_taken_it(systemd):
+    """It stated the former one for ten seconds more."""
+    environment = systemd.environment | {"NOTIFY_SOCKET": "/nowhere/notify"}
+    keeper = SimpleNamespace(state=RUNNING, waits=False)
+    service = ServiceManager(session_in_words(), keeper, environment, lambda: 0.0)
+    service.look()
+    service._address = systemd.environment["NOTIFY_SOCKET"]
+    service.look()
+    service.look()
+    assert systemd.messages() == ["READY=1", "STATUS=reading; 3 s, 0 groups: 0 usable"]
+    service.close()
+
+
 def test_log_lines_for_people_and_for_the_journal(capsys):
     log = Log()
     log.set_up("debug", "plain")
