@@ -106,6 +106,10 @@ def test_create_keys_on_a_full_disk_leaves_no_folder(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="keys: cannot be written .No space left"):
         create_keys(tmp_path / "keys")
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "own").mkdir()
+    with pytest.raises(OutputError, match="own: cannot be written .No space left"):
+        create_keys(tmp_path / "own")
+    assert [*tmp_path.rglob("*")] == [tmp_path / "own"]
 
 
 def test_keys_that_cannot_be_used_are_refused(folders, tmp_path):

@@ -109,6 +109,7 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         raise InputError(folder, "must be a folder, but is a file")
     if not folder.is_dir():
         check_output(folder)
+    new = [each for each in (folder / _CLIENTS, folder) if not each.exists()]
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / _CLIENTS).mkdir(mode=0o700, exist_ok=True)
@@ -121,9 +122,9 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         made = [] if any(path.exists() for path in server) else _create(SERVER, server)
         return made + _create(client, targets)
     except OSError as error:
-        for made_in in (folder / _CLIENTS, folder):
+        for each in new:
             with suppress(OSError):
-                made_in.rmdir()
+                each.rmdir()
         raise unwritable(error.filename2 or error.filename or folder, error) from error
 
 
