@@ -45,7 +45,7 @@ _KINDS = {
 _NUMBERS = {
     "samples": (int, 1, 1e9),
     "packets": (int, 1, 1e9),
-    "seconds": (float, 0, 1e9),
+    "seconds": (float, 1e-6, 1e9),
     "ppm": (float, -1000, 1000),
 }
 GRAMMAR = "; ".join(f"{kind} {arguments}".rstrip() for kind, (arguments, _) in _KINDS.items())

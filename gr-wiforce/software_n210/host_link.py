@@ -95,8 +95,8 @@ class Sockets:
         for start in range(0, len(data), step):
             try:
                 self._sockets[port].sendmsg([data[start : start + step]], control, 0, peer)
-            except (BlockingIOError, ConnectionError):
-                pass
+            except OSError:
+                pass  # lost, as by `send`, or since the system has no buffers
 
 
 def _bound(address, port):

@@ -87,6 +87,7 @@ def test_device_address_in_use_refused(software_usrp):
         (["--air", "cable", "--fault", "1 overflow 3 perhaps"], "stop"),
         (["--air", "cable", "--fault", "1 lose -3"], "packets"),
         (["--air", "cable", "--fault", "1 lose"], "packets"),
+        (["--air", "cable", "--fault", "1 cut 0"], "seconds"),
         (["--air", "cable", "--fault", "1 melt"], "overflow"),
         (["--air", "cable", "--bind", "127.9.8.7", "--fault", "1 off arm"], "scene"),
         (["--air", "cable", "--bind", "127.9.8.8", "--control", "tcp://*:5555"], "--control"),
