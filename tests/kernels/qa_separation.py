@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.group_tones import GroupWeights
+from gnuradio.wiforce.signal.switching import switch_averages_and_slopes
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.wiforce_kernels import (
     clock_likelihood,
@@ -26,6 +27,27 @@ def fitted(tags, seed=1):
     mixed = rng.standard_normal((GROUPS, TONES, 4 * tags))
     tones = normal(rng, GROUPS, TONES, SUBCARRIERS)
     return mixed, tones, end_fit(mixed, tones)
+
+
+@pytest.mark.parametrize("tags", [1, 2, 4])
+def test_end_fit_is_the_least_squares_solution(tags):
+    """Every reading is computed from these ends, and its noise from this residual."""
+    mixed, tones, fit = fitted(tags)
+    white = mixed[:, :, : 2 * tags]
+    solver = np.linalg.pinv(white)
+    ends = solver @ tones
+    residual = tones - white @ ends
+    np.testing.assert_array_equal(fit.white, white)
+    np.testing.assert_array_equal(fit.slopes, mixed[:, :, 2 * tags :])
+    np.testing.assert_allclose(fit.solver, solver, atol=1e-12)
+    np.testing.assert_allclose(fit.ends, ends, atol=1e-12)
+    np.testing.assert_allclose(fit.residual, residual, atol=1e-12)
+    np.testing.assert_allclose(fit.gain, np.sum(np.abs(solver) ** 2, axis=2), rtol=1e-10)
+    np.testing.assert_allclose(fit.power(), np.sum(np.abs(residual) ** 2, axis=1), rtol=1e-10)
+    assert fit.freedom == TONES - 2 * tags
+    fit.solve(2j * tones)
+    np.testing.assert_allclose(fit.ends, 2j * ends, atol=1e-12)
+    np.testing.assert_allclose(fit.residual, 2j * residual, atol=1e-12)
 
 
 @pytest.mark.parametrize("error", [0.0, 1e-9])
@@ -123,7 +145,30 @@ def test_methods_refuse_arrays_of_other_shapes():
         clock_likelihood(np.ones((5, 4)), np.ones(4))
 
 
-CLOCKS_HZ = 1000.0, 1790.0
+CLOCKS_HZ, AVERAGING_S = (1000.0, 1790.0), 20.48e-6
+
+
+def test_switched_tones_are_those_of_the_waveforms_in_numpy():
+    """Every reading is computed from these; delays and duty cycles are those of real tags."""
+    table = design_weights(CLOCKS_HZ, 625, 57.6e-6)
+    gain = 1 - np.abs(np.linspace(-0.5, 0.5, len(table.tones)))[:, None]
+    weights = GroupWeights(table, gain)
+    rng, groups = np.random.default_rng(1), 20
+    phase = rng.uniform(-20, 20, (groups, 2))
+    phase[0] = 0, np.pi  # a snapshot in the middle of a pulse
+    rate = 2 * np.pi * (np.array(CLOCKS_HZ) * (1 + 1e-4 * rng.standard_normal((groups, 2))))
+    half_window = rate * AVERAGING_S / 2
+    pulses = [(0.3, 0.25, 0.24), (-0.2, 0.27, 0.25)]
+    found = weights.switched(np.stack([phase, rate, half_window], axis=2), pulses)
+    expected = []
+    for tag, (delay, *duty) in enumerate(pulses):
+        phases = phase[:, tag, None] + rate[:, tag, None] * table.times_s
+        both = switch_averages_and_slopes(phases, half_window[:, tag], delay, duty)
+        expected.append([weights.mix(each) for each in both])
+    averages, slopes = (np.concatenate(each, axis=2) for each in zip(*expected, strict=True))
+    assert np.abs(averages).max() > 0.01 and np.abs(slopes).max() > 0.01
+    np.testing.assert_allclose(found[:, :, :4], averages, atol=1e-12)
+    np.testing.assert_allclose(found[:, :, 4:], slopes, atol=1e-12)
 
 
 @pytest.mark.parametrize(
