@@ -229,7 +229,7 @@ _STEP_HZ = 5.0
 # Clocks that differ by less are one, given with other digits.
 _SAME_HZ = 1e-6
 # Clocks that are compared; a finer grid would only take longer.
-_CANDIDATES = 1000
+_CANDIDATES = 300
 # Clocks that cost the weakest end so much more than the best one have about the same expected
 # error: 5 % of the variance, 2.5 % of the standard deviation. Among them lamps decide.
 _ABOUT_EQUAL = 0.05
@@ -364,7 +364,13 @@ class Search:
             settings.times_s,
         )
         power = _ideal_power(self._clocks, averaging_s) * len(snapshots.times_s)
-        return gram(snapshots.ends(*tried_phases(self._clocks)) / np.sqrt(power))
+        # One phase at a time: many clocks in long groups take 50 MB each.
+        return np.stack(
+            [
+                gram(snapshots.ends(hz[None], start[None])[0]) / np.sqrt(np.outer(power, power))
+                for hz, start in zip(*tried_phases(self._clocks), strict=True)
+            ]
+        )
 
     def best(self, count: int) -> list[float] | None:
         """Clocks of ``count`` tags at the best distance of their lines; None without any."""

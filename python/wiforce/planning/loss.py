@@ -41,9 +41,8 @@ class Snapshots(NamedTuple):
     ) -> Snapshots:
         """On a grid of ``period_s``, or at irregular times (n,)."""
         if times_s is None:
-            length = min(group_length, _LONGEST)
-            clutter = clutter_basis(length, period_s, clutter_hz)
-            return cls(centered_times_s(length, period_s), averaging_s, clutter)
+            clutter = clutter_basis(group_length, period_s, clutter_hz)
+            return cls(centered_times_s(group_length, period_s), averaging_s, clutter)
         basis = clutter_at(times_s, group_length * period_s, clutter_hz)
         return cls(times_s, averaging_s, np.linalg.qr(basis)[0])
 
@@ -93,7 +92,8 @@ def losses_db(
     of errors. Choices rise, as far as a group resolves them.
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
-    snapshots = Snapshots.of(group_length, snapshot_period_s, averaging_s, clutter_hz, times_s)
+    length = group_length if times_s is not None else min(group_length, _LONGEST)
+    snapshots = Snapshots.of(length, snapshot_period_s, averaging_s, clutter_hz, times_s)
 
     def tones(count: int, length: int) -> Sequence[Tone]:
         if times_s is not None:
@@ -138,11 +138,12 @@ def automatic_band_hz(
     clocks: Sequence[TagClock], group_length: int, snapshot_period_s: float, averaging_s: float
 ) -> float:
     """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB, or 0."""
-    resolution_hz = 1 / (min(group_length, _LONGEST) * snapshot_period_s)
+    length = min(group_length, _LONGEST)
+    resolution_hz = 1 / (length * snapshot_period_s)
     highest_hz = min(clock.clock_hz for clock in clocks) - CLUTTER_MARGIN * resolution_hz
 
     def variance(band_hz: float) -> np.ndarray:
-        snapshots = Snapshots.of(group_length, snapshot_period_s, averaging_s, band_hz)
+        snapshots = Snapshots.of(length, snapshot_period_s, averaging_s, band_hz)
         return end_variances(clocks, snapshots)
 
     still = variance(0.0)

@@ -88,6 +88,12 @@ def test_propose_clocks_are_readable_beside_those_taken():
     assert report.readable and report.worst_loss_db < 1.2
 
 
+def test_assess_clocks_counts_all_of_a_long_group():
+    """Long groups are what separates clocks that nearly coincide."""
+    losses = [assess_clocks([1000, 1005], WAVEFORM, n).worst_loss_db for n in (1250, 2500, 5000)]
+    assert losses == pytest.approx([2.14, 0.84, 0.67], abs=0.02)
+
+
 def test_propose_clocks_clutter_leaves_no_room_raises():
     with pytest.raises(InputError, match="count: must be at most 0: .*, got 1"):
         propose_clocks(1, make_plan((), 64, 2000.0))
