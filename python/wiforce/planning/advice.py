@@ -283,10 +283,11 @@ def improve(plan: Plan) -> list[Proposal]:
     now = float(phase_std_deg(plan).max())
     found = []
     for change, reason, better in _changes(plan.require_scene(), plan):
-        changed = _planned(better)
-        if changed is None:
+        try:
+            changed = plan_of(better)
+            std = float(phase_std_deg(changed).max())
+        except InputError:
             continue
-        std = float(phase_std_deg(changed).max())
         faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
         useful = faster or _farther_from_lamps(plan, changed)
         if std < _WORTHWHILE_NOISE * now or (useful and std < now / _WORTHWHILE_NOISE):
