@@ -2,8 +2,8 @@
 """Mistakes and effects that leave little or no trace in what is received.
 
 They are not rooms in which the reader is to give no wrong reading: what is measured is how large
-the errors are, and how often they are noticed. ``score.py --undetectable`` prints the table of
-docs/rooms.md.
+the errors are, and how often they are noticed. ``score.py --table undetectable`` prints the table
+of docs/rooms.md.
 """
 
 from dataclasses import dataclass, replace
