@@ -304,6 +304,7 @@ class CurveModel(SensorModel):
         check=_check_both_ports,
         derived=Derived("an empty mapping", lambda scope: {}),
         doc="Errors of curves against data that they had not seen.",
+        compare=False,
     )
     form: str = key(Choice(words=FORMS), doc="The functions of force.")
     knots_n: np.ndarray | None = key(

@@ -130,7 +130,8 @@ class SensorModel:
     )
     provenance: dict[str, Any] = key(
         _ProvenanceMapping(of=Provenance),
-        doc="``source``, ``date`` and, as lists of str, ``assumed`` and ``suspicions``.",
+        doc="`source`, `date` and, as lists of str, `assumed` and `suspicions`.",
+        compare=False,
     )
     transferred_from_hz: float | None = key(
         Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST, optional=True),

@@ -67,6 +67,14 @@ def test_sensor_written_to_file_reads_back_equal(tmp_path, name):
     assert again.provenance == model.provenance
 
 
+def test_sensors_of_another_provenance_are_equal():
+    """A model is what it reads, and a key of caches that programs have."""
+    model = load_sensor("line-900mhz")
+    other = dataclasses.replace(model, provenance=model.provenance | {"source": "another table"})
+    assert other == model and hash(other) == hash(model)
+    assert dataclasses.replace(model, onset_force_n=0.7) != model
+
+
 def test_sensor_file_is_parsed_once_until_it_changes(tmp_path):
     """A start reads a sensor file three times; a file that was replaced must count at once."""
     path = tmp_path / "own.yaml"

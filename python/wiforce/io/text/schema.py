@@ -74,16 +74,18 @@ def key(
     default: Any = dataclasses.MISSING,
     derived: Derived | None = None,
     check: Callable[[Any, Scope], str | None] | None = None,
+    compare: bool = True,
 ) -> Any:
     """Declare a key of a mapping, as a field of a class decorated with :func:`declared`.
 
     ``doc`` is a sentence. Without ``default`` (converted) and ``derived`` it is required, or None
-    where allowed. ``check`` gives the text of a further rule that is broken.
+    where allowed. ``check`` gives the text of a further rule that is broken. ``compare`` is whether
+    two mappings that differ in it are unequal.
     """
     if type.optional and derived is None and default is dataclasses.MISSING:
         default = None
     metadata = {"key": Key(type, doc, default, derived, check)}
-    return dataclasses.field(default=default, metadata=metadata)
+    return dataclasses.field(default=default, compare=compare, metadata=metadata)
 
 
 class _Declared:
