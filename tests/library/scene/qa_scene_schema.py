@@ -52,6 +52,15 @@ def test_scene_with_automatic_band_is_written_back_as_such():
     assert scene.as_dict()["environment"]["moving_clutter_hz"] == "auto"
 
 
+def test_scene_of_packets_refuses_effects_on_samples():
+    """A user would take the readings for those of a radio with an offset."""
+    scene = {"packets": {"interval_s": 0.001}, "simulation": {"carrier_offset_hz": 3}}
+    scene["sensors"] = [{"name": "arm", "model": "line-2440mhz-calibrated", "clock_hz": 139}]
+    scene["radio"] = {"center_frequency_hz": 2.44e9}
+    said = rejection(scene)
+    assert "simulation.carrier_offset_hz: is not simulated for packets; leave it out" in said
+
+
 def test_scene_with_sensors_only_gets_documented_defaults():
     scene = load_scene(MINIMAL)
     assert (scene.radio.center_frequency_hz, scene.radio.sample_rate_hz) == (900e6, 12.5e6)
