@@ -4,36 +4,64 @@
 from dataclasses import replace
 
 import numpy as np
+from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.truth import steady_rows
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from scipy.fft import fft
 
 from .error_summary import calibration_bias_deg, summary
 
+_BATCH = 64  # groups
 
-def read_without_survey(recording, scene, on_groups=None):
-    """Readings by the plan of a scene alone, of clocks that need no survey."""
+
+def _plan_without_survey(scene):
+    """The plan of a scene alone, of clocks that need no survey."""
     sensors = [
         replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
         for sensor in scene.sensors
     ]
-    settings = plan(replace(scene, sensors=tuple(sensors)))
-    reader = RecordingReader(recording, settings, 0, on_groups=on_groups, survey=False)
+    return plan(replace(scene, sensors=tuple(sensors)))
+
+
+def read_without_survey(recording, scene):
+    """Readings by the plan of a scene alone, of clocks that need no survey."""
+    reader = RecordingReader(recording, _plan_without_survey(scene), 0, survey=False)
     return [reading for batch in reader for reading in batch]
 
 
 def paper_changes(recording, scene):
-    """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3)."""
-    scene = replace(
-        scene,
-        phase_group=replace(scene.phase_group, estimator="paper"),
-        environment=replace(scene.environment, receive_antennas=1),
+    """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3).
+
+    Of all snapshots, as the paper: without those that interference hit, the sums would leak.
+    """
+    settings = _plan_without_survey(
+        replace(
+            scene,
+            phase_group=replace(scene.phase_group, estimator="paper"),
+            environment=replace(scene.environment, receive_antennas=1),
+        )
     )
     changes = []
-    read_without_survey(recording, scene, lambda groups: changes.append(groups.ratios))
+    receiver = Receiver(
+        settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
+    )
+    length, waveform = settings.group_length, settings.waveform
+    factors = waveform.equalizer().astype(np.complex64)
+    frames, first = folded_reader(**frame_settings(recording, waveform, frame_offset=0)), 0
+    while count := len(folded := frames.read(_BATCH * length)["folded"]) // length:
+        channels = (fft(folded[: count * length], axis=1) * factors)[:, waveform.bins]
+        tones = [tones_of(settings.table.weights, group) for group in np.split(channels, count)]
+        receiver.process(Groups(first + np.arange(count), np.stack(tones)))
+        first += count
+    receiver.finish()
     return np.concatenate(changes)
 
 

@@ -17,7 +17,7 @@ from .causes import other_causes, paper_figures
 from .report import cause_table, table, write_report
 
 # Of the stored results; those of another one are computed again.
-_FORMAT = 5
+_FORMAT = 6
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
