@@ -6,7 +6,7 @@ import os
 import stat
 import time
 
-from gnuradio.wiforce.calibration.gauges import ForceGauge, unit_n
+from gnuradio.wiforce.calibration.gauges import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
@@ -83,7 +83,11 @@ class CsvScale(_LineScale):
 
     def _take(self, line):
         cells = next(csv.reader([line]), [])
-        super()._take(cells[self._column] if len(cells) > self._column else "")
+        try:
+            force_n = parse_force(cells[self._column])
+        except (IndexError, InputError):
+            return
+        self.gauge.note_force(time.monotonic(), force_n)
 
 
 class SerialScale(_LineScale):

@@ -34,7 +34,7 @@ UNITS_N = {
     "oz": _POUND_N / 16,
     "ozf": _POUND_N / 16,
 }
-_TYPED = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+))\s*([^\W\d_]*)")
+_TYPED = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d_]*)")
 # A sign may stand apart from its number, as in "ST,GS,+  1.234 kg".
 _SENT = re.compile(r"([+-]?)\s*(\d+(?:\.\d*)?|\.\d+)\s*([^\W\d_]*)")
 # A gauge that sends twice per second may miss two values.

@@ -28,7 +28,7 @@ def test_typed_force_is_read_in_newtons(typed, force_n):
     assert parse_force(typed) == pytest.approx(force_n, rel=1e-6)
 
 
-@pytest.mark.parametrize("typed", ["", "two", "2.5 3", "1e3", "nan", "inf", "2..5", "N", "0x10"])
+@pytest.mark.parametrize("typed", ["", "two", "2.5 3", "nan", "inf", "2..5", "N", "0x10"])
 def test_typed_text_that_is_no_number_is_refused(typed):
     with pytest.raises(InputError, match="must be a number"):
         parse_force(typed)
