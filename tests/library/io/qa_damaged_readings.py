@@ -102,6 +102,14 @@ def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
         list(ReadingsFile(path).rows())
 
 
+def test_parquet_without_columns_is_refused(tmp_path):
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(arrow.table({}), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="is no file of readings: it has no column time_s"):
+        ReadingsFile(tmp_path / "a.parquet")
+
+
 def test_export_header_alone_gives_a_file_without_readings(tmp_path):
     """A run may end before its first reading."""
     (tmp_path / "a.csv").write_text("time_s,sensor\n")

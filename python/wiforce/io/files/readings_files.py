@@ -60,7 +60,7 @@ class ReadingsFile:
         if repeated:
             raise InputError(path, "columns must have different names", repeated[0])
         for name in _NEEDED:
-            if names and name not in names:
+            if (names or self._table is not None) and name not in names:
                 raise InputError(path, f"is no file of readings: it has no column {name}")
         self.also = tuple(name for name in names if name not in COLUMNS)
 
