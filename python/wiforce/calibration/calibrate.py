@@ -37,7 +37,6 @@ _SETTINGS: dict[str, ValueType] = {
     "permittivity": Number(low=1, high=MAX_PERMITTIVITY),
     "form": Choice(words=("auto", "auto-beyond", *curves.FORMS)),
     "location_steps": Choice(words=("nearest", "given", "line")),
-    "ruler_std_mm": Number(low=0, high=MAX_LENGTH_MM),
 }
 
 
@@ -115,9 +114,10 @@ def calibrate(
     >>> bool(np.all(np.abs(error_deg) < 2.0))
     True
     """
-    given = (length_mm, onset_force_n, permittivity, form, location_steps, ruler_std_mm)
+    given = (length_mm, onset_force_n, permittivity, form, location_steps)
     for (setting, kind), value in zip(_SETTINGS.items(), given, strict=True):
         kind.read(value, KeyPath(setting), Scope())
+    Number(low=0, high=length_mm).read(ruler_std_mm, KeyPath("ruler_std_mm"), Scope())
     check_table(table, length_mm)
     assumed: list[str] = []
     data = [
