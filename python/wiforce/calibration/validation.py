@@ -166,8 +166,12 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
     limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
-    if location_warnings(model, index):
-        limit = "locations that contradict each other"
+    wrong = _rows_at(model, "wrong", frequency_hz)
+    wrong = wrong or contradictions(_rows_at(model, "locations", frequency_hz))
+    places = {row.get(key) for row in wrong for key in ("location_mm", "exchanged_mm")} - {None}
+    if places:
+        listed = ", ".join(f"{place:g}" for place in sorted(places))
+        limit = f"locations that contradict each other: {listed} mm"
     unusable = ""
     # Of a force that is anywhere in the span.
     guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)

@@ -218,8 +218,10 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
         place: _Noise([(fit, slope) for curve, fit, slope in own if curve.location_mm != place])
         for place in places
     }
-    rows = [len(slope) for *_, slope in own]
-    pairs = sum(count * (count - 1) // 2 for count in rows)
+    rows = sum(len(slope) for *_, slope in own)
+    pressed_in = [curve.press[curve.force_n > without_n] for curve, *_ in own]
+    counts = np.concatenate([np.unique(press, return_counts=True)[1] for press in pressed_in])
+    pairs = int(np.sum(counts * (counts - 1) // 2))
     for curve, fit, slope in own:
         noise, force_n = noises[curve.location_mm], curve.force_n
         where = f"at location {curve.location_mm:g} mm, port {curve.port},"
@@ -251,7 +253,7 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
             continue
         after = fitter.fit(np.delete(force_n, row), np.delete(curve.added_deg, row))
         residual = np.insert(after.residual, row, 0.0)
-        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), sum(rows)):
+        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), rows):
             off_deg = curve.added_deg[row] - fitter.value(after, force_n[row])
             found.append(
                 f"the phase of {force_n[row]:g} N {where} is {off_deg:+.1f} deg beside the curve "

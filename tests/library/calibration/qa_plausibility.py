@@ -272,7 +272,8 @@ def test_exchanged_sweeps_are_a_suspicion(name, places):
     said = "locations {:g} and {:g} mm would fit the others exchanged".format(*places)
     (found,) = model.provenance["suspicions"]
     assert found == f"{said}: were their presses exchanged?"
-    assert verdict(model)[0].limit == "locations that contradict each other"
+    limit = "locations that contradict each other: {:g}, {:g} mm".format(*places)
+    assert verdict(model)[0].limit == limit
     assert any(text.endswith(found) for text in calibration_warnings(model))
 
 
