@@ -127,6 +127,7 @@ def test_message_of_a_mistake_says_what_to_change(
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"file.csv", "folder"}
 
 
 def test_message_of_a_scene_in_place_of_a_sensor_names_both(tmp_path, monkeypatch, capsys):

@@ -166,8 +166,9 @@ def declared_keys(cls, prefix=""):
     """Every key of a declared mapping and of those in it, by dotted name."""
     for name, key in keys(cls).items():
         yield f"{prefix}{name}", key
-        if isinstance(key.type, Mapping | ListOf):
-            yield from declared_keys(key.type.of, f"{prefix}{name}.")
+        held = key.type.item if isinstance(key.type, ListOf) else key.type
+        if isinstance(held, Mapping):
+            yield from declared_keys(held.of, f"{prefix}{name}.")
 
 
 @pytest.mark.parametrize("cls", [Scene, *MODELS.values()])
