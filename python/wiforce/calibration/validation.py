@@ -166,9 +166,10 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
     parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
     limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
-    wrong = _rows_at(model, "wrong", frequency_hz)
-    wrong = wrong or contradictions(_rows_at(model, "locations", frequency_hz))
-    places = {row.get(key) for row in wrong for key in ("location_mm", "exchanged_mm")} - {None}
+    stated = _rows_at(model, "wrong", frequency_hz)
+    wrong = stated or contradictions(_rows_at(model, "locations", frequency_hz))
+    both = ("location_mm", "exchanged_mm")
+    places = {row[key] for row in wrong for key in both if row.get(key) is not None}
     if places:
         listed = ", ".join(f"{place:g}" for place in sorted(places))
         limit = f"locations that contradict each other: {listed} mm"
