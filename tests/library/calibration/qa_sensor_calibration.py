@@ -251,6 +251,7 @@ def test_settings_that_cannot_be_are_refused(own_table):
         ("onset_force_n", -1.0),
         ("onset_force_n", 9.0),
         ("onset_force_n", 1e300),
+        ("ruler_std_mm", 81.0),
         ("location_steps", "sideways"),
     ):
         with pytest.raises(InputError, match=setting):
