@@ -137,7 +137,7 @@ def main(argv=None):
     except (click.Abort, KeyboardInterrupt, Interrupted) as error:
         return _end_of_interruption(error)
     except _OutputClosed:
-        _silence_stdout()
+        _silence(sys.stdout)
         return OUTPUT_CLOSED
     except SystemExit as error:  # how click ends on any other broken pipe, and after completions
         if error.__context__ is None:
@@ -146,11 +146,10 @@ def main(argv=None):
     except OSError as error:
         closed = error.errno == errno.EIO and error.filename in (None, "standard output")
         if closed and isinstance(error.__context__, KeyboardInterrupt):  # the terminal
-            _silence_stdout()
             return _end_of_interruption(error)
         if state["debug"]:
             traceback.print_exc()
-        _silence_stdout()  # a full standard output would fail again when Python flushes it
+        _silence(sys.stdout)  # a full standard output would fail again when Python flushes it
         status = BAD_INPUT if error.errno in _PATH_ERRORS else FAILED
         named = f"{error.filename}: " if error.filename is not None else ""
         return _fail(status, f"{named}{error.strerror or error}")
@@ -231,7 +230,13 @@ def _end_of_interruption(error):
     terminated = any(isinstance(cause, Terminated) for cause in causes)
     word, status = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     partial = f"; {error}" if isinstance(error, Interrupted) else ""
-    return _fail(status, word + partial)
+    _fail(status, word + partial)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # the terminal is closed
+            _silence(stream)
+    return status
 
 
 def _with_command(error):
@@ -248,13 +253,13 @@ def _fail(status, message):
     return status
 
 
-def _silence_stdout():
-    """Discard the interpreter's last flush: standard output is full, or its reader is gone."""
+def _silence(stream):
+    """Discard the interpreter's last flush: a stream is full, or its reader is gone."""
     try:
-        stdout = sys.stdout.fileno()
+        number = stream.fileno()
     except (OSError, ValueError):
         return  # not a file
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stdout)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), number)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Examples in docstrings: all of them run, and every public name has one."""
 
+import dataclasses
 import doctest
 import importlib
 import inspect
@@ -73,10 +74,14 @@ def test_public_objects_have_example(name):
 @pytest.mark.parametrize("name", PUBLIC)
 def test_public_objects_document_every_parameter(name):
     """A parameter without unit and shape has to be looked up in the source."""
-    text = inspect.getdoc(documented(name))
+    public = documented(name)
+    text = inspect.getdoc(public)
+    parameters = inspect.signature(public).parameters
+    if dataclasses.is_dataclass(public):  # also a mapping, which takes its keys by name
+        parameters = [field.name for field in dataclasses.fields(public) if field.init]
     missing = [
         parameter
-        for parameter in inspect.signature(documented(name)).parameters
+        for parameter in parameters
         if not re.search(rf"^(\w+, )*{parameter}(, \w+)*( :|$)", text, re.M)
     ]
     assert missing == []
