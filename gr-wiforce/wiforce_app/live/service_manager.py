@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A live run as a service: what systemd is told of it, and the log when it is stuck."""
+"""A live run as a service: what it reports to systemd, and the log when it is stuck."""
 
 import os
 import socket

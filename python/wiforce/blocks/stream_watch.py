@@ -334,9 +334,9 @@ class StreamWatch:
                 self.say(self._cause(sensor, readings, final), sensor)
         for each in plan.sensors:
             doubt = (problem if self._clear else final)(each.name)
-            # One that is solved is told still.
-            if doubt and (told := describe_doubt(each.name, doubt)) not in self._said:
-                self.say(told, each.name)
+            # One that was solved meanwhile is reported as well.
+            if doubt and (report := describe_doubt(each.name, doubt)) not in self._said:
+                self.say(report, each.name)
         if not self._clear:
             for wrong in wrong_clocks(self.survey(), self._plan).values():
                 self.say(wrong)

@@ -77,10 +77,10 @@ def test_service_reports_readiness_state_and_life(systemd, capsys):
 def test_service_waiting_for_an_absent_device_is_ready(systemd):
     """Otherwise systemd gives up a service whose device is switched on an hour later."""
     keeper = SimpleNamespace(state=OPENING, waits=True)
-    for environment, told in ((systemd.environment, True), ({}, False)):
+    for environment, reported in ((systemd.environment, True), ({}, False)):
         service = ServiceManager(session_in_words(), keeper, environment)
         service.look()
-        assert ("READY=1" in systemd.messages()) is told
+        assert ("READY=1" in systemd.messages()) is reported
         service.close()
 
 

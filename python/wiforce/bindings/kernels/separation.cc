@@ -364,9 +364,8 @@ not all are finite.)");
             "(G, K), sum of the squared residual over the tones.");
     m.def("phase_information",
           &informed,
-          "What a fit tells of the phases of the clocks. inverse_noise: (K,). Gives "
-          "gradient "
-          "(G, S),\nexpected (G, S, S), excess (G, S).");
+          "Information of a fit on the phases of the clocks. inverse_noise: (K,). Gives "
+          "gradient (G, S),\nexpected (G, S, S), excess (G, S).");
     m.def(
         "phase_errors",
         &errors_of,
