@@ -274,15 +274,18 @@ def _restricted(
 ) -> tuple[Array, Array, Array]:
     """Squares (H,) that the trend leaves, trace of their matrix, log determinant."""
     inverse = np.linalg.inv(_kernel(at, length))
-    trend = np.stack([np.ones_like(change), change], axis=1)  # (H, 2, J)
-    weighted, across = trend @ inverse, np.swapaxes(trend, 1, 2)
-    normal, projected = weighted @ across, weighted @ components
-    explained = np.sum(projected * np.linalg.solve(normal, projected), axis=(1, 2))
-    hat = np.linalg.solve(normal, weighted @ np.swapaxes(weighted, 1, 2))
+    ones = inverse.sum(axis=0)
+    # What of the change a constant does not explain: the trend's normal matrix is diagonal then.
+    rest = change - (change @ ones / ones.sum())[:, None]
+    weighted = rest @ inverse
+    normal = np.sum(rest * weighted, axis=1)
+    explained = np.sum((ones @ components) ** 2) / ones.sum()
+    explained = explained + np.sum((weighted @ components) ** 2, axis=1) / normal
+    hat = ones @ ones / ones.sum() + np.sum(weighted**2, axis=1) / normal
     squares = np.sum(components * (inverse @ components)) - explained
-    trace = np.trace(inverse) - np.trace(hat, axis1=1, axis2=2)
-    size, plain, kernel = (np.linalg.slogdet(each)[1] for each in (normal, trend @ across, inverse))
-    return np.maximum(squares, 0.0), trace, size - plain - kernel
+    plain = np.log(at.size * np.sum((change - change.mean(axis=1, keepdims=True)) ** 2, axis=1))
+    determinant = np.log(ones.sum() * normal) - plain - np.linalg.slogdet(inverse)[1]
+    return np.maximum(squares, 0.0), np.trace(inverse) - hat, determinant
 
 
 def _summaries(
