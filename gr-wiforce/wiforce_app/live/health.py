@@ -4,7 +4,6 @@
 import secrets
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -13,6 +12,7 @@ from gnuradio.wiforce.io.readings import Reading, written_utc
 from gnuradio.wiforce.press.sensor_state import PATIENCE_S, RETUNED, describe_silence
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
+from .requests import WarningPace
 from .session import LiveSession
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
@@ -75,7 +75,8 @@ class RunHealth:
         self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}
         # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self._compared: tuple[float, float] | None = None
-        self._events = deque()
+        self._events: dict[str, str] = {}  # silence or return, the latest of each sensor
+        self._pace = WarningPace(now)
         self.silences: dict[str, str] = {}  # what was said last of tags that were not received
         self._suspected = set()
         self._samples, self._samples_s = 0, now()
@@ -90,7 +91,7 @@ class RunHealth:
         passed_s, tag.noted_s = reading.time_s - tag.noted_s, reading.time_s
         if reading.touch is not None:
             if tag.silent:
-                self._events.append(self._returns(reading, tag))
+                self._events[reading.sensor] = self._returns(reading, tag)
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
             tag.lost_s = 0.0
             return
@@ -104,7 +105,7 @@ class RunHealth:
         if not tag.silent and reading.time_s - since_s - tag.lost_s > PATIENCE_S:
             tag.silent = True
             self.silences[reading.sensor] = describe_silence(reading.sensor, since_s)
-            self._events.append(self.silences[reading.sensor])
+            self._events[reading.sensor] = self.silences[reading.sensor]
 
     def _returns(self, reading, tag):
         name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)
@@ -122,8 +123,9 @@ class RunHealth:
 
     def look(self) -> None:
         """Log what has happened, and give up a tare that cannot be completed."""
-        while self._events:
-            self._log(self._events.popleft())
+        for name in list(self._events):
+            if self._pace.allows(name):
+                self._log(self._events.pop(name))
         for name, found in self._stream.suspicions().items():
             for kind, text in found:
                 if (name, kind) not in self._suspected:
