@@ -147,14 +147,29 @@ def test_command_failure_gives_one_line_and_its_status(raising, capsys, error, s
 
 
 @pytest.mark.parametrize(
-    "number, status, line", [(errno.EIO, 130, "interrupted"), (errno.ENOSPC, 1, "out of order")]
+    "number, closed, status, line",
+    [
+        (errno.EIO, True, 130, "interrupted"),
+        (errno.EIO, False, 1, "out of order"),
+        (errno.ENOSPC, True, 1, "out of order"),
+    ],
 )
-def test_command_failure_after_ctrl_c_is_named(raising, capsys, number, status, line):
-    """Only a terminal that is closed is no failure of its own."""
+def test_command_failure_after_ctrl_c_is_named(raising, capsys, number, closed, status, line):
+    """Only a terminal that is closed is no failure of its own; a disk may fail alike."""
     error = OSError(number, "out of order")
     error.__context__ = KeyboardInterrupt()
     raising(error)
-    assert app.main(["fail"]) == status
+    terminal, end = pty.openpty()
+    kept = os.dup(2)
+    try:
+        if closed:
+            os.dup2(end, 2)
+        os.close(end)
+        os.close(terminal)
+        assert app.main(["fail"]) == status
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
     assert capsys.readouterr().err == f"gr-wiforce: {line}\n"
 
 
