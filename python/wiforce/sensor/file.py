@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import InputError, name_rule
 from ..io.text.schema import DRAFT_7, json_schema, plain, read
-from ..io.text.textfile import MAX_BYTES, parse_yaml, read_bytes, write_yaml
+from ..io.text.textfile import parse_yaml, write_yaml, yaml_bytes
 from ..io.text.values import Choice, KeyPath, Scope
 from .curves import CurveModel
 from .model import LineModel, SensorModel, check_onset
@@ -90,7 +90,7 @@ def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None
         path = _shipped_folder() / f"{text}.yaml"
     else:
         raise InputError("sensor", name_rule("sensor", shipped_sensors(), text), text)
-    return _model_in(path, read_bytes(path, MAX_BYTES))
+    return _model_in(path, yaml_bytes(path))
 
 
 # The models of a file share one object, and with it the table of its inversion.

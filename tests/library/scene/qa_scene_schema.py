@@ -2,6 +2,7 @@
 """Scene files: what they may contain, and the one-line error for anything else."""
 
 import copy
+import os
 import subprocess
 import sys
 
@@ -358,6 +359,22 @@ def test_file_missing_binary_or_huge_is_rejected(tmp_path):
     huge = tmp_path / "huge.yaml"
     huge.write_bytes(b"#" * 2_000_001)
     assert "must not be larger than 2 MB" in rejection(huge)
+
+
+def test_pipe_is_rejected_instead_of_waited_for(tmp_path):
+    """`plan` of a pipe without a writer never ended."""
+    pipe, expected = tmp_path / "pipe.yaml", "pipe.yaml: must be a file, not a pipe or a device"
+    os.mkfifo(pipe)
+    assert expected in rejection(pipe)
+    law = {"strips": [{"sensor": name, "y_mm": y} for name, y in (("a", 0), ("b", 10))]}
+    sensors = [
+        {"name": name, "model": model, "clock_hz": hz}
+        for name, model, hz in (("a", "line-900mhz", 1000), ("b", str(pipe), 1400))
+    ]
+    assert expected in rejection({"sensors": sensors})
+    sensors[1]["model"] = "line-900mhz"
+    surface = law | {"spreading_file": str(pipe)}
+    assert expected in rejection({"sensors": sensors, "surface": surface})
 
 
 def test_decimal_comma_between_braces_is_explained(tmp_path):

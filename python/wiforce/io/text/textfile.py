@@ -194,8 +194,16 @@ def _check_structure(data: bytes) -> None:
 
 
 def read_yaml(path: str | Path) -> dict[Any, Any]:
-    """Read the mapping of a YAML file of at most 2 MB (:func:`parse_yaml`)."""
-    return parse_yaml(path, read_bytes(path, MAX_BYTES))
+    """Read the mapping of a YAML file (:func:`parse_yaml`)."""
+    return parse_yaml(path, yaml_bytes(path))
+
+
+def yaml_bytes(path: str | Path) -> bytes:
+    """Read a YAML file of at most 2 MB; refuses a pipe, whose writer may never come."""
+    # Unlike a Path's, this answers for names that no file can have.
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise InputError(path, "must be a file, not a pipe or a device")
+    return read_bytes(path, MAX_BYTES)
 
 
 def parse_yaml(path: str | Path, data: bytes) -> dict[Any, Any]:
