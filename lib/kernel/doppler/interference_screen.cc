@@ -72,11 +72,9 @@ constexpr float BEYOND_HIGH = 1.04f;
 // fades over the band, and below .1 for a strong transmitter on 8 of 64.
 constexpr float TYPICAL_MEDIAN = 2.5f;
 constexpr float NARROW_MEDIAN = 0.2f;
-// Snapshots without interference whose mean is the typical power of the subcarriers.
-constexpr std::size_t LEAST_QUIET = 8;
 // Snapshots without interference that are compared with their neighbours: the quantile
-// below is known to 13 % from each group's, and the limit is 2.5 times as high.
-constexpr std::size_t MOST_QUIET = 16;
+// below is known to 18 % from each group's, and the limit is 2.5 times as high.
+constexpr std::size_t QUIET = 8;
 // That mean where there are none, as a multiple of the typical median; 1.5 to 2.3 with a
 // tag.
 constexpr float MEAN_OF_TYPICAL = 2.0f;
@@ -421,7 +419,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
             level += of->mean;
             quiet++;
         }
-    level = quiet < LEAST_QUIET ? MEAN_OF_TYPICAL * typical : level / quiet;
+    level = quiet > 0 ? level / quiet : MEAN_OF_TYPICAL * typical;
     const float share = static_cast<float>(d_slots.size()) / d_length;
     float kept = 0; // information, each subcarrier weighted by its own noise
     for (const float sum : d_values) {
@@ -444,7 +442,7 @@ void narrow_band_screen::learn_quiet(const phase_group& group,
             d_slots.push_back(n);
     d_quiet.clear();
     d_values.clear();
-    const std::size_t count = std::min(d_slots.size(), MOST_QUIET);
+    const std::size_t count = std::min(d_slots.size(), QUIET);
     for (std::size_t i = 0; i < count; i++) {
         const int n = d_slots[i * d_slots.size() / count];
         if (const change* const of = measured_change(group, n)) {
@@ -452,7 +450,7 @@ void narrow_band_screen::learn_quiet(const phase_group& group,
             d_values.push_back(of->median);
         }
     }
-    if (d_values.size() >= LEAST_QUIET)
+    if (d_values.size() >= QUIET)
         d_typical_median.add(quantile(d_values, BAND_QUANTILE));
 }
 
