@@ -35,9 +35,6 @@ constexpr float COARSE_RATIO = 0.08f;
 // where fewer than some ten samples change. Otherwise the largest difference is raised by
 // filters that ring at the edges of the preamble below a strong static path.
 constexpr float COARSE_SPREAD = 0.1f;
-// Ratio of their levels above which the repetitions differ by a carrier offset between
-// separate clocks, equally in all differences, and an edge does not raise the smallest.
-constexpr float OFFSET_RATIO = 0.2f;
 // Ratio of the levels of noise, by which the smallest difference says what the largest
 // would be without edges.
 constexpr float NOISE_RATIO = 0.11f;
@@ -138,7 +135,7 @@ float smallest_limit(const noise_statistics& smallest, const noise_statistics& l
     const bool few = !(smallest.level > 0) || smallest.spread > COARSE_SPREAD;
     if (ratio < COARSE_RATIO && few)
         return limit_of(largest, LARGEST_LIMIT);
-    return limit_of(smallest, ratio > OFFSET_RATIO ? LARGEST_LIMIT : SMALLEST_LIMIT);
+    return limit_of(smallest, SMALLEST_LIMIT);
 }
 
 // Largest difference that noise has at most, by the smallest one of most snapshots. Where
