@@ -22,6 +22,7 @@ SUBCARRIERS, GROUPS, NOISE = 20, 14, 0.01
 RATES = 2 * np.pi * np.array(CLOCKS_HZ)
 PHASES, PPM, PULSES = (0.4, 2.0), (3.0, -5.0), [(0.1, 0.25, 0.24), (0.0, 0.25, 0.25)]
 PLACES, TAGS = (0, 2), 3  # of the locked tags, among all
+NARROW = 7  # the subcarrier of another transmitter in a group
 
 
 class Run:
@@ -51,6 +52,10 @@ class Run:
             if group == 10:
                 received *= 1.5
                 received += normal(rng, SNAPSHOTS, 1) * ends[0, 0]
+            if group == 11:
+                received[:, NARROW] += np.sqrt(20 * NOISE) * normal(rng, SNAPSHOTS)
+            if group == 12:
+                received += np.sqrt(NOISE) * normal(rng, SNAPSHOTS, SUBCARRIERS)
             weights = partial.weights if group == 5 else self.table.weights
             self.tones.append(weights @ (received[mask] if group == 5 else received))
         self.tones = np.array(self.tones)
@@ -75,21 +80,13 @@ class Run:
             energy, _, curvature = likelihood.kernel.at(
                 center, own, np.full(SUBCARRIERS, 1 / NOISE)
             )[0]
-            found.append(
-                clock_tracker(
-                    0.0,
-                    phase,
-                    RATES[tag] * 1e-6 * PPM[tag],
-                    (1e-5, 0.0, 1e-4),
-                    RATES[tag],
-                    SUBCARRIERS,
-                    SUBCARRIERS * likelihood.noise_variance,
-                    NOISE * energy,
-                    NOISE * curvature,
-                    12,
-                    0.0,
-                )
-            )
+            clock = clock_tracker()
+            clock.phase, clock.rate = phase, RATES[tag] * 1e-6 * PPM[tag]
+            clock.variances, clock.nominal_rate = (1e-5, 0.0, 1e-4), RATES[tag]
+            clock.subcarriers = SUBCARRIERS
+            clock.slope_variance = SUBCARRIERS * likelihood.noise_variance
+            clock.energy, clock.curvature, clock.groups = NOISE * energy, NOISE * curvature, 12
+            found.append(clock)
         return found
 
     @staticmethod
@@ -104,9 +101,9 @@ def run():
     return Run()
 
 
-def by_kernel(run, jointly, update, sizes, spread=None, wander=None):
+def by_kernel(run, jointly, update, sizes, spread=None, wander=None, least_error=0.01):
     """What the kernel gives of the groups, in batches of some sizes."""
-    kernel = end_separation(TAGS, SNAPSHOTS, TA, jointly, 0.2, 0.01, 0.5, 20.0)
+    kernel = end_separation(TAGS, SNAPSHOTS, TA, jointly, 0.2, least_error, 0.5, 20.0)
     noise, trackers, parts, first = run.noise(), run.trackers(), [], 0
     for size in sizes:
         rows = slice(first, first + size)
@@ -151,6 +148,47 @@ def test_kernel_separates_alike_in_batches_of_any_size(run, jointly, update):
         assert found["locked"][:, 2].tolist() == [group != 8 for group in range(GROUPS)]
         offset_ppm = (np.array(PPM) - 1000) / 1.001  # of clocks that are 1000 ppm off nominal
         np.testing.assert_allclose(found["clock_offset_ppm"][-1, [0, 2]], offset_ppm, atol=1.5)
+
+
+def test_kernel_states_noise_and_snr_of_each_group(run):
+    """Standard deviations and weights of all later stages follow from these."""
+    found = by_kernel(run, False, True, [GROUPS], least_error=0.0)
+    noise, rise, gain, ends = (found[name] for name in ("noise", "noise_rise", "gain", "ends"))
+    # A group that lacks snapshots is no measure of the noise.
+    np.testing.assert_array_equal(noise[5], noise[4])
+    assert rise[11, NARROW] == pytest.approx(21, rel=0.3) and (rise[11] > 1).sum() == 1
+    np.testing.assert_allclose(noise[11, NARROW], noise[10, NARROW] * rise[11, NARROW])
+    np.testing.assert_allclose(found["raised"], 1 - np.mean(1 / rise, axis=1))
+    # Twice the noise counts, its random errors do not.
+    np.testing.assert_allclose(gain[12, [0, 1]], 2 * gain[9, [0, 1]], rtol=0.15)
+    np.testing.assert_allclose(gain[1:4, [0, 1]], np.tile(gain[9, [0, 1]], (3, 1)), rtol=5e-3)
+    own, level = np.mean(np.abs(ends[9, :2]) ** 2, axis=1), noise[9].mean()
+    snr = 0.2 * (own - gain[9, :2] * level) / level
+    np.testing.assert_allclose(found["snr_db"][9, :2], 10 * np.log10(snr), atol=1e-6)
+    np.testing.assert_array_equal(found["clock2_delay"][9], [0.1, 0, 0])
+    # Half of the variance of an end lies along its phase.
+    energy = np.sum(np.abs(ends[9, :2]) ** 2 / noise[9], axis=1)
+    more = by_kernel(run, False, True, [GROUPS], least_error=0.01)["gain"][9, :2] - gain[9, :2]
+    np.testing.assert_allclose(more / energy / 2, 0.01**2, rtol=0.02)
+
+
+def test_kernel_expects_less_of_a_group_that_lacks_snapshots(run):
+    """Its noise is higher: compared with that of whole groups it looks like the tag."""
+    kernel = end_separation(1, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
+    likelihood, tracker, lacking = run.likelihoods[0], run.trackers()[0], slice(5, 6)
+    delay, *duty = PULSES[0]
+    tag = locked_tag(
+        0, tracker, likelihood.kernel, likelihood.rows, RATES[0], RATES[0], delay, duty, False
+    )
+    center_s, tones, before = run.center_s[lacking], run.tones[lacking], tracker.energy
+    energy = likelihood.kernel.at(
+        np.array([tracker.predict(center_s[0])]),
+        tones[:, likelihood.rows],
+        np.full(SUBCARRIERS, 1 / NOISE),
+    )[0, 0]
+    kernel.process([tag], run.weights[lacking], center_s, [False], tones, run.noise(), True)
+    step = (NOISE * energy * 9 / 10 - before) / tracker.groups
+    assert tracker.groups == 13 and tracker.energy == pytest.approx(before + step)
 
 
 def test_kernel_passes_on_what_is_corrected(run):

@@ -79,35 +79,10 @@ std::array<double, 3> clock_likelihood::at(double phase,
     return found;
 }
 
-clock_tracker::clock_tracker(double time_s,
-                             double phase,
-                             double rate,
-                             const std::array<double, 3>& variances,
-                             double nominal_rate,
-                             double subcarriers,
-                             double slope_variance,
-                             double energy,
-                             double curvature,
-                             std::size_t groups,
-                             double seen_s)
-    : time_s(time_s),
-      phase(phase),
-      rate(rate),
-      variances(variances),
-      seen_s(seen_s),
-      d_nominal(nominal_rate),
-      d_subcarriers(subcarriers),
-      d_slope_variance(slope_variance),
-      d_drift_power(std::pow(drift_per_s * nominal_rate, 2) * drift_memory_s),
-      d_energy(energy),
-      d_curvature(curvature),
-      d_groups(std::min(groups, curvature_memory))
-{
-}
-
 void clock_tracker::advance(double at_s)
 {
-    const double dt = at_s - time_s, q = d_drift_power;
+    const double dt = at_s - time_s,
+                 q = std::pow(drift_per_s * nominal_rate, 2) * drift_memory_s;
     phase = std::fmod(predict(at_s), turn);
     if (phase < 0)
         phase += turn;
@@ -119,11 +94,11 @@ void clock_tracker::advance(double at_s)
 }
 
 // Whether the energy above that of noise, 2 per subcarrier, is about as expected.
-bool clock_tracker::is_present(double energy, double expected) const
+bool clock_tracker::is_present(double measured, double expected) const
 {
-    const double excess = energy - 2 * d_subcarriers;
-    expected -= 2 * d_subcarriers;
-    const double spread = 3 * std::sqrt(2 * d_subcarriers + 2 * std::max(expected, 0.0));
+    const double excess = measured - 2 * subcarriers;
+    expected -= 2 * subcarriers;
+    const double spread = 3 * std::sqrt(2 * subcarriers + 2 * std::max(expected, 0.0));
     return excess > std::min(presence * expected, expected - spread);
 }
 
@@ -133,17 +108,16 @@ bool clock_tracker::update(double at_s,
                            const measurement* measured)
 {
     advance(at_s);
-    const auto [energy, slope, curvature] = likelihood;
-    if (!is_present(energy, d_energy / noise_level))
+    if (!is_present(likelihood[0], energy / noise_level))
         return false;
-    d_groups = std::min(d_groups + 1, curvature_memory);
-    d_energy += (noise_level * energy - d_energy) / d_groups;
-    d_curvature += (noise_level * curvature - d_curvature) / d_groups;
-    const double kappa = std::max(-d_curvature / noise_level, 1e-9);
-    const auto found =
-        measured
-            ? *measured
-            : measurement{ slope / kappa, (kappa + d_slope_variance) / (kappa * kappa) };
+    groups = std::min(groups + 1, curvature_memory);
+    energy += (noise_level * likelihood[0] - energy) / groups;
+    curvature += (noise_level * likelihood[2] - curvature) / groups;
+    const double kappa = std::max(-curvature / noise_level, 1e-9);
+    const auto found = measured
+                           ? *measured
+                           : measurement{ likelihood[1] / kappa,
+                                          (kappa + slope_variance) / (kappa * kappa) };
     const auto [p00, p01, p11] = variances;
     const double spread = p00 + found.variance;
     const double error = std::clamp(found.error, -largest_step, largest_step);

@@ -40,29 +40,19 @@ public:
         double error, variance;
     };
 
-    // As an acquisition gives it. `slope_variance`: of J' by unit noise, of all
-    // subcarriers. `energy`, `curvature`: J and J'' of a mean group, times the noise
-    // level, and the number of `groups` that it is a mean of.
-    clock_tracker(double time_s,
-                  double phase,
-                  double rate,
-                  const std::array<double, 3>& variances,
-                  double nominal_rate,
-                  double subcarriers,
-                  double slope_variance,
-                  double energy,
-                  double curvature,
-                  std::size_t groups,
-                  double seen_s);
-
-    double time_s, phase, rate;      // at this time; rad, rad/s above nominal
-    std::array<double, 3> variances; // of the phase, the covariance, of the rate
-    double seen_s;                   // centre of the last group that held the tag
+    // As an acquisition gives it.
+    double time_s = 0, phase = 0, rate = 0; // at this time; rad, rad/s above nominal
+    std::array<double, 3> variances{};      // of the phase, the covariance, of the rate
+    double nominal_rate = 0, subcarriers = 0;
+    double slope_variance = 0;        // of J' by unit noise, of all subcarriers
+    double energy = 0, curvature = 0; // J and J'' of a mean group, times the noise level,
+    std::size_t groups = 0;           // and the number of groups that it is a mean of
+    double seen_s = 0;                // centre of the last group that held the tag
 
     // The phase expected at a time, in rad.
     double predict(double at_s) const
     {
-        return phase + (d_nominal + rate) * (at_s - time_s);
+        return phase + (nominal_rate + rate) * (at_s - time_s);
     }
 
     // Advances to a time and corrects by the group's likelihood; false when it lacks the
@@ -83,11 +73,7 @@ public:
 
 private:
     void advance(double at_s);
-    bool is_present(double energy, double expected) const;
-
-    double d_nominal, d_subcarriers, d_slope_variance, d_drift_power;
-    double d_energy, d_curvature;
-    std::size_t d_groups;
+    bool is_present(double measured, double expected) const;
 };
 
 } // namespace gr::wiforce::kernel

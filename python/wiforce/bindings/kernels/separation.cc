@@ -412,17 +412,7 @@ and both duty cycles.)")
             "(M, M), makes tones of whitened parts.");
     py::class_<clock_tracker>(
         m, "clock_tracker", "A tag's free-running clock from group to group.")
-        .def(py::init<double,
-                      double,
-                      double,
-                      const std::array<double, 3>&,
-                      double,
-                      double,
-                      double,
-                      double,
-                      double,
-                      std::size_t,
-                      double>())
+        .def(py::init<>())
         .def(py::init<const clock_tracker&>())
         .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
         .def_readwrite("phase", &clock_tracker::phase, "In rad.")
@@ -430,6 +420,18 @@ and both duty cycles.)")
         .def_readwrite("variances",
                        &clock_tracker::variances,
                        "Of the phase, the covariance, and of the rate.")
+        .def_readwrite("nominal_rate", &clock_tracker::nominal_rate, "In rad/s.")
+        .def_readwrite("subcarriers", &clock_tracker::subcarriers)
+        .def_readwrite("slope_variance",
+                       &clock_tracker::slope_variance,
+                       "Of J' by unit noise, of all subcarriers.")
+        .def_readwrite(
+            "energy", &clock_tracker::energy, "J of a mean group, times the noise level.")
+        .def_readwrite("curvature", &clock_tracker::curvature, "J'', likewise.")
+        .def_readwrite("groups", &clock_tracker::groups, "That it is a mean of.")
+        .def_readwrite("seen_s",
+                       &clock_tracker::seen_s,
+                       "Centre of the last group that held the tag.")
         .def("predict", &clock_tracker::predict, "The phase expected at a time, in rad.")
         .def(
             "update",

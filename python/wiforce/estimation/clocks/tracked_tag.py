@@ -51,22 +51,16 @@ class ClockTracker(clock_tracker):
         precision = max(float(np.sum(elapsed**2)), 1e-12)
         phases = fit.phase + (nominal_rate + fit.rate) * elapsed
         energy, _, curvature = evaluate(turned_by(fit.coefficients, phases))
-        super().__init__(
-            fit.time_s,
-            fit.phase,
-            fit.rate,
-            (fit.variance / len(elapsed), 0.0, fit.variance / precision),
-            nominal_rate,
-            subcarriers,
-            subcarriers * fit.likelihood.noise_variance,
-            # J and J'' of a mean group, independent of the noise level, which may change.
-            noise_level * float(energy.mean()),
-            noise_level * float(curvature.mean()),
-            len(elapsed),
-            times_s[-1],
-        )
+        super().__init__()
+        self.time_s, self.phase, self.rate = fit.time_s, fit.phase, fit.rate
+        self.variances = (fit.variance / len(elapsed), 0.0, fit.variance / precision)
+        self.nominal_rate, self.subcarriers = nominal_rate, subcarriers
+        self.slope_variance = subcarriers * fit.likelihood.noise_variance
+        # J and J'' of a mean group, independent of the noise level, which may change.
+        self.energy = noise_level * float(energy.mean())
+        self.curvature = noise_level * float(curvature.mean())
+        self.groups, self.seen_s = len(elapsed), float(times_s[-1])
         self.likelihood = fit.likelihood
-        self.nominal_rate = nominal_rate
         # Times of the latest groups and J of them by the complete model.
         self.latest: list[tuple[float, Array]] = []
 
