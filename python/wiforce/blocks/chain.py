@@ -311,7 +311,7 @@ class subcarrier_average(GroupBlock):
         return groups.ratios
 
 
-class force_inversion(ReadingPort, GroupBlock):
+class force_inversion(ReadingPort):
     """Readings from the ratios R of each group.
 
     Input: vectors 2S from ``subcarrier_average``, tagged ``state``.
@@ -350,7 +350,7 @@ class force_inversion(ReadingPort, GroupBlock):
     ) -> None:
         self.stage = make_readout(plan, tracked)
         self._doubted: set[str] = set()  # sensors of which it was said
-        GroupBlock.__init__(self, "force_inversion", 2 * len(plan.clocks), 0)
+        ReadingPort.__init__(self, "force_inversion", 2 * len(plan.clocks), 0)
         self.open_port(on_reading)
 
     @property

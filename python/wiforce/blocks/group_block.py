@@ -263,13 +263,8 @@ def misplaced_in(tags: dict[str, Any]) -> list[tuple[int, int]]:
     return [(int(first), int(end)) for first, end in ranges.reshape(-1, 2)]
 
 
-class ReadingPort:
-    """Mix-in of a block that ends the chain: ``finish`` publishes the groups held back."""
-
-    failure: Exception | None
-    message_port_register_out: Callable[[Any], None]
-    message_port_pub: Callable[[Any, Any], None]
-    message_subscribers: Callable[[Any], Any]
+class ReadingPort(GroupBlock):
+    """A block that ends the chain: ``finish`` publishes the groups held back."""
 
     def open_port(self, on_reading: Callable[[Reading], None] | None) -> None:
         """Register the message port; ``on_reading`` takes every Reading in the block's thread."""
@@ -295,11 +290,11 @@ class ReadingPort:
 
     def start(self) -> bool:
         self.ended.clear()
-        return bool(super().start())  # type: ignore[misc]
+        return super().start()
 
     def stop(self) -> bool:
         self.end()
-        return bool(super().stop())  # type: ignore[misc]
+        return super().stop()
 
     def end(self) -> None:
         """Read the groups held back; called by hand where the flowgraph cannot be stopped."""

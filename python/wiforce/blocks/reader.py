@@ -17,7 +17,7 @@ from ..io.capture.samples import ITEM_TYPES
 from ..io.readings import GroupCounts, Reading
 from ..planning.findings import Finding
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..press.tares import StreamTares, TareState
+from ..press.tares import TareState
 from ..receiver.stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from . import names
@@ -28,88 +28,7 @@ from .stream_watch import Folded, StreamWatch
 _REQUEST, _CANCEL = "request", "cancel"
 
 
-class TarePort:
-    """Mix-in of a block with ports ``tare`` (in), also from threads, and ``tare_state`` (out)."""
-
-    _post: Callable[[Any, Any], None]
-    fail: Callable[[Exception], None]
-    message_port_register_in: Callable[[Any], None]
-    message_port_register_out: Callable[[Any], None]
-    message_port_pub: Callable[[Any, Any], None]
-    set_msg_handler: Callable[[Any, Any], None]
-    to_basic_block: Callable[[], Any]
-
-    def open_tare_port(self, requests: StreamTares) -> None:
-        """Register the ports."""
-        self._tares = requests
-        self._numbers = itertools.count()
-        self._asked: dict[int, Callable[[TareState], None]] = {}
-        self._waiting: list[Callable[[TareState], None]] = []
-        requests.on_state = self._on_tare_state
-        self.message_port_register_in(pmt.intern(names.TARE))
-        self.message_port_register_out(pmt.intern(names.TARE_STATE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
-
-    def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
-        """Request a tare, from any thread; ``done`` is called, in the block's, with its end."""
-        number = next(self._numbers)
-        if done is not None:
-            self._asked[number] = done
-        self._send({names.FORCE: force, _REQUEST: number})
-
-    def cancel_tare(self, reason: str) -> None:
-        """Give up a tare that is being measured, from any thread."""
-        self._send({_CANCEL: reason})
-
-    def end_tare(self, reason: str) -> None:
-        """Give up what is being measured or waits, at the end of the stream."""
-        ended = self._tares.cancel(reason)
-        if ended.state != "failed":
-            ended = TareState("failed", reason)
-        for done in [*self._asked.values(), *self._waiting]:
-            done(ended)
-        self._asked.clear()
-        self._waiting.clear()
-
-    def _send(self, message: dict[str, Any]) -> None:
-        self.to_basic_block()._post(pmt.intern(names.TARE), pmt.to_pmt(message))
-
-    def _on_tare(self, message: Any) -> None:
-        try:
-            self._take(_request_in(message))
-        except Exception as error:
-            self.fail(error)
-
-    def _take(self, request: dict[str, Any]) -> None:
-        if _CANCEL in request:
-            self._tares.cancel(str(request[_CANCEL]))
-            return
-        number = request.get(_REQUEST)
-        done = self._asked.pop(number, None) if isinstance(number, int) else None
-        # Only true forces: what else somebody sends may be a mistake.
-        state = self._tares.request(request.get(names.FORCE) is True)
-        if done is None:
-            return
-        if state.state == "measuring":
-            self._waiting.append(done)
-        else:
-            done(state)
-
-    def _on_tare_state(self, state: TareState) -> None:
-        self.message_port_pub(pmt.intern(names.TARE_STATE), pmt.to_pmt(state.row()))
-        if state.state in ("complete", "failed"):
-            waiting, self._waiting = self._waiting, []
-            for done in waiting:
-                done(state)
-
-
-def _request_in(message: Any) -> dict[str, Any]:
-    """Keys of a message; empty for anything else than a dict, which requests a tare as well."""
-    values = pmt.to_python(message) if pmt.is_dict(message) else None
-    return values if isinstance(values, dict) else {}
-
-
-class group_reader(ReadingPort, TarePort, SnapshotSink):
+class group_reader(ReadingPort, SnapshotSink):
     """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
     Input: vectors N x symbol length, collected. Message ports: ``tare`` (in), ``readings``,
@@ -133,7 +52,13 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
         self.watch.touched = self.stream.counts.touched_reference
         SnapshotSink.__init__(self, "group_reader", plan.group_length, plan.waveform.symbol_length)
         self.open_port(on_reading)
-        self.open_tare_port(self.stream.tares)
+        self._numbers = itertools.count()
+        self._asked: dict[int, Callable[[TareState], None]] = {}
+        self._waiting: list[Callable[[TareState], None]] = []
+        self.stream.tares.on_state = self._on_tare_state
+        self.message_port_register_in(pmt.intern(names.TARE))
+        self.message_port_register_out(pmt.intern(names.TARE_STATE))
+        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
         self.message_port_register_out(pmt.intern(names.WARNINGS))
 
     def read(self, groups: list[SnapshotGroup]) -> None:
@@ -144,7 +69,7 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
         """Give the readings of the groups that are still held back."""
         self._publish(self.stream.finish())
         self.watch.end(self.stream.lasting_problem, self.stream.final_problem)
-        self.end_tare("the run has ended")
+        self._end_tare("the run has ended")
 
     def start(self) -> bool:
         self.watch.start()
@@ -161,6 +86,64 @@ class group_reader(ReadingPort, TarePort, SnapshotSink):
     def _warn(self, sentence: str) -> None:
         self.on_warning(sentence)
         self.message_port_pub(pmt.intern(names.WARNINGS), pmt.to_pmt({names.TEXT: sentence}))
+
+    def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
+        """Request a tare, from any thread; ``done`` is called, in the block's, with its end."""
+        number = next(self._numbers)
+        if done is not None:
+            self._asked[number] = done
+        self._send({names.FORCE: force, _REQUEST: number})
+
+    def cancel_tare(self, reason: str) -> None:
+        """Give up a tare that is being measured, from any thread."""
+        self._send({_CANCEL: reason})
+
+    def _end_tare(self, reason: str) -> None:
+        """Give up what is being measured or waits, at the end of the stream."""
+        ended = self.stream.tares.cancel(reason)
+        if ended.state != "failed":
+            ended = TareState("failed", reason)
+        for done in [*self._asked.values(), *self._waiting]:
+            done(ended)
+        self._asked.clear()
+        self._waiting.clear()
+
+    def _send(self, message: dict[str, Any]) -> None:
+        self.to_basic_block()._post(pmt.intern(names.TARE), pmt.to_pmt(message))
+
+    def _on_tare(self, message: Any) -> None:
+        try:
+            self._take(_request_in(message))
+        except Exception as error:
+            self.fail(error)
+
+    def _take(self, request: dict[str, Any]) -> None:
+        if _CANCEL in request:
+            self.stream.tares.cancel(str(request[_CANCEL]))
+            return
+        number = request.get(_REQUEST)
+        done = self._asked.pop(number, None) if isinstance(number, int) else None
+        # Only true forces: what else somebody sends may be a mistake.
+        state = self.stream.tares.request(request.get(names.FORCE) is True)
+        if done is None:
+            return
+        if state.state == "measuring":
+            self._waiting.append(done)
+        else:
+            done(state)
+
+    def _on_tare_state(self, state: TareState) -> None:
+        self.message_port_pub(pmt.intern(names.TARE_STATE), pmt.to_pmt(state.row()))
+        if state.state in ("complete", "failed"):
+            waiting, self._waiting = self._waiting, []
+            for done in waiting:
+                done(state)
+
+
+def _request_in(message: Any) -> dict[str, Any]:
+    """Keys of a message; empty for anything else than a dict, which requests a tare as well."""
+    values = pmt.to_python(message) if pmt.is_dict(message) else None
+    return values if isinstance(values, dict) else {}
 
 
 # Groups that the receiver may leave waiting, in seconds of signal.
