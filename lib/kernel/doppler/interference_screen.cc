@@ -42,11 +42,6 @@ constexpr float NOISE_RATIO = 0.11f;
 // interference does (a third to a half with four to eight tags), and standard deviations
 // of their number.
 constexpr double RAISING = 0.5;
-// With more than eight tags the noise is learned from snapshots with edges, so that some
-// of these seem to have none. From this share of the snapshots with an edge on, the
-// factor rises, to three times as much with sixteen tags, where all coincidences count
-// and a third of them is not expected.
-constexpr double MANY_EDGES = 0.70, MOST_EDGES = 0.85, RAISING_MOST = 1.5;
 constexpr double EDGE_MARGIN = 3.0;
 // Differences between snapshots that are compared for the level of the tags, how far
 // apart at most, and the quantile that counts. Tags are in different states in six pairs
@@ -302,10 +297,7 @@ bool interference_screen::mark_whole(const phase_group& group)
 double interference_screen::edges_in_all_differences(const phase_group& group) const
 {
     const double in_one = 1 - std::cbrt(1 - d_edge_share.value());
-    const double many = std::clamp(
-        (d_edge_share.value() - MANY_EDGES) / (MOST_EDGES - MANY_EDGES), 0., 1.);
-    const double raising = RAISING + many * (RAISING_MOST - RAISING);
-    const double expected = raising * std::pow(in_one, 3) * group.present();
+    const double expected = RAISING * std::pow(in_one, 3) * group.present();
     return expected + EDGE_MARGIN * std::sqrt(expected);
 }
 
