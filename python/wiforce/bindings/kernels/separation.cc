@@ -335,9 +335,6 @@ not all are finite.)");
         .def_property_readonly("white",
                                member(&end_fit::mixing, &sizes::tones, &sizes::ends),
                                "(G, M, E), the waveforms.")
-        .def_property_readonly("slopes",
-                               member(&end_fit::slopes, &sizes::tones, &sizes::ends),
-                               "(G, M, E), their derivatives.")
         .def_property_readonly("solver",
                                member(&end_fit::solver, &sizes::ends, &sizes::tones),
                                "(G, E, M), pseudo-inverse of white.")
