@@ -77,11 +77,16 @@ def test_simulate_whose_terminal_is_closed_ends_as_by_sigterm(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     command = ["gr-wiforce", "simulate", str(tmp_path / "scene.yaml"), str(tmp_path / "long")]
     window, terminal = pty.openpty()
+
+    def begin():
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests may run under nohup
+
     with subprocess.Popen(
         command,
         **dict.fromkeys(("stdin", "stdout", "stderr"), terminal),
         start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        preexec_fn=begin,
     ) as process:
         os.close(terminal)
         begun = tmp_path.glob
