@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..text.textfile import refuse_pipe
 
 # Time that a clock is behind at most where stamps are merely out of order, in s: a host stamps
 # packets when a program runs, up to some milliseconds late. Larger ones are steps of the clock.
@@ -225,8 +226,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file that are looked at, and nothing that would be executed."""
     if path.is_dir():
         raise InputError(path, "is a folder; name the .npz file in it")
-    if path.exists() and not path.is_file():
-        raise InputError(path, "must be a file, not a pipe or a device")
+    refuse_pipe(path)
     try:
         with path.open("rb") as file:
             start = file.read(6)

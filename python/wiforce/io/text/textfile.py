@@ -200,10 +200,15 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
 
 def yaml_bytes(path: str | Path) -> bytes:
     """Read a YAML file of at most 2 MB; refuses a pipe, whose writer may never come."""
+    refuse_pipe(path)
+    return read_bytes(path, MAX_BYTES)
+
+
+def refuse_pipe(path: str | Path) -> None:
+    """Refuse what exists but is neither a file nor a folder."""
     # Unlike a Path's, this answers for names that no file can have.
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise InputError(path, "must be a file, not a pipe or a device")
-    return read_bytes(path, MAX_BYTES)
 
 
 def parse_yaml(path: str | Path, data: bytes) -> dict[Any, Any]:
