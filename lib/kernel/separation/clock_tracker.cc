@@ -108,16 +108,17 @@ bool clock_tracker::update(double at_s,
                            const measurement* measured)
 {
     advance(at_s);
-    if (!is_present(likelihood[0], energy / noise_level))
+    const auto [here, slope, bend] = likelihood;
+    if (!is_present(here, energy / noise_level))
         return false;
     groups = std::min(groups + 1, curvature_memory);
-    energy += (noise_level * likelihood[0] - energy) / groups;
-    curvature += (noise_level * likelihood[2] - curvature) / groups;
+    energy += (noise_level * here - energy) / groups;
+    curvature += (noise_level * bend - curvature) / groups;
     const double kappa = std::max(-curvature / noise_level, 1e-9);
-    const auto found = measured
-                           ? *measured
-                           : measurement{ likelihood[1] / kappa,
-                                          (kappa + slope_variance) / (kappa * kappa) };
+    const auto found =
+        measured
+            ? *measured
+            : measurement{ slope / kappa, (kappa + slope_variance) / (kappa * kappa) };
     const auto [p00, p01, p11] = variances;
     const double spread = p00 + found.variance;
     const double error = std::clamp(found.error, -largest_step, largest_step);
