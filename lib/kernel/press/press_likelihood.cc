@@ -478,17 +478,22 @@ both_ends press_filter::seen_ratio() const
              std::polar(std::exp(d_group.amplitude[1]), d_group.phase[1]) };
 }
 
-// Of the direction, rad^2; any where the model does not say.
+// Of the direction, rad^2; any where the untouched line is not known.
 double press_filter::direction_variance(const explanation& of) const
 {
-    return of.line.known && of.is == pressed ? squared(d_set.aside) : 1.0;
+    return of.line.known ? squared(d_set.aside) : 1.0;
 }
 
+// A contact that the model does not contain goes on as it has come.
 pair_of_ends press_filter::press_direction(const explanation& of) const
 {
-    if (!of.line.known || of.is != pressed)
+    if (!of.line.known)
         return alike_both;
-    return d_image->direction(of.change(of.press.motion.phase()));
+    const auto change = of.change(of.press.motion.phase());
+    if (of.is == pressed)
+        return d_image->direction(change);
+    const double x = wrapped(change[0]), y = wrapped(change[1]), far = std::hypot(x, y);
+    return far > 0 ? pair_of_ends{ x / far, y / far } : alike_both;
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const
