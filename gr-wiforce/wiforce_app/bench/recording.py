@@ -11,11 +11,11 @@ from gnuradio.wiforce.signal.waveform import sounding_waveform
 GROUP_LENGTH = 625
 WAVEFORM = sounding_waveform()
 GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
-# Of 32768: frames stand 10 dB above the noise, so that their watch is at rest.
-FRAME_PEAK, NOISE_PEAK = 20_000, 5_000
-# Bursts of another transmitter raise the noise by 5 dB. A group has three, of 5 to 19 frames (0.3
+# Of 32768: frames stand 11 dB above the noise, so that their watch is at rest.
+FRAME_PEAK, NOISE_PEAK = 18_000, 4_000
+# Bursts of another transmitter raise the noise by 8 dB. A group has three, of 5 to 19 frames (0.3
 # to 1.1 ms), as packets of Wi-Fi have.
-BURST_PEAK, _BURSTS, _BURST_FRAMES = 7_000, 3, (5, 20)
+BURST_PEAK, _BURSTS, _BURST_FRAMES = 9_000, 3, (5, 20)
 # Different groups, which a recording repeats.
 _KINDS = 7
 # Harmonic m of a tag at 1 kHz is bin 36 m of a group.
