@@ -16,8 +16,7 @@ import numpy as np
 import yaml
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.evaluate.causes import OWN, paper_figures, with_cause
-from wiforce_app.evaluate.experiment import simulated
-from wiforce_app.evaluate.paper_method import paper_changes, paper_errors
+from wiforce_app.evaluate.experiment import paper_changes, paper_errors, simulated
 
 HERE = Path(__file__).resolve().parent
 SCENES = HERE.parent.parent / "scenes"

@@ -21,8 +21,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, write_truth
 
-from ..evaluate.error_summary import pooled_summary, scored
-from ..evaluate.experiment import with_mean_phases
+from ..evaluate.experiment import pooled_summary, scored, with_mean_phases
 from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from .recording import GROUP_LENGTH, WAVEFORM, with_floats

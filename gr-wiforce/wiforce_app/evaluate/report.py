@@ -10,8 +10,15 @@ from gnuradio.wiforce._config import VERSION
 
 from ..shell import tables
 from ..shell.tables import Column
-from .error_summary import figure_text
 from .experiment import CORRECTED, UNSURVEYED
+
+
+def figure_text(value):
+    """A number as text for a table, or none; what is text already stays."""
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:.3g}"
+
 
 _METHODS = ("ours", UNSURVEYED, "paper", CORRECTED)
 _ERRORS = (

@@ -16,8 +16,7 @@ from wiforce_app.evaluate.causes import (
     published_phase_std,
     with_cause,
 )
-from wiforce_app.evaluate.experiment import simulated
-from wiforce_app.evaluate.paper_method import paper_changes, paper_errors
+from wiforce_app.evaluate.experiment import paper_changes, paper_errors, simulated
 from wiforce_app.evaluate.report import cause_table, table
 from wiforce_app.evaluate.runs import stored
 from wiforce_app.shell.provenance import fingerprint
