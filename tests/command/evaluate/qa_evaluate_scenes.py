@@ -17,8 +17,7 @@ from wiforce_app.evaluate.causes import (
     with_cause,
 )
 from wiforce_app.evaluate.experiment import paper_changes, paper_errors, simulated
-from wiforce_app.evaluate.report import cause_table, table
-from wiforce_app.evaluate.runs import stored
+from wiforce_app.evaluate.runs import cause_table, stored, table
 from wiforce_app.shell.provenance import fingerprint
 
 SCENE = {
