@@ -21,8 +21,8 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import tones_of
 
+from ..shell.log import progress
 from ..shell.options import IntegerRange, worker_options
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from ..shell.workers import run_tasks
 from .air import Air, PathLevels, TagOnAir

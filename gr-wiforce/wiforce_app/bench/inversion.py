@@ -6,8 +6,8 @@ import time
 import click
 import numpy as np
 
+from ..shell.log import progress
 from ..shell.options import IntegerRange
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 
 _BATCH, _SINGLE, _RUNS = 20_000, 1000, 7

@@ -19,8 +19,8 @@ import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
 from ..radio.request import RECEIVE_S
+from ..shell.log import progress
 from ..shell.options import IntegerRange
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 
 _TRIES = 30

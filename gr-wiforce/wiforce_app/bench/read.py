@@ -25,8 +25,8 @@ from gnuradio.wiforce.receiver.recording import groups_of, survey_recording
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
+from ..shell.log import progress
 from ..shell.options import FiniteRange
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 
 # Clocks of up to eight tags, none of whose lines lies near one of another's.

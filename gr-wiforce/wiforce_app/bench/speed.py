@@ -15,8 +15,8 @@ import numpy as np
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 
+from ..shell.log import progress
 from ..shell.options import IntegerRange
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from .recording import reference_tones, tone_weights, write_recording
 

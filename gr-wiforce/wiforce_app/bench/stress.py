@@ -14,8 +14,8 @@ from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
+from ..shell.log import progress
 from ..shell.options import IntegerRange
-from ..shell.progress import progress
 from ..shell.tables import Column, echo, table
 from .accuracy import Case, SnapshotChain, air_of, errors_of, plan_of
 from .inversion import random_presses

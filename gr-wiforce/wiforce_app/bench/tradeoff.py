@@ -22,7 +22,7 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, write_truth
 
 from ..evaluate.experiment import pooled_summary, scored, with_mean_phases
-from ..shell.progress import progress
+from ..shell.log import progress
 from ..shell.tables import Column, echo, table
 from .recording import GROUP_LENGTH, WAVEFORM, with_floats
 

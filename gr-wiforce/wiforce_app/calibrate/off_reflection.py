@@ -9,8 +9,8 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import scene_of
 
 from ..read.recordings import read_capture
+from ..shell.log import progress
 from ..shell.options import capture_scene, sample_type
-from ..shell.progress import progress
 
 # Flags of groups in which the reflection is not constant.
 _UNSTEADY = {"gap", "transition", "moved"}

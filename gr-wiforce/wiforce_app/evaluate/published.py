@@ -16,7 +16,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
-from ..shell.progress import progress
+from ..shell.log import progress
 from .causes import FOLDER
 
 # Twice the paper's median force error of one sensor: what it expects of the sum, not a measurement.

@@ -13,8 +13,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.text.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
 
-from ..shell.log import log
-from ..shell.progress import progress
+from ..shell.log import log, progress
 from ..shell.provenance import fingerprint
 from ..shell.tables import Column
 from ..shell.tables import table as markdown_table

@@ -19,7 +19,7 @@ from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..shell.commands import GroupedHelp
 from ..shell.interrupts import BAD_INPUT, FAILED
-from ..shell.log import FORMATS, LEVELS, log
+from ..shell.log import FORMATS, LEVELS, log, rows_on_terminal
 from ..shell.options import (
     FiniteRange,
     IntegerRange,
@@ -29,7 +29,6 @@ from ..shell.options import (
     tracked_presses,
     web_options,
 )
-from ..shell.progress import rows_on_terminal
 from ..shell.provenance import provenance
 
 _LOOK_S = 0.1

@@ -15,9 +15,8 @@ from gnuradio.wiforce.io.text.textfile import check_output, replacing
 from gnuradio.wiforce.scene import load_scene
 
 from ..shell.commands import GroupedHelp
-from ..shell.log import log
+from ..shell.log import log, progress
 from ..shell.options import scene_names
-from ..shell.progress import progress
 from ..shell.provenance import provenance
 
 _SUFFIXES = {each.suffix[1:]: each.suffix for each in FORMATS} | {"json": ".jsonl"}

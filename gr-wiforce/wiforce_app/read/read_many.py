@@ -15,8 +15,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import replacing
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
-from ..shell.log import PROGRAM, printable
-from ..shell.progress import progress
+from ..shell.log import PROGRAM, printable, progress
 from ..shell.workers import WorkerLost, run_tasks
 from .reading_job import RECORD, Journal, ReadingJob, read_capture_file
 

@@ -10,10 +10,9 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
 from ..shell.interrupts import Interrupted, uninterrupted
-from ..shell.log import log
+from ..shell.log import log, progress, rows_on_terminal
 from ..shell.options import refuse
 from ..shell.plots import check_picture
-from ..shell.progress import progress, rows_on_terminal
 from ..shell.provenance import provenance
 from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, warn_of_start
 

@@ -20,8 +20,8 @@ from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import frame_count, read_truth, score
 
+from ..shell.log import progress
 from ..shell.plots import plot_readings
-from ..shell.progress import progress
 
 _LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 _FORCES_N = np.arange(1.0, 8.1, 0.25)

@@ -6,9 +6,8 @@ import dataclasses
 import click
 
 from ..shell.commands import GroupedHelp
-from ..shell.log import log
+from ..shell.log import log, progress
 from ..shell.options import IntegerRange, scene_names
-from ..shell.progress import progress
 
 
 @click.command(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What all commands share.
 
-Groups of commands imported on first use (`lazy`), options and their types (`options`), messages
-(`log`), exit statuses and interruptions, progress bars, plots and pages in Markdown, parallel tasks
-(`workers`), and what a file states of its origin (`provenance`).
+Groups of commands imported on first use (`commands`), options and their types (`options`), messages
+and progress bars (`log`), exit statuses and interruptions, plots and pages in Markdown, parallel
+tasks (`workers`), and what a file states of its origin (`provenance`).
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages on standard error: for a person at a terminal, or for systemd's journal."""
+"""Messages and progress bars on standard error: for a person at a terminal, or for a journal."""
 
 import contextlib
 import os
@@ -71,3 +71,18 @@ def is_journal() -> bool:
 
 
 log = Log()
+
+
+def rows_on_terminal(output):
+    """Whether the rows of an output appear on a terminal, where they would cut a line in two."""
+    return output is None and sys.stdout.isatty()
+
+
+@contextlib.contextmanager
+def progress(label, length, shown=True):
+    """Give a function that takes the steps done since its last call, and draws a bar of them."""
+    if not (shown and sys.stderr.isatty()):
+        yield lambda steps: None
+        return
+    with click.progressbar(length=length, label=label, file=sys.stderr) as bar:
+        yield bar.update

@@ -220,7 +220,7 @@ def test_command_closed_standard_output_is_an_error():
 
 def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
     script = (
-        "from wiforce_app.shell.progress import progress\n"
+        "from wiforce_app.shell.log import progress\n"
         "with progress('working', 4) as done: done(2); done(2)\n"
     )
     piped = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=300)
