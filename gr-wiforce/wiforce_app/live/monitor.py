@@ -12,7 +12,7 @@ import click
 from gnuradio.wiforce.estimation.capture.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
-from ..read.room_news import RoomNews, describe_events, describe_loss
+from ..read.recordings import RoomNews, describe_events, describe_loss
 from ..shell.log import log
 from .health import RunHealth
 from .requests import WarningPace

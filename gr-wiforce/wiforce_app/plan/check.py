@@ -21,7 +21,7 @@ from gnuradio.wiforce.scene.schema import Scene
 
 from ..live.live import radio_request, warn_of_oscillators
 from ..radio.request import DRIVERS, DeviceLost
-from ..read.room_news import describe_events
+from ..read.recordings import describe_events
 from ..shell.interrupts import FAILED
 from ..shell.log import log
 from ..shell.options import csi_file, csi_options, optional_radio_options, sample_type

@@ -13,7 +13,7 @@ from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, fir
 from gnuradio.wiforce.io.capture import open_capture
 
 from ..shell.log import log
-from .room_news import RoomNews
+from .recordings import RoomNews
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
