@@ -21,7 +21,7 @@ from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from machine import wait_until
-from wiforce_app.read.reading_job import Journal, ReadingJob, read_capture_file
+from wiforce_app.read.read_many import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
 
 COMMAND = [
