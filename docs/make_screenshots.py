@@ -116,7 +116,7 @@ def take_browser(home):
     from browser import SIZES, browser
     from gnuradio import wiforce
     from web_pages import publishing, serving
-    from wiforce_app.web.zmq_source import ZmqSource
+    from wiforce_app.web.sources import ZmqSource
 
     scene = Path(home) / "capture.yaml"
     scene.write_text(json.dumps(CAPTURE))

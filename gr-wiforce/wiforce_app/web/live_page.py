@@ -20,7 +20,7 @@ from gnuradio.wiforce.io.outputs import Output
 
 from ..shell.processes import spawned
 from .address import OPTION, PageAddress
-from .zmq_source import ZmqSource
+from .sources import ZmqSource
 
 # The process sends viewers the end of the run before it ends itself.
 _CLOSE_S = 3.0

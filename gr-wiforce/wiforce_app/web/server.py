@@ -22,10 +22,9 @@ import tornado.websocket
 from gnuradio.wiforce.io.network.zmq_sockets import is_loopback
 
 from .address import PageAddress
-from .file_source import FileSource
 from .page import bokeh_scripts, figures
 from .page_state import PageState
-from .zmq_source import ZmqSource
+from .sources import FileSource, ZmqSource
 
 # A viewer whose last message has not left this machine for so long is disconnected.
 STALLED_S = 20.0

@@ -59,8 +59,7 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
 
 
 def _open_source(source, control, zmq_keys):
-    from .file_source import FileSource
-    from .zmq_source import ZmqSource
+    from .sources import FileSource, ZmqSource
 
     if _is_endpoint(source):
         keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)

@@ -8,9 +8,8 @@ from contextlib import contextmanager
 import pytest
 from gnuradio.wiforce.io.files.writers import open_writer
 from web_pages import RawViewer, publishing, serving, touched, untouched
-from wiforce_app.web import zmq_source
-from wiforce_app.web.file_source import FileSource
-from wiforce_app.web.zmq_source import ZmqSource
+from wiforce_app.web import sources
+from wiforce_app.web.sources import FileSource, ZmqSource
 
 pytest.importorskip("selenium")
 from browser import browser
@@ -140,7 +139,7 @@ def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, read
         window.run("window.connect = kept; connect()")
         reader.until(lambda: window.text("#state") == "reading")
         assert window.run("return document.getElementById('connection').hidden")
-        monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
+        monkeypatch.setattr(sources, "_SILENT_S", 0.4)
         # Without a word for four heartbeats the reader counts as lost, and its sensors as silent.
         window.wait("return document.getElementById('state').textContent === 'lost'")
         assert "no messages for" in window.text("#reason")

@@ -20,9 +20,8 @@ from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from machine import free_port, wait_until
 from web_pages import RUN, RawViewer, publishing, serving, touched, untouched
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.file_source import FileSource
 from wiforce_app.web.page_state import ROW, PageState, loaded, page_row, status_of
-from wiforce_app.web.zmq_source import ZmqSource
+from wiforce_app.web.sources import FileSource, ZmqSource
 
 TOKEN = "a-token-of-a-test"
 SERVER = "wiforce_app.web.server"  # with Bokeh, which takes 1.5 s
@@ -253,7 +252,7 @@ def test_file_source_reads_a_file_that_became_shorter_from_its_start(tmp_path):
 
 def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
     """A file of a month would keep the page busy for minutes."""
-    monkeypatch.setattr("wiforce_app.web.file_source._TAIL_BYTES", 2000)
+    monkeypatch.setattr("wiforce_app.web.sources._TAIL_BYTES", 2000)
     path, page_state = tmp_path / "readings.csv", PageState(1e9)
     with open_writer(path) as writer:
         for step in range(1000):

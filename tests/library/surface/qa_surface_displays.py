@@ -10,7 +10,7 @@ from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
 from web_pages import publishing, serving
 from wiforce_app.live.health import geometry
-from wiforce_app.web.zmq_source import ZmqSource
+from wiforce_app.web.sources import ZmqSource
 
 pytest.importorskip("selenium")
 from browser import browser

@@ -1,16 +1,138 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings and health that a live reader publishes over ZMQ, as a source of the page."""
+"""Where the page has its readings from: a file that grows, or a live reader over ZMQ."""
 
+import csv
+import os
 import time
 from collections.abc import Callable
+from io import BufferedReader
+from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.files.formats import format_of
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
 from gnuradio.wiforce.io.optional import optional_module
 
-from .page_state import PageState, loaded, status_of, text
+from .page_state import MOST_SENSORS, PageState, loaded, page_row, status_of, text
+
+# Of a long file only the end is read: as many rows as the page keeps take 5 MB.
+_TAIL_BYTES = 8 << 20
+# Most that one call reads, so that viewers are served meanwhile.
+_CHUNK_BYTES = 1 << 20
+_LONGEST_ROW = 100_000
+# A file that has not grown for this long is shown as paused; readings come 28 times per second.
+_PAUSED_S = 2.0
+_NEEDED = ("time_s", "sensor")
+
+
+class FileSource:
+    """Reads a CSV or JSON lines file that is written meanwhile, absent, replaced or shortened."""
+
+    def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
+        self._path, self._now = Path(path), now
+        form = format_of(path)
+        if form is None or not form.text:
+            raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
+        self._lines = form.suffix == ".jsonl"
+        self._file: BufferedReader | None = None
+        self._columns: list[str] = []
+        self._rest = b""
+        self._grown_s = now()
+        self._sensors: dict[str, dict[str, Any]] = {}
+        self._open()
+
+    def fileno(self) -> None:
+        """None: files do not tell that they have grown."""
+
+    def poll(self, page_state: PageState) -> None:
+        """Give the state what the file holds by now."""
+        if data := b"" if self._file is None else self._file.read(_CHUNK_BYTES):
+            self._grown_s = self._now()
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            if len(self._rest) > _LONGEST_ROW:  # no file of readings
+                self._rest = b""
+            for line in lines:
+                self._take(line.decode("utf-8", "replace"), page_state)
+        elif self._is_replaced():
+            self._open()
+        page_state.show(self._status())
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _open(self) -> None:
+        self.close()
+        self._columns, self._rest = [], b""
+        try:
+            self._file = open(self._path, "rb")
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror})") from error
+        if not self._lines:
+            self._take_header()
+        start = os.fstat(self._file.fileno()).st_size - _TAIL_BYTES
+        if start > self._file.tell():
+            self._file.seek(start)
+            self._file.readline()  # the rest of a row
+
+    def _take_header(self) -> None:
+        """The columns; a file that is just being created may have no complete first line."""
+        assert self._file is not None
+        line = self._file.readline(_CHUNK_BYTES)
+        if not line.endswith(b"\n"):
+            self._file.seek(0)
+            return
+        self._columns = _fields(line.decode("utf-8", "replace").strip())
+        if missing := [name for name in _NEEDED if name not in self._columns]:
+            raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
+
+    def _take(self, line: str, page_state: PageState) -> None:
+        if not self._lines and not self._columns:
+            self._columns = _fields(line.strip())
+            return
+        columns = self._columns
+        values = loaded(line) if self._lines else dict(zip(columns, _fields(line), strict=False))
+        if (row := page_row(values)) is not None:
+            page_state.add(values)
+            if len(self._sensors) < MOST_SENSORS:
+                self._sensors.setdefault(row[0], {})
+
+    def _is_replaced(self) -> bool:
+        try:
+            found = os.stat(self._path)
+        except OSError:
+            return False
+        if self._file is None:
+            return True
+        opened = os.fstat(self._file.fileno())
+        same = (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
+        return not same or found.st_size < self._file.tell()
+
+    def _status(self) -> dict[str, Any]:
+        state, reason, idle_s = "reading", "", self._now() - self._grown_s
+        if self._file is None:
+            state, reason = "waiting", "the file does not exist yet"
+        elif not self._sensors:
+            state, reason = "waiting", "no readings in the file yet"
+        elif idle_s > _PAUSED_S:
+            state, reason = "paused", f"the file has not grown for {idle_s:.0f} s"
+        status = {"state": state, "reason": reason, "sensors": self._sensors}
+        return {"source": self._path.name, "can_tare": False, **status}
+
+
+def _fields(line: str) -> list[str]:
+    """Fields of a line of CSV; none where it is damaged."""
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error:
+        return []
+
 
 # Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
 _SILENT_S = 2.0
