@@ -67,6 +67,28 @@ class TimedTable(ToneTable):
         freedom = (len(times_s) - len(basis)) * channel.shape[1]
         return float(noise_gain(weights.parts).mean() * (power - explained) / max(freedom, 1))
 
+    def beside(
+        self, times_s: np.ndarray, states: np.ndarray | None, shifts_hz: Sequence[float]
+    ) -> list[PartialWeights]:
+        """Weights of tones at these shifts from these here, solved for together with these.
+
+        Orthogonal to all that is solved for here, they are those of the larger least squares
+        (Frisch and Waugh). Shifts at which they are undetermined are left out.
+        """
+        fit = self._fit(times_s, states)
+        if fit is None:
+            return []
+        _, basis = fit
+        upper = np.array([tone.frequency_hz for tone in self.tones if tone.frequency_hz > 0])
+        found = []
+        for shift_hz in shifts_hz:
+            phases = 2 * np.pi * np.outer(times_s, upper + shift_hz)
+            waves = np.hstack([np.cos(phases), np.sin(phases)])
+            rest = self._solved(times_s, waves - basis.T @ (basis @ waves), len(basis))
+            if rest is not None:
+                found.append(rest[0])
+        return found
+
     def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> _Fit | None:
         """Least squares at these times; None when they do not determine the tones."""
         key, state = times_s.tobytes(), b"" if states is None else states.tobytes()
@@ -93,9 +115,10 @@ class TimedTable(ToneTable):
             columns += [(states == state)[:, None] for state in np.unique(states)[1:]]
         return np.hstack(columns)
 
-    def _solved(self, times_s: np.ndarray, columns: np.ndarray) -> _Fit | None:
+    def _solved(self, times_s: np.ndarray, columns: np.ndarray, others: int = 0) -> _Fit | None:
+        """Least squares of columns (n, m), tones first, orthogonal to ``others`` solved for."""
         tones = len(self.tones)
-        if not tones or len(columns) <= columns.shape[1]:
+        if not tones or len(columns) <= columns.shape[1] + others:
             return None
         scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         orthogonal, triangle = np.linalg.qr(columns * scale)

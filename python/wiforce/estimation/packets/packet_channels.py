@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...signal.lines import with_mirrors
 from ...signal.switching import harmonics
 from ...signal.timed_weights import TimedTable
 from ..groups import Array
@@ -483,19 +482,14 @@ def _beside_tones(
     power = np.concatenate([power[::-1], power]) / power.sum()
     found = []
     each = len(_BESIDE) * len(power)
+    shifts_hz = [steps / period_s for steps in _BESIDE]
     for first, last in chosen[:: -(-len(chosen) * each // _VALUES)]:
         rows = np.arange(first, last)[state[first:last] >= 0]
         center_s = (time_s[first] // period_s + 0.5) * period_s
-        own = []
-        for steps in _BESIDE:
-            beside = [t._replace(frequency_hz=t.frequency_hz + steps / period_s) for t in lines]
-            # What is left of a tag, of which little is known while it is weak, is no noise.
-            tones = with_mirrors([*beside, *lines])
-            weights = replace(table, tones=tones).at(time_s[rows] - center_s, state[rows])
-            if weights is not None:
-                middle = slice(len(lines), 3 * len(lines))
-                noise = weights.apply(static[rows].astype(complex))[middle]
-                own.append(np.sqrt(power * len(rows))[:, None] * noise)
-        if own:
-            found.append(np.concatenate(own))
+        # What is left of a tag, of which little is known while it is weak, is no noise: its tones
+        # are solved for as well.
+        weights = table.beside(time_s[rows] - center_s, state[rows], shifts_hz)
+        level, packets = np.sqrt(power * len(rows))[:, None], static[rows].astype(complex)
+        if weights:
+            found.append(np.concatenate([level * each.apply(packets) for each in weights]))
     return found
