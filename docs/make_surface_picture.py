@@ -8,7 +8,7 @@ build/run python3 docs/make_surface_picture.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.gui.surface_view import ellipse
+from gnuradio.wiforce.gui.sensor_view import ellipse
 from gnuradio.wiforce.io.palette import BEAM, INK, SERIES
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan

@@ -23,9 +23,8 @@ from PyQt5.QtWidgets import (
 from ..errors import InputError
 from ..io.palette import SERIES
 from ..io.readings import Reading, SurfaceReading, as_reading
-from .sensor_view import SensorView
+from .sensor_view import SensorView, SurfaceView
 from .style import PAPER, Display, tare_outcome, time_plot, warning_flags
-from .surface_view import SurfaceView
 
 # Most groups kept, however long the history: short groups arrive at some hundreds per second.
 _MOST = 20_000

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gui.surface_view import SurfaceView, ellipse
+from gnuradio.wiforce.gui.sensor_view import SurfaceView, ellipse
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
 from web_pages import publishing, serving
