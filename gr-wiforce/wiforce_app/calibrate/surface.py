@@ -12,8 +12,7 @@ from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
 from gnuradio.wiforce.surface.calibration import fit_spreading, read_taps, surprising_taps
-from gnuradio.wiforce.surface.skin import borne_together, borne_too_much
-from gnuradio.wiforce.surface.spreading import write_spreading
+from gnuradio.wiforce.surface.skin import borne_together, borne_too_much, write_spreading
 
 from ..shell.log import log
 
@@ -21,7 +20,7 @@ from ..shell.log import log
 _POOR_STD = 0.1
 # Strips that bear less than this are not what forces in N say: a newton is 102 g.
 _LEAST_BORNE = 0.1
-# Four times the error of a location on a skin that nobody has calibrated (surface/spreading.py):
+# Four times the error of a location on a skin that nobody has calibrated (surface/skin.py):
 # more than rulers and hands explain.
 _POOR_LOCATION_MM = 2.0
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..io.text.schema import ListOf, Mapping, declared, key
 from ..io.text.values import Choice, Integer, Text
-from ..surface.skin import Skin, Strip, law_violations
-from ..surface.spreading import Spreading, read_spreading
+from ..surface.skin import Skin, Spreading, Strip, law_violations, read_spreading
 from .effects import POSITION
 from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..io.text.textfile import cell_number, read_csv, require_columns
-from .skin import Skin
-from .spreading import Array, Spreading
+from .skin import Array, Skin, Spreading
 
 # Points of a table per distance of the strips, and how far beyond the presses it may reach.
 _PER_SPACING = 3

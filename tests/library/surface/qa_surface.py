@@ -12,7 +12,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import skin_of
 from gnuradio.wiforce.surface.calibration import SurfaceTaps, fit_spreading
 from gnuradio.wiforce.surface.estimator import SurfaceEstimator
-from gnuradio.wiforce.surface.spreading import read_spreading
+from gnuradio.wiforce.surface.skin import read_spreading
 from skin_law import STRIPS_MM, strip_loads
 
 
