@@ -3,5 +3,5 @@
 
 `session` is the flowgraph of a run, `radio_keeper` opens the device again after a loss, `outputs`
 gives readings and health to files and sockets, `monitor` prints the status line and warnings, and
-`health` determines the state that heartbeats report.
+`health` determines the state that heartbeats and systemd get.
 """

@@ -283,11 +283,10 @@ def warn_of_oscillators(link):
 def _run(scene, request, outputs, endpoints, duration, reconnect, line, **options):
     """Run a session until a signal, a request or `duration` ends it; raises DeviceLost."""
     from ..radio.request import shorten_pauses
-    from .health import Heartbeat, RunHealth
+    from .health import Heartbeat, RunHealth, ServiceManager
     from .monitor import SessionMonitor
     from .radio_keeper import RadioKeeper
     from .requests import TareLog, serve_requests
-    from .service_manager import ServiceManager
     from .session import LiveSession
 
     ending = _Ending()

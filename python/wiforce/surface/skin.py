@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 _MOST_POINTS = 200
 _MOST_STRIPS = 16
-LEAST_STEP_MM = 0.01
+_LEAST_STEP_MM = 0.01
 _POSITION_MM = 10_000
 # Shares of a table that was calibrated by earlier versions may rise by their noise.
 _MOST_RISE = 0.05
@@ -63,10 +63,10 @@ def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | Non
     if value is None:
         return "is missing, a table needs distance_mm and shares or strip_shares"
     if scope["law"] == "strips":
-        rising = all(b - a >= LEAST_STEP_MM for a, b in pairwise(value))
-        return None if rising else f"must rise, by {LEAST_STEP_MM:g} mm or more"
-    if value[0] != 0 or any(b - a < LEAST_STEP_MM for a, b in pairwise(value)):
-        return f"must begin with 0 and rise, by {LEAST_STEP_MM:g} mm or more"
+        rising = all(b - a >= _LEAST_STEP_MM for a, b in pairwise(value))
+        return None if rising else f"must rise, by {_LEAST_STEP_MM:g} mm or more"
+    if value[0] != 0 or any(b - a < _LEAST_STEP_MM for a, b in pairwise(value)):
+        return f"must begin with 0 and rise, by {_LEAST_STEP_MM:g} mm or more"
     return None
 
 

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 
 import pytest
 from gnuradio.wiforce.io.readings import GroupCounts
+from wiforce_app.live.health import ServiceManager
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.live.requests import WarningPace
-from wiforce_app.live.service_manager import ServiceManager
 from wiforce_app.shell.log import Log, is_journal
 
 ROOT = Path(__file__).resolve().parents[3]
