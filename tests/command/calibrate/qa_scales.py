@@ -7,7 +7,7 @@ import time
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from wiforce_app.calibrate.scales import open_scale
+from wiforce_app.calibrate.guide import open_scale
 
 
 def latest(scale, since_s):
