@@ -10,7 +10,7 @@ from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from wiforce_app.calibrate.plot import plot_calibration
+from wiforce_app.calibrate.calibrate import plot_calibration
 from wiforce_app.shell.plots import plot_readings
 
 
