@@ -24,11 +24,12 @@ from ..io.readings import Flag
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
-# Readings of a press that are compared, spread evenly over it, and the presses that are remembered.
-_READINGS, _PRESSES = 64, 12
-_LEAST_READINGS = 6
-# Time beside the beginning and the end of a press that is not used.
-_MARGIN_S = 0.036
+# Time between the readings of a press that are compared, and beside its beginning and end. Closer
+# readings are averages over the same groups.
+_STEP_S = 0.036
+# Inner part of a press that is long enough to be compared, and from which on no more readings are
+# kept, but spread evenly; presses that are remembered.
+_LEAST_S, _LONG_S, _PRESSES = 0.2, 2.3, 12
 # A location moves with the force if it moves by this much, and by so many of its own standard
 # deviations, while the force changes by at least this.
 _MOVE_MM, _MOVE_STDS, _FORCE_CHANGE_N = 0.1, 5.0, 0.5
@@ -82,9 +83,16 @@ class _OffState(NamedTuple):
 class _OpenPress:
     """Readings of a press that has not ended, thinned evenly where it lasts."""
 
-    def __init__(self) -> None:
-        self._kept: list[_Group] = []
-        self._seen, self._stride = 0, 1  # readings, of which each stride-th is kept
+    def __init__(self, period_s: float) -> None:
+        self._kept: list[tuple[int, _Group]] = []  # what each is in the press, and shows
+        self._margin = math.ceil(_STEP_S / period_s)
+        # Readings, and of how many one is kept.
+        self._seen, self._stride = 0, max(1, round(_STEP_S / period_s))
+        step_s = self._stride * period_s
+        # A line has two parameters, so that less than three readings have none left for the noise.
+        self.least = max(3, math.ceil(_LEAST_S / step_s))
+        # Enough are left when they are halved, and without the margins.
+        self._most = max(2 * self.least + 2, round(_LONG_S / step_s))
 
     def __bool__(self) -> bool:
         return bool(self._kept)
@@ -93,15 +101,16 @@ class _OpenPress:
         """Take what is compared of a group, such as ratios and phases, (2,) each."""
         if self._seen % self._stride == 0:
             # Copies, because a row of a batch would keep all of it in memory.
-            self._kept.append(tuple(values.copy() for values in group))
+            self._kept.append((self._seen, tuple(values.copy() for values in group)))
         self._seen += 1
-        if len(self._kept) > _READINGS:
+        if len(self._kept) > self._most:
             self._kept, self._stride = self._kept[::2], 2 * self._stride
 
-    def inner(self, margin: int) -> list[_Group]:
-        """What is kept without so many groups at the beginning and at the end."""
-        margin = math.ceil(margin / self._stride)
-        return self._kept[margin : len(self._kept) - margin]
+    def inner(self) -> list[_Group]:
+        """What is kept but for the margins; nothing of a short press."""
+        inner = range(self._margin, self._seen - self._margin)
+        kept = [group for at, group in self._kept if at in inner]
+        return kept if len(kept) >= self.least else []
 
 
 @dataclass
@@ -135,10 +144,7 @@ class PressEvidence:
         self._off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._period_s = group_period_s
-        self._margin = math.ceil(_MARGIN_S / group_period_s)
-        self._open = _OpenPress()
-        self._odd = _OpenPress()  # what no press explains, whose amplitudes may show why
-        self._record = _Record()
+        self.reset()
 
     @property
     def suspicions(self) -> list[Suspicion]:
@@ -177,7 +183,12 @@ class PressEvidence:
 
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""
-        self._open, self._odd, self._record = _OpenPress(), _OpenPress(), _Record()
+        self._forget_press()
+        self._record = _Record()
+
+    def _forget_press(self) -> None:
+        self._open = _OpenPress(self._period_s)
+        self._odd = _OpenPress(self._period_s)  # no press explains it; amplitudes may show why
 
     def _suspicions(self) -> list[Suspicion]:
         suspicions, record, name = [], self._record, self._model.name
@@ -221,11 +232,11 @@ class PressEvidence:
 
     def _close(self) -> None:
         """End a press."""
-        press, odd = self._open.inner(self._margin), self._odd.inner(self._margin)
-        self._open, self._odd = _OpenPress(), _OpenPress()
-        if len(press) >= _LEAST_READINGS:
+        press, odd = self._open.inner(), self._odd.inner()
+        self._forget_press()
+        if press:
             self._compare(press)
-        elif len(odd) >= _LEAST_READINGS:
+        elif odd:
             self._keep(np.array([ratios for (ratios,) in odd]))
         self._record.suspicions = self._suspicions()
 
@@ -256,7 +267,7 @@ class PressEvidence:
         found = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
         force, place = found.force_n, found.location_mm
         known = np.isfinite(force) & np.isfinite(place) & (found.codes == 0)
-        if known.sum() < _LEAST_READINGS:
+        if known.sum() < self._open.least:
             return None
         force, place, spread = force[known], place[known], found.location_std_mm[known]
         change = np.ptp(force)

@@ -55,9 +55,9 @@ def rows_of(ratios, psi, touch, clear=True, flags=0, unexplained=False):
     return read
 
 
-def judged(model, ratios, touch, batch=None):
+def judged(model, ratios, touch, batch=None, period_s=PERIOD_S):
     """The evidence of some groups, and which of them they contradict."""
-    evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
+    evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), period_s)
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
     read = rows_of(ratios, psi, touch)
     batch = batch or len(touch)
@@ -97,6 +97,22 @@ def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
     whole = judged(model, *more)[1]
     assert np.array_equal(whole, judged(model, *more, batch=7)[1])
     assert np.array_equal(whole, (np.arange(len(more[1])) >= 72) & (more[1] == 1) & bool(line.lean))
+
+
+@pytest.mark.parametrize("times", [0.25, 1, 5])
+@pytest.mark.parametrize(("lasts_s", "found"), [(0.9, ["swapped ends"]), (0.15, [])])
+def test_evidence_needs_presses_that_last_as_long_in_groups_of_any_length(
+    sensor, times, lasts_s, found
+):
+    """Six readings last 40 ms or 0.9 s: short groups were judged by taps, long ones hardly ever."""
+    line, model = sensor
+    ratios, touch = presses(replace(line, swapped=True))
+    untouched = np.arange(8)
+    pressed = np.linspace(8, 31, round(times * lasts_s / PERIOD_S)).astype(int)
+    at = np.r_[untouched, pressed, untouched]
+    at = np.r_[at, at + len(PRESS)]
+    evidence, _ = judged(model, ratios[at], touch[at], period_s=PERIOD_S / times)
+    assert [each.kind for each in evidence.suspicions] == (found if line.lean else [])
 
 
 def test_evidence_other_file_moves_locations_with_the_force(sensor):
