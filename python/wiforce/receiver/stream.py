@@ -30,9 +30,6 @@ from ..press.sensor_state import SensorState
 from ..press.tares import StreamTares, TareState
 from .receiver import Receiver
 
-# A survey without a request waits for so many more groups: a press that begins slowly is
-# recognised as a touch only after its first groups, and readings are one group late.
-_MORE_GROUPS = 3
 # Flags of untouched groups in which the tag or the receiver may have changed, or the sensor may be
 # touched after all, as while a reference is unverified.
 _UNSTEADY = {"ambiguous", "gap", "inconsistent", "moved", "saturated", "transition"}
@@ -56,10 +53,7 @@ class SurveyedGroups:
         self.groups: list[SnapshotGroup] = []
         self._length = group_length
         self._unasked = occasion is Occasion.UNTOUCHED
-        needed = -(-snapshots // group_length)
-        if self._unasked:
-            needed = max(needed, untouched_groups) + _MORE_GROUPS
-        self._needed = needed
+        self._needed = max(-(-snapshots // group_length), untouched_groups)
         self._last: int | None = None  # index of the last group that is surveyed
 
     def add(self, group: SnapshotGroup) -> None:

@@ -322,9 +322,9 @@ def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(g
     settings = wiforce.plan(SCENE)
     received = groups["quiet"][:TARE] + groups["busy"][TARE:]
     reader, readings, plans = stream(settings, received, again_s=0.25)
-    # Surveys after the reference end with group 12, and with 12 + 8 + 18; 46 is the press.
+    # Surveys after the reference end with group 12, and with 12 + 8 + 15; 46 is the press.
     changes = [g for g in range(1, len(plans)) if plans[g] is not plans[g - 1]]
-    assert changes == [38]
+    assert changes == [35]
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
     quiet = stream(settings, groups["quiet"])[1]
     assert [r.time_s for r in readings] == [r.time_s for r in quiet]
@@ -343,7 +343,7 @@ def test_stream_touched_groups_are_never_a_new_reference(groups):
     settings = wiforce.plan(SCENE)
     press = [g for g, r in enumerate(stream(settings, groups["quiet"])[1]) if r.touch]
     received = groups["quiet"][: press[0] - 5] + groups["busy"][press[0] - 5 :]
-    # Surveys begin with groups 16 and 37: the second one would end with 54, in the press.
+    # Surveys begin with groups 16 and 34: the second one would end with 48, in the press.
     reader, readings, plans = stream(settings, received, again_s=0.1)
     assert all(plan is settings for plan in plans) and reader.findings == []
     assert any(r.touch for r in readings[46:])
@@ -385,7 +385,7 @@ def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
 def test_stream_room_is_not_surveyed_across_lost_groups(groups):
     """A press that begins while nothing is received would be taken for the untouched sensor."""
     settings = wiforce.plan(SCENE)
-    # The survey that begins with group 37 would take 19 groups; the press holds until group 58.
+    # The survey that begins with group 34 would take 15 groups; the press holds until group 58.
     received = groups["quiet"][:37] + groups["busy"][37:41] + groups["busy"][55:]
     _, readings, plans = stream(settings, received, again_s=0.1)
     assert all(plan is settings for plan in plans)
