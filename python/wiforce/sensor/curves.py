@@ -107,8 +107,10 @@ class SplineBasis:
     def __call__(self, force_n: ArrayLike) -> Array:
         u = touch_down(force_n)
         inside = np.clip(u, self._u[0], self._u[-1])
-        value, slope = (basis_splines(self._knots, inside, order) for order in (0, 1))
-        return value + (u - inside)[..., None] * slope
+        value = basis_splines(self._knots, inside)
+        if np.array_equal(u, inside):
+            return value
+        return value + (u - inside)[..., None] * basis_splines(self._knots, inside, 1)
 
     def curvatures(self) -> Array:
         """Second derivatives (points, size) over the span of u, whose squares sum to their mean."""
