@@ -15,8 +15,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.evaluate.causes import OWN, paper_figures, with_cause
-from wiforce_app.evaluate.experiment import paper_changes, paper_errors, simulated
+from wiforce_app.evaluate.experiment import (
+    OWN,
+    paper_changes,
+    paper_errors,
+    simulated,
+    with_cause,
+)
+from wiforce_app.evaluate.published import paper_figures
 
 HERE = Path(__file__).resolve().parent
 SCENES = HERE.parent.parent / "scenes"

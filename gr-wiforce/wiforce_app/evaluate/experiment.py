@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
 from gnuradio.wiforce.estimation.groups import Groups
@@ -27,13 +28,15 @@ from gnuradio.wiforce.wiforce_kernels import folded_reader
 from scipy.fft import fft
 
 from ..read.recordings import read_capture
-from .causes import OWN, other_causes, with_cause
+from .published import FOLDER
 
 # Rows of the report: this receiver by the plan alone, whatever is in the room, and the paper's
 # method with the constant offset of the tag's clock removed.
 UNSURVEYED = "ours, not surveyed"
 CORRECTED = "paper, clock offset removed"
 _BATCH = 64  # groups
+# The cause that the file of a scene of the paper itself holds, in ``simulation.tags``.
+OWN = "clock jitter"
 
 
 def run(scene_name, work_folder):
@@ -116,6 +119,19 @@ def _causes(scene_name, scene, own, work_folder):
         with simulated(disturbed, work_folder) as captured:
             found[cause] = _errors(_read(disturbed, *captured)[0][0])
     return {OWN: _errors(own), **found} if found else {}
+
+
+def other_causes(name):
+    """Changes of ``simulation`` that replace a shipped scene's own disturbance, by cause."""
+    found = yaml.safe_load((FOLDER / "causes.yaml").read_text(encoding="utf-8"))
+    return found.get(name, {})
+
+
+def with_cause(scene, change):
+    """A scene with other keys of ``simulation`` and, unless they have some, ideal tags."""
+    content = scene.as_dict()
+    content["simulation"] |= {"tags": [], **change}
+    return load_scene(content)
 
 
 def _errors(sensor):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's wireless trials, read with models that were made from its VNA curves.
+"""The paper's figures, and its wireless trials, read with models made from its VNA curves.
 
 Nothing is fitted to or chosen by a trial that is scored: the form of the curves by cross-validation
 on the VNA data, the phases' scatter (and, where it says so, one calibration press per location) by
@@ -8,8 +8,11 @@ another trial. From trial 3 nothing is learnt.
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+import yaml
+from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.scene import load_scene
@@ -17,8 +20,8 @@ from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.log import progress
-from .causes import FOLDER
 
+FOLDER = Path(DATA_DIR) / "data" / "paper"
 # Twice the paper's median force error of one sensor: what it expects of the sum, not a measurement.
 EXPECTED_SUM_N = 1.12
 # Where the fingertips pressed, and the distance within which the paper counts them as located.
@@ -28,6 +31,25 @@ FINGERTIP_MM, WITHIN_MM = 60.0, 10.0
 def read_series(name):
     """A published series as an array with named columns."""
     return np.genfromtxt(FOLDER / f"{name}.csv", delimiter=",", names=True)
+
+
+def paper_figures():
+    """The paper's figures by shipped scene, those of distances with their error bars."""
+    figures = yaml.safe_load((FOLDER / "figures.yaml").read_text(encoding="utf-8"))
+    for figure in figures.values():
+        if "distance_m" in figure:
+            value, error = published_phase_std(figure["distance_m"])
+            figure["phase_rms_deg"], figure["error_bar"] = value, error
+            bar = f"{value - error:.2f} to {value + error:.2f} deg"
+            figure["text"] = f"phase std {bar} at {figure['distance_m']:g} m"
+    return figures
+
+
+def published_phase_std(distance_m):
+    """Published standard deviation of the phase at a receiver's distance, and its error bar."""
+    rows = read_series("distance_phase_std")
+    row = rows[rows["distance_from_rx_cm"] == round(100 * distance_m)][0]
+    return float(row["phase_std_deg"]), float(row["err_plus_deg"])
 
 
 def sum_errors_n():

@@ -18,8 +18,8 @@ from ..shell.provenance import fingerprint
 from ..shell.tables import Column
 from ..shell.tables import table as markdown_table
 from ..shell.workers import run_tasks
-from .causes import other_causes, paper_figures
-from .experiment import CORRECTED, UNSURVEYED, run
+from .experiment import CORRECTED, UNSURVEYED, other_causes, run
+from .published import paper_figures
 
 # Of the stored results; those of another one are computed again.
 _FORMAT = 6

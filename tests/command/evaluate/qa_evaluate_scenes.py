@@ -10,13 +10,14 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.evaluate.causes import (
+from wiforce_app.evaluate.experiment import (
     other_causes,
-    paper_figures,
-    published_phase_std,
+    paper_changes,
+    paper_errors,
+    simulated,
     with_cause,
 )
-from wiforce_app.evaluate.experiment import paper_changes, paper_errors, simulated
+from wiforce_app.evaluate.published import paper_figures, published_phase_std
 from wiforce_app.evaluate.runs import cause_table, stored, table
 from wiforce_app.shell.provenance import fingerprint
 
