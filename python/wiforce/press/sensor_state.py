@@ -186,10 +186,13 @@ class SensorState:
             for indices, observed in self._taken
             for index, row in zip(indices, observed, strict=True)
         }
-        pairs = groups.ratios[:, 2 * sensor : 2 * sensor + 2]
+        ends = slice(2 * sensor, 2 * sensor + 2)
+        pairs = groups.ratios[:, ends]
+        # A group in which a press begins is another mixture by other weights.
+        usable = groups.in_reference[:, ends].any(axis=1) & readable
         for row in range(first, len(groups)):
             before = former.get(int(groups.index[row]))
-            if readable[row] and before is not None and np.isfinite(before).all():
+            if usable[row] and before is not None and np.isfinite(before).all():
                 self._again.append((before, pairs[row].copy()))
 
     def _steps(self, groups: Groups, sensor: int, first: int) -> dict[int, list[Array]]:

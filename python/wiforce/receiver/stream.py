@@ -53,7 +53,8 @@ class SurveyedGroups:
         self.groups: list[SnapshotGroup] = []
         self._length = group_length
         self._unasked = occasion is Occasion.UNTOUCHED
-        self._needed = max(-(-snapshots // group_length), untouched_groups)
+        # The last group may be touched, as readings are one group late.
+        self._needed = max(-(-snapshots // group_length), untouched_groups) + self._unasked
         self._last: int | None = None  # index of the last group that is surveyed
 
     def add(self, group: SnapshotGroup) -> None:
