@@ -169,6 +169,10 @@ void press_reading::invert(const group& of,
 {
     struct solution {
         double weight, mean[2], variance[2];
+        double own(int column) const
+        {
+            return std::isnan(variance[column]) ? 0 : variance[column];
+        }
     };
     std::vector<solution> solutions;
     solutions.reserve(3 * of.count);
@@ -208,11 +212,12 @@ void press_reading::invert(const group& of,
         first /= total;
         for (const auto& each : solutions) {
             const double away = each.mean[column] - first;
-            const double own = each.variance[column];
-            second += each.weight * ((std::isnan(own) ? 0 : own) + away * away);
+            second += each.weight * (each.own(column) + away * away);
             farthest = std::max(farthest, std::abs(away));
         }
         means[column] = first;
+        if (!solutions.empty()) // what is read lies beside its node as all readings do
+            farthest += 2 * std::sqrt(solutions.front().own(column));
         stds[column] = std::max(std::sqrt(second / total), farthest / far);
     }
     to.force_n = means[0];
