@@ -49,6 +49,12 @@ class Finding(Sequence):
         psi[odd] += shifted_deg(self._rng.uniform(12, 40)) / 2
         return 0.0
 
+    def _alike(self, psi, force, odd):
+        """A contact that is wider by as much changes both ends alike, as a turn of the tag."""
+        psi[odd] = self.truth.phases_deg(np.maximum(force[odd], 1e-3), 40.0)
+        psi[odd] += shifted_deg(self._rng.uniform(6, 40)) / 2
+        return 0.0
+
     def _fingers(self, psi, force, odd):
         """Two fingers, or three, of which each end sees the next one."""
         rng = self._rng
@@ -75,6 +81,13 @@ class Finding(Sequence):
             moved += (self._t > at)[:, None] * turn * ([1, 0], [0, 1], [1, 1])[rng.choice(3)]
         return moved
 
+    def _cables_beside(self, psi, force, odd):
+        """A cable of one end moves, or both do, during a press."""
+        rng, (begin, end) = self._rng, self.spans[1]
+        turn = rng.choice([-1, 1], 2) * rng.uniform(4, 10, 2)
+        after = self._t > rng.uniform(begin + 2 * _EDGE_S, end - 2 * _EDGE_S)
+        return after[:, None] * turn * ([1, 0], [0, 1], [1, 1])[rng.choice(3)]
+
     def _forced_tare(self, psi, force, odd):
         """A tare is forced while the sensor is pressed."""
         begin, end = self.spans[1]
@@ -89,4 +102,6 @@ KINDS = {
     "carrier": Finding._carrier,
     "cables": Finding._cables,
     "forced tare": Finding._forced_tare,
+    "ends alike": Finding._alike,
+    "cables beside a press": Finding._cables_beside,
 }

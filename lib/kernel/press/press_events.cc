@@ -191,6 +191,36 @@ void press_filter::move_line(const explanation& from, double probability)
     give(*next, update_baseline(*next));
 }
 
+// The same while somebody presses: at one end, or at both.
+void press_filter::move_beside_press(const explanation& from, double probability)
+{
+    if (!from.line.known)
+        return;
+    const double variance = squared(d_set.turn_deg * deg);
+    for (const pair_of_ends& ends : { pair_of_ends{ 1, 0 }, { 0, 1 }, { 1, 1 } }) {
+        auto next = follow(from, probability / 3);
+        if (!next)
+            return;
+        next->turn.goes_on = next->press.steady = false;
+        next->turn.sudden = true;
+        next->hand.quiet_amplitude = d_amplitude;
+        auto& motion = next->press.motion;
+        motion.rest();
+        const auto was = motion.phase();
+        motion.widen({ ends[0] * variance, ends[1] * variance, 0 });
+        const double likelihood = motion.update(d_group.phase, d_noise);
+        const auto is = motion.phase();
+        next->line.turn({ ends[0] * (is[0] - was[0]), ends[1] * (is[1] - was[1]) });
+        next->line.common.widen(d_common_noise);
+        next->line.difference.widen(d_difference_noise);
+        next->hold_level();
+        next->press.strength.mean_variance += squared(d_set.turn_np);
+        if (!d_off_differ)
+            next->press.strength.difference_variance += 4 * squared(d_set.turn_np);
+        give(*next, likelihood + update_strength(*next));
+    }
+}
+
 void press_filter::stop_changing(const explanation& from, double probability)
 {
     auto next = follow(from, probability);

@@ -274,7 +274,7 @@ void press_filter::branch_touched(const explanation& from)
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
                  goes_on = going_on(), between = between_groups();
-    const double sudden = may.all - may.steadily + turns + moves;
+    const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
@@ -320,6 +320,7 @@ void press_filter::branch_touched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
     move_line(from, between * moves);
+    move_beside_press(from, between * moves);
     const double ends = may.release + may.exchange;
     with_courses(from, between * ends, [&](const explanation& tag, double probability) {
         release(tag, probability * may.release / ends);
@@ -335,7 +336,8 @@ void press_filter::branch_mixed(const explanation& from)
     const double turns = turn_probability(from), moves = move_probability(from),
                  lasts = lasting();
     const double all =
-        (may.all - (touched ? may.steadily : 0) + turns + moves) / (1 - lasts);
+        (may.all - (touched ? may.steadily : 0) + turns + (touched ? 2 : 1) * moves) /
+        (1 - lasts);
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.mixture.single;
@@ -351,6 +353,8 @@ void press_filter::branch_mixed(const explanation& from)
     turn_suddenly(next, turns / all);
     touch(next, may.unexplained / all, unexplained);
     move_line(next, moves / all);
+    if (touched)
+        move_beside_press(next, moves / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden

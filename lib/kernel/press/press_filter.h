@@ -112,6 +112,7 @@ private:
     void stop_changing(const explanation& from, double probability);
     void release(const explanation& from, double probability);
     void move_line(const explanation& from, double probability);
+    void move_beside_press(const explanation& from, double probability);
     void turn_suddenly(const explanation& from, double probability);
     void turn_slowly(const explanation& from,
                      double probability,

@@ -478,10 +478,13 @@ both_ends press_filter::seen_ratio() const
              std::polar(std::exp(d_group.amplitude[1]), d_group.phase[1]) };
 }
 
-// Of the direction, rad^2; any where the untouched line is not known.
+// Of the direction, rad^2; any where neither the model nor the change says it.
 double press_filter::direction_variance(const explanation& of) const
 {
-    return of.line.known ? squared(d_set.aside) : 1.0;
+    const bool beside =
+        of.is == unexplained &&
+        d_image->density(of.change(of.press.motion.phase())) < outside;
+    return of.line.known && (of.is == pressed || beside) ? squared(d_set.aside) : 1.0;
 }
 
 // A contact that the model does not contain goes on as it has come.
