@@ -481,9 +481,8 @@ both_ends press_filter::seen_ratio() const
 // Of the direction, rad^2; any where neither the model nor the change says it.
 double press_filter::direction_variance(const explanation& of) const
 {
-    const bool beside =
-        of.is == unexplained &&
-        d_image->density(of.change(of.press.motion.phase())) < outside;
+    const bool beside = of.is == unexplained &&
+                        d_image->density(of.change(of.press.motion.phase())) < outside;
     return of.line.known && (of.is == pressed || beside) ? squared(d_set.aside) : 1.0;
 }
 
