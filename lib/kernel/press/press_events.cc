@@ -177,18 +177,24 @@ void press_filter::move_line(const explanation& from, double probability)
     if (from.is != untouched)
         next->age_s = 0;
     next->is = untouched;
-    next->turn.goes_on = next->press.steady = false;
-    next->turn.sudden = true;
     next->turn.moved += sees_turns(from, from.state_before_change());
-    next->hand.quiet_amplitude = d_amplitude;
+    move_cable(*next, next->line.amplitude);
     const double variance = squared(d_set.turn_deg * deg);
     next->line.common.widen(variance / 2);
     next->line.difference.widen(2 * variance);
-    next->line.amplitude.mean_variance += squared(d_set.turn_np);
+    give(*next, update_baseline(*next));
+}
+
+// What a cable that moves ends, and does to the amplitudes that are seen.
+void press_filter::move_cable(explanation& to, both_amplitudes& own) const
+{
+    to.turn.goes_on = to.press.steady = false;
+    to.turn.sudden = true;
+    to.hand.quiet_amplitude = d_amplitude;
+    own.mean_variance += squared(d_set.turn_np);
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off_differ)
-        next->line.amplitude.difference_variance += 4 * squared(d_set.turn_np);
-    give(*next, update_baseline(*next));
+        own.difference_variance += 4 * squared(d_set.turn_np);
 }
 
 // The same while somebody presses: at one end, or at both.
@@ -201,9 +207,7 @@ void press_filter::move_beside_press(const explanation& from, double probability
         auto next = follow(from, probability / 3);
         if (!next)
             return;
-        next->turn.goes_on = next->press.steady = false;
-        next->turn.sudden = true;
-        next->hand.quiet_amplitude = d_amplitude;
+        move_cable(*next, next->press.strength);
         auto& motion = next->press.motion;
         motion.rest();
         const auto was = motion.phase();
@@ -214,9 +218,6 @@ void press_filter::move_beside_press(const explanation& from, double probability
         next->line.common.widen(d_common_noise);
         next->line.difference.widen(d_difference_noise);
         next->hold_level();
-        next->press.strength.mean_variance += squared(d_set.turn_np);
-        if (!d_off_differ)
-            next->press.strength.difference_variance += 4 * squared(d_set.turn_np);
         give(*next, likelihood + update_strength(*next));
     }
 }

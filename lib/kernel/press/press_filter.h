@@ -121,6 +121,7 @@ private:
                      bool near);
     void mix(const explanation& from, double probability, double ends = 0);
 
+    void move_cable(explanation& to, both_amplitudes& own) const;
     void begin_turn(explanation& to) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void part_turn(explanation& to,
