@@ -127,6 +127,9 @@ void press_filter::take(const press_observation& group)
         from.turn.sudden = false;
         from.turn.failed += d_silent;
         from.turn.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
+        const double fails = fail_probability(from);
+        d_log_fails = std::log(fails);
+        d_log_works = std::log1p(-fails);
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);

@@ -199,6 +199,9 @@ private:
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
+    // Of the explanation that is followed: that the tag's supply fails in the group, or
+    // not.
+    double d_log_fails = 0, d_log_works = 0;
 };
 
 } // namespace gr::wiforce::kernel

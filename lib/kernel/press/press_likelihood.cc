@@ -35,12 +35,13 @@ bool press_filter::may_count(const explanation& from, double probability) const
 std::optional<explanation> press_filter::follow(const explanation& from,
                                                 double probability) const
 {
+    std::optional<explanation> next;
     if (!may_count(from, probability))
-        return std::nullopt;
-    auto next = from;
-    next.log_weight = from.log_weight + std::log(probability);
-    next.claimed = false;
-    next.in_part = 0;
+        return next;
+    next = from;
+    next->log_weight = from.log_weight + std::log(probability);
+    next->claimed = false;
+    next->in_part = 0;
     return next;
 }
 
@@ -241,12 +242,11 @@ double press_filter::update_amplitude(explanation& of, both_amplitudes& own) con
 
 double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
 {
-    const double fails = fail_probability(of), off = seen - own.mean,
-                 above = std::max(off, 0.0);
-    const double part = std::log(fails) + off - above -
+    const double off = seen - own.mean, above = std::max(off, 0.0);
+    const double part = d_log_fails + off - above -
                         squared(above) / 2 / (own.mean_variance + d_amplitude_noise);
     auto taken = own;
-    const double all = std::log1p(-fails) + taken.update_mean(seen, d_amplitude_noise);
+    const double all = d_log_works + taken.update_mean(seen, d_amplitude_noise);
     if (all > part)
         own = taken;
     of.in_part = 1 / (1 + std::exp(all - part));
@@ -283,12 +283,13 @@ double press_filter::follow_hands(explanation& to,
     const auto before = own;
     const double none = update_amplitude(to, own) - d_set.hands * d_elapsed_s;
     double all = none, best = none;
+    const double log_turns = std::log(happens(d_set.hands) / near_speeds);
     std::array<double, near_speeds> turns, grown;
     for (std::size_t i = 0; i < near_speeds; i++) {
         const double by = hand_variance(i);
         auto moved = before;
         moved.mean_variance += by;
-        turns[i] = std::log(happens(d_set.hands) / near_speeds) +
+        turns[i] = log_turns +
                    moved.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
         grown[i] = moved.mean - before.mean;
         all = log_sum(all, turns[i]);
