@@ -10,7 +10,7 @@ namespace gr::wiforce::kernel {
 
 void press_filter::remain_untouched(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->turn.goes_on = false;
@@ -20,7 +20,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->turn.seen += sees_turns(from, from.is);
@@ -39,7 +39,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
 void press_filter::turn_slowly(
     const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->turn.speed = speed;
@@ -112,7 +112,7 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 
 void press_filter::release(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->is = untouched;
@@ -141,7 +141,7 @@ void press_filter::release(const explanation& from, double probability)
 
 void press_filter::touch(const explanation& from, double probability, state is)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->is = is;
@@ -171,7 +171,7 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     if (from.is != untouched)
@@ -204,7 +204,7 @@ void press_filter::move_beside_press(const explanation& from, double probability
         return;
     const double variance = squared(d_set.turn_deg * deg);
     for (const pair_of_ends& ends : { pair_of_ends{ 1, 0 }, { 0, 1 }, { 1, 1 } }) {
-        auto next = follow(from, probability / 3);
+        auto* const next = follow(from, probability / 3);
         if (!next)
             return;
         move_cable(*next, next->press.strength);
@@ -224,7 +224,7 @@ void press_filter::move_beside_press(const explanation& from, double probability
 
 void press_filter::stop_changing(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->press.motion.predict(d_elapsed_s);
@@ -240,7 +240,7 @@ void press_filter::stop_changing(const explanation& from, double probability)
 
 void press_filter::hold(const explanation& from, double probability)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->claimed = from.claimed;
@@ -262,7 +262,7 @@ void press_filter::change_steadily(const explanation& from,
                                    bool slides,
                                    std::size_t speed)
 {
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->press.steady = true;
@@ -332,7 +332,7 @@ void press_filter::turn_unseen(explanation& to, double part) const
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
     const auto mixture = mixture_after(from, ends);
-    auto next = follow(from, probability);
+    auto* const next = follow(from, probability);
     if (!next)
         return;
     next->is = mixed;

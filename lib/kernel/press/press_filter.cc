@@ -155,7 +155,7 @@ void press_filter::start(const press_observation& group)
     const bool stated = d_set.drift_deg >= 0;
     // Both ends drift by themselves: their mean by less, their difference by more.
     const double mean = std::sqrt(0.5), apart = std::sqrt(2.0);
-    explanation first;
+    auto& first = d_next.emplace_back();
     first.line.common =
         stated ? drift_bank::stated(rate * mean) : drift_bank::learning(mean);
     first.line.difference =
@@ -165,7 +165,7 @@ void press_filter::start(const press_observation& group)
     first.log_weight = std::log(sure);
     give(first, 0);
     // A press that began before the first group: the untouched line is unknown.
-    auto touched = first;
+    auto& touched = d_next.emplace_back(d_next.back());
     touched.is = pressed;
     touched.line.known = false;
     touched.log_weight = std::log1p(-sure);

@@ -10,7 +10,6 @@
 #include <complex>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -133,7 +132,7 @@ private:
     // press_likelihood.cc: what events share.
     void find_peak();
     bool may_count(const explanation& from, double probability) const;
-    std::optional<explanation> follow(const explanation& from, double probability) const;
+    explanation* follow(const explanation& from, double probability);
     void give(explanation& next, double log_likelihood, bool lasts = false);
     void average(explanation& to, bool lasts) const;
     double step_probability() const;

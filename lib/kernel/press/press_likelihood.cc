@@ -31,31 +31,31 @@ bool press_filter::may_count(const explanation& from, double probability) const
     return from.log_weight + std::log(probability) + d_peak > d_best + negligible;
 }
 
-// What follows, before the event has changed it; nothing where it cannot count.
-std::optional<explanation> press_filter::follow(const explanation& from,
-                                                double probability) const
+// Adds what follows, for the event to change and to give; nothing where it cannot count.
+explanation* press_filter::follow(const explanation& from, double probability)
 {
-    std::optional<explanation> next;
     if (!may_count(from, probability))
-        return next;
-    next = from;
-    next->log_weight = from.log_weight + std::log(probability);
-    next->claimed = false;
-    next->in_part = 0;
-    return next;
+        return nullptr;
+    auto& next = d_next.emplace_back(from);
+    next.log_weight += std::log(probability);
+    next.claimed = false;
+    next.in_part = 0;
+    return &next;
 }
 
+// Completes the newest of what follows, or drops it.
 void press_filter::give(explanation& next, double log_likelihood, bool lasts)
 {
     next.log_weight += log_likelihood;
-    if (!(next.log_weight > d_best + negligible))
+    if (!(next.log_weight > d_best + negligible)) {
+        d_next.pop_back();
         return;
+    }
     d_best = std::max(d_best, next.log_weight);
     next.turn.failed += d_silent ? 0 : next.in_part;
     average(next, lasts);
     next.last = next.now;
     next.now = describe(next);
-    d_next.push_back(next);
 }
 
 // Mean of the groups for as long as nothing changes: of as many as last smoothing_s.

@@ -198,9 +198,9 @@ struct end_separation::one {
     noise_estimate& noise;
     const corrections& by;
     separated& found;
+    std::vector<complex>&parts, &white;  // M x K, as received and whitened
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
-    std::vector<complex> parts{}, white{}; // M x K, as received and whitened
     double level = 0;                      // mean power of the whitened parts
     std::vector<complex> cleaned{};        // whitened parts without spread lines
 
@@ -253,6 +253,7 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
                                                   const corrections& by)
 {
     separated found;
+    std::vector<complex> parts, white;
     for (const auto& group : groups) {
         const auto given_up = [&](const tag& each) {
             return each.clock->expired(
@@ -261,7 +262,7 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
         if (found.outcome != noise_estimate::verdict::learned ||
             (update && found.groups && std::any_of(tags.begin(), tags.end(), given_up)))
             break;
-        one next{ found.groups, subcarriers, group, tags, noise, by, found };
+        one next{ found.groups, subcarriers, group, tags, noise, by, found, parts, white };
         next.receive();
         if (update)
             correct_clocks(next);
