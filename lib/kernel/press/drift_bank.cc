@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "drift_bank.h"
 
-#include "phase_motion.h"
+#include "press_terms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,20 +11,20 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Degrees per sqrt(s): from what nobody notices in a minute to what hides a press in a
-// second.
-constexpr double rates_deg[drift_bank::most_rates] = { 0.003, 0.03, 0.1, 0.3, 1.0, 3.0 };
+// rad per sqrt(s): from what nobody notices in a minute, .003 degrees, to what hides a
+// press in a second, 3 degrees.
+constexpr double rates[drift_bank::most_rates] = { 0.003 * deg, 0.03 * deg, 0.1 * deg,
+                                                   0.3 * deg,   1.0 * deg,  3.0 * deg };
 const auto log_rates = [] {
     std::array<double, drift_bank::most_rates> logs;
-    std::transform(std::begin(rates_deg),
-                   std::end(rates_deg),
-                   logs.begin(),
-                   [](double r) { return std::log(r); });
+    std::transform(std::begin(rates), std::end(rates), logs.begin(), [](double r) {
+        return std::log(r);
+    });
     return logs;
 }();
 constexpr double least_variance = 1e-14;
 // A rate that seemed impossible may return.
-constexpr double least_weight = 1e-100;
+constexpr double least_share = 1e-100;
 
 } // namespace
 
@@ -32,10 +32,8 @@ drift_bank drift_bank::learning(double scale)
 {
     drift_bank bank;
     bank.d_count = most_rates;
-    for (std::size_t i = 0; i < most_rates; i++) {
-        bank.d_rate[i] = scale * rates_deg[i] * two_pi / 360;
-        bank.d_weight[i] = 1.0 / most_rates;
-    }
+    bank.d_scale = scale;
+    bank.d_weight.fill(1.0 / most_rates);
     bank.find_usual_rate();
     return bank;
 }
@@ -43,7 +41,8 @@ drift_bank drift_bank::learning(double scale)
 drift_bank drift_bank::stated(double rate)
 {
     drift_bank bank;
-    bank.d_rate[0] = bank.d_usual_rate = rate;
+    bank.d_scale = rate / rates[0];
+    bank.d_usual_rate = rate;
     return bank;
 }
 
@@ -83,7 +82,7 @@ void drift_bank::narrow(double ratio)
 void drift_bank::predict(double seconds)
 {
     for (std::size_t i = 0; i < d_count; i++) {
-        const double walks = d_rate[i] * d_rate[i] * seconds;
+        const double rate = d_scale * rates[i], walks = rate * rate * seconds;
         d_variance[i] += walks;
         d_with[i] += walks / 2;
     }
@@ -149,7 +148,7 @@ double drift_bank::update(double phase, double noise, double memory)
         kept += d_weight[i];
     }
     for (std::size_t i = 0; i < d_count; i++)
-        d_weight[i] = std::max(d_weight[i] / kept, least_weight);
+        d_weight[i] = std::max(d_weight[i] / kept, least_share);
     find_usual_rate();
     summarize();
     return std::log(after) - (least + std::log(two_pi)) / 2;
@@ -178,7 +177,7 @@ void drift_bank::find_usual_rate()
         total += d_weight[i];
         sum += d_weight[i] * log_rates[i];
     }
-    d_usual_rate = d_rate[0] / rates_deg[0] * std::exp(sum / total);
+    d_usual_rate = d_scale * std::exp(sum / total);
 }
 
 } // namespace gr::wiforce::kernel

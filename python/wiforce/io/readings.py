@@ -219,8 +219,10 @@ class GroupCounts:
             if reading.touch and _REFERENCE in reading.flags:
                 self.touched[reading.sensor] += 1
         self.interfered += interfered
-        self.clear += not flags
-        self.flagged += bool(flags)
+        if not flags:
+            self.clear += 1
+            return
+        self.flagged += 1
         if _SATURATED in flags:  # the cause of what the others say
             self.flags.update(flags - {_REFERENCE, _CHANGING})
         elif _REFERENCE in flags:
