@@ -208,6 +208,7 @@ void press_filter::move_beside_press(const explanation& from, double probability
         if (!next)
             return;
         move_cable(*next, next->press.strength);
+        drift(*next);
         auto& motion = next->press.motion;
         motion.rest();
         const auto was = motion.phase();
