@@ -31,8 +31,8 @@ from .shell.log import PROGRAM, log, printable
 # Module and one line of help of each subcommand, so that --help imports none of them.
 COMMANDS = {
     "demo": (".scenes.demo", "Simulate two presses, read them, compare with the truth."),
-    "list": (".scenes.shipped", "List shipped scenes and sensor models."),
-    "simulate": (".scenes.simulate", "Simulate a scene and write its capture."),
+    "list": (".scenes.scenes", "List shipped scenes and sensor models."),
+    "simulate": (".scenes.scenes", "Simulate a scene and write its capture."),
     "read": (".read.read", "Read force and location from a capture."),
     "survey": (".plan.survey", "Show what is in the room of a capture."),
     "score": (".evaluate.score", "Compare readings with the record of a force gauge."),
@@ -49,7 +49,7 @@ COMMANDS = {
     "transfer": (".calibrate.transfer", "Transfer a sensor model to another carrier."),
     "off-reflection": (".calibrate.off_reflection", "Estimate the off state of the switches."),
     "invert": (".calibrate.invert", "Convert measured phases to force and location."),
-    "schema": (".scenes.shipped", "Print the JSON Schema of scene or sensor files."),
+    "schema": (".scenes.scenes", "Print the JSON Schema of scene or sensor files."),
     "evaluate": (".evaluate.evaluate", "Compare readings with the truth and the paper."),
     "bench": (".bench", "Measure accuracy, speed and numerical limits."),
 }
