@@ -8,7 +8,7 @@ import click
 from gnuradio.wiforce.calibration.gauge_comparison import compare_with_gauge, timed_forces
 from gnuradio.wiforce.calibration.gauges import read_gauge_file
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.files.formats import format_of
+from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.palette import TRUTH, series_style
 from gnuradio.wiforce.io.text.textfile import check_output, write_csv

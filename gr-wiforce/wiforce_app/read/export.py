@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.files.formats import FORMATS, OUTPUTS, format_of
+from gnuradio.wiforce.io.files import FORMATS, OUTPUTS, format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import STAMP_COLUMNS

@@ -3,7 +3,7 @@
 
 import click
 from gnuradio.wiforce.io.capture.names import is_one
-from gnuradio.wiforce.io.files.formats import OUTPUTS, OUTPUTS_HELP
+from gnuradio.wiforce.io.files import OUTPUTS, OUTPUTS_HELP
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import (

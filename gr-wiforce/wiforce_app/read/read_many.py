@@ -17,7 +17,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
-from gnuradio.wiforce.io.files.formats import format_of
+from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
@@ -258,7 +258,7 @@ def read_capture_file(job):
 
 def _read(job):
     # In the process of a worker alone: the command, which sends jobs to it, starts faster without.
-    from gnuradio.wiforce.io.files.formats import holds_metadata
+    from gnuradio.wiforce.io.files import holds_metadata
     from gnuradio.wiforce.io.files.writers import open_writer
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import scene_of

@@ -3,7 +3,7 @@
 
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
-from gnuradio.wiforce.io.files.formats import holds_metadata
+from gnuradio.wiforce.io.files import holds_metadata
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.planning.plan import plan

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.files.formats import OUTPUTS_HELP
+from gnuradio.wiforce.io.files import OUTPUTS_HELP
 
 from ..radio.request import DRIVERS
 from .log import log

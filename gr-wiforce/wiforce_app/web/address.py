@@ -9,7 +9,7 @@ import socket
 from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.addresses import host_and_port
+from gnuradio.wiforce.io.network import host_and_port
 from gnuradio.wiforce.io.optional import check_installed
 
 OPTION = "--web"

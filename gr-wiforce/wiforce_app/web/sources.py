@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.files.formats import format_of
+from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
 from gnuradio.wiforce.io.optional import optional_module

@@ -12,7 +12,7 @@ import pylsl
 import pytest
 import websockets.sync.client
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.addresses import host_and_port
+from gnuradio.wiforce.io.network import host_and_port
 from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets, lsl_offset_s
 from gnuradio.wiforce.io.readings import Reading

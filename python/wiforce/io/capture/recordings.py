@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.carrier import same_carrier
-from ..files.formats import format_of
+from ..files import format_of
 from .names import files_of
 from .samples import DATATYPES, samples_of
 from .sigmf_metadata import read_metadata

@@ -14,7 +14,7 @@ from typing import IO, Any
 from ...errors import InputError
 from ..optional import optional_module
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
-from .formats import FORMATS, format_of, suffixes
+from . import FORMATS, format_of, suffixes
 from .mcap_file import mcap_is_cut, mcap_rows
 
 _INTEGERS = ("touch", "group")

@@ -20,7 +20,7 @@ from ..optional import optional_modules
 from ..outputs import Output
 from ..readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 from ..text.textfile import check_output
-from .formats import OUTPUTS, format_of, suffixes
+from . import OUTPUTS, format_of, suffixes
 from .output_file import LONGEST_ROW, EndedOutput, OutputFile
 
 

@@ -14,7 +14,7 @@ from ..ros_messages import (
     reading_messages,
     topics_of,
 )
-from .addresses import host_and_port
+from . import host_and_port
 
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
 # dropped.
