@@ -3,7 +3,6 @@
 
 `plan` computes all settings of the receiver from a scene, once: the clutter band, the lines that
 are used and what they lose (`loss`). `expected` gives the errors of readings, `steps` what is
-computed and what it costs, and `advice` warns and proposes changes. `clocks` are those of tags,
-`packet_plan` is for snapshots at irregular times; `adaptation` is to a room, whose survey
-`findings` puts into words.
+computed and what it costs, and `advice` warns and proposes changes. `clocks` are those of tags, and
+`adaptation` is to a room, whose survey `findings` puts into words.
 """

@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of channel snapshots to readings."""
+"""Files of channel snapshots to readings, by a plan that is fitted to the packets received."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
-from ..estimation.groups import Array
+from ..estimation.ends.separation import EndSeparator
+from ..estimation.groups import Array, Groups
 from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
 from ..estimation.packets.packet_channels import (
     AntennaCombination,
@@ -22,23 +24,31 @@ from ..estimation.packets.packet_channels import (
     undivided,
 )
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
-from ..estimation.packets.tag_parts import SolvedTags
+from ..estimation.packets.tag_parts import SolvedTags, solve_tags
 from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.readings import GroupCounts, Reading
-from ..planning.packet_plan import PacketPlans, solved_tags
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..press.evidence import Suspicion
 from ..signal.timed_weights import TimedTable
+from ..signal.waveform import packet_waveform
 from .receiver import Receiver
 
 # Rounds in which packets are divided and tags are solved for, at most, and the change of the tags'
 # part, against what is unknown of it, at which they end: it then adds 5 % to that.
 _MOST_ROUNDS, _SETTLED = 6, 0.3
-# Groups that are passed to the receiver at once.
+# Groups that are separated, or passed to the receiver, at once.
 _BATCH = 16
 # A mean interval that differs from the scene's by this factor is a mistake: losses of the packets
 # that the scene expects change it by less.
 _OTHER_INTERVAL = 2.0
+# Clutter bands that are tried, how far they may come to a clock, and by which factor a band must
+# reduce the noise: 0.1 dB.
+_BANDS_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0)
+_HIGHEST_BAND, _WORTH_A_BAND = 0.8, 0.977
+# Groups of the reference that are looked at for each band.
+_BAND_GROUPS = 6
+# Groups with fewer packets than this share of the mean are no typical ones.
+_FEW = 0.5
 
 
 class SnapshotReader:
@@ -69,7 +79,7 @@ class SnapshotReader:
         scene = plan.require_scene()
         self._states: AntennaStates | None = None
         self._kept_db = 0.0
-        self._plans: dict[int, PacketPlans] = {}  # by the number of channels of a packet
+        self._plans: dict[int, _PacketPlans] = {}  # by the number of channels of a packet
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             if scene.environment.reader_clock == "free":
@@ -90,22 +100,37 @@ class SnapshotReader:
             parts = former.solved.parts if former else None
             packets = channels.divide(parts)
             fitted = self._fitted(plan, time_s, packets)
+            table, combination = _table_of(fitted), channels.combination
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
-            distorted = PacketGroups(_table_of(fitted), time_s, packets, mean, distorted=True)
+            distorted = PacketGroups(table, time_s, packets, mean, distorted=True)
             precision = None
             if weighted:
                 known = parts.known if parts else np.zeros(len(time_s), bool)
-                table = _table_of(fitted)
-                noise = shared_noise(packets, channels.combination.shared, known, time_s, table)
+                noise = shared_noise(packets, combination.shared, known, time_s, table)
                 precision = noise.precision
-            source = fitted, distorted, packets, time_s, self.groups, channels.combination.response
-            solved = solved_tags(*source, precision, channels.combination.hidden)
+            separator = EndSeparator(table, fitted.clocks, fitted.waveform, derotated=False)
+            separated = [
+                separator.process(distorted.read(first, min(first + _BATCH, self.groups)))
+                for first in range(0, self.groups, _BATCH)
+            ]
+            solved = solve_tags(
+                Groups.concatenate([*separated, separator.flush()]),
+                packets,
+                time_s,
+                table,
+                fitted.clocks,
+                fitted.waveform.averaging_s,
+                fitted.reference_groups,
+                combination.response,
+                precision,
+                combination.hidden,
+            )
             change = solved.change_since(parts)
             least = solved.uncertain
             if former and len(former.least) == len(least):
                 least = tuple(map(min, least, former.least))
             found = fitted, packets, mean, solved, change, least
-            return _Round(*found, channels.states, channels.combination)
+            return _Round(*found, channels.states, combination)
 
         def settle(weighted: bool) -> _Round:
             channels, finer = copy(coarse), copy(fine)
@@ -163,7 +188,7 @@ class SnapshotReader:
         channels = packets.combined.shape[1] // len(hertz)
         try:
             if channels not in self._plans:
-                self._plans[channels] = PacketPlans(plan, hertz, time_s, channels)
+                self._plans[channels] = _PacketPlans(plan, hertz, time_s, channels)
             return self._plans[channels].best(packets)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
@@ -215,6 +240,83 @@ class SnapshotReader:
 def _table_of(plan: Plan) -> TimedTable:
     assert isinstance(plan.table, TimedTable)  # as _check requires packets
     return plan.table
+
+
+class _PacketPlans:
+    """Fits a plan to the times of packets: one for each clutter band that may suit them."""
+
+    def __init__(self, plan: Plan, subcarrier_hz: Array, time_s: Array, channels: int) -> None:
+        scene = plan.require_scene()
+        period_s = scene.group_period_s
+        groups = int(scene.reference_s / period_s)
+        bounds = np.searchsorted(time_s, np.arange(groups + 1) * period_s)
+        counts = np.diff(bounds)
+        filled = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
+        order = filled[np.argsort(counts[filled], kind="stable")]
+        if not order.size:
+            raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
+        typical = int(order[len(order) // 2])
+        rows = slice(bounds[typical], bounds[typical + 1])
+        times_s = time_s[rows] - (typical + 0.5) * period_s
+        waveform = packet_waveform(
+            period_s / len(times_s), plan.waveform.averaging_s, subcarrier_hz, channels=channels
+        )
+        changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
+        try:
+            self._plans = [changed.with_clocks(plan.clocks)]
+        except InputError as error:
+            if len(times_s) >= _FEW * plan.group_length:
+                raise
+            rule = (
+                f"must hold packets throughout reference_s: a typical group of it has "
+                f"{len(times_s)} of the {plan.group_length} of phase_group.snapshots, which do not "
+                f"determine the lines of the tags; {bounds[-1]} of {len(time_s)} packets lie in "
+                "the reference"
+            )
+            raise InputError("time_s", rule) from error
+        if scene.environment.moving_clutter_hz is None:
+            self._plans += _other_bands(self._plans[0])
+        looked_at = np.arange(min(changed.reference_groups, _BAND_GROUPS) + 1)
+        self._rows = [
+            slice(*ends) for ends in pairwise(np.searchsorted(time_s, looked_at * period_s))
+        ]
+        self._time_s = time_s
+
+    def best(self, packets: DividedPackets) -> Plan:
+        """The plan whose clutter band leaves the least noise in the untouched reference."""
+        best, *others = self._plans
+        if not others:
+            return best
+        least = self._tone_noise(best, packets)
+        for plan in others:
+            noise = self._tone_noise(plan, packets)
+            if noise < _WORTH_A_BAND * least:
+                best, least = plan, noise
+        return best
+
+    def _tone_noise(self, plan: Plan, packets: DividedPackets) -> float:
+        """Variance of the tones by the residual of some groups of the reference."""
+        table = _table_of(plan)
+        found = []
+        for group, rows in enumerate(self._rows):
+            states = packets.state[rows]
+            kept = states >= 0
+            times_s = self._time_s[rows][kept] - (group + 0.5) * table.group_period_s
+            noise = table.tone_noise(times_s, packets.combined[rows][kept], states[kept])
+            if noise is not None:
+                found.append(noise)
+        return float(np.median(found)) if found else np.inf
+
+
+def _other_bands(plan: Plan) -> list[Plan]:
+    """Plans with other clutter bands, each wider than the one before."""
+    found: list[Plan] = []
+    for band_hz in _BANDS_HZ:
+        trial = replace(plan, clutter_hz=band_hz)
+        if band_hz > _HIGHEST_BAND * min(plan.clocks_hz) or not trial.separable:
+            break
+        found.append(trial)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
