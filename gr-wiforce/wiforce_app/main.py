@@ -46,7 +46,7 @@ COMMANDS = {
     "plan": (".plan.plan", "Show errors to expect of a scene, and what limits them."),
     "design": (".plan.design", "Show impedance and timer of a tag to build."),
     "calibrate": (".calibrate.calibrate", "Make a sensor model from known presses."),
-    "transfer": (".calibrate.transfer", "Transfer a sensor model to another carrier."),
+    "transfer": (".calibrate.calibrate", "Transfer a sensor model to another carrier."),
     "off-reflection": (".calibrate.off_reflection", "Estimate the off state of the switches."),
     "invert": (".calibrate.invert", "Convert measured phases to force and location."),
     "schema": (".scenes.scenes", "Print the JSON Schema of scene or sensor files."),

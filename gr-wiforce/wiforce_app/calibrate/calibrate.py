@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce calibrate``: known presses to a sensor model, with a report of what it can do."""
+"""``gr-wiforce calibrate`` and ``transfer``: known presses to sensor models, with their errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from gnuradio.wiforce.sensor.curves import FORMS
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ, same_carrier, wrap_deg
 
 from ..shell.commands import GroupedHelp
-from ..shell.options import FiniteRange, Number, sensor_names, sensor_output
+from ..shell.options import CARRIER_HZ, FiniteRange, Number, sensor_names, sensor_output
 from ..shell.plots import check_picture, save_picture
 from .guide import check_guided, guide, guided_options, table_of
 
@@ -376,3 +376,34 @@ def _plot_port(pressed, model, index, port, axes):
     axes[1].set_xlim(0, model.length_mm)
     legend_beside(axes[1], "these lines")
     legend_beside(axes[2], "left and right")
+
+
+@click.command(
+    cls=GroupedHelp, examples=("transfer arm.yaml --frequency-hz 915e6 -o arm-915.yaml",)
+)
+@click.argument("sensor", shell_complete=sensor_names)
+@click.option("--frequency-hz", type=CARRIER_HZ, required=True, help="The new carrier.")
+@sensor_output
+@click.option("--name", help="Name of the sensor; the output's name by default.")
+def transfer(sensor, frequency_hz, output, name):
+    """Transfer a SENSOR, shipped or a file, to a carrier within 10 % of its own.
+
+    Contact positions in millimetres stay as they are and phases scale with frequency. Connectors
+    follow no such rule: the file states the uncertainty that this adds to every phase.
+    """
+    from gnuradio.wiforce.sensor import load_sensor, write_sensor
+
+    check_output(output, [sensor])
+    moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
+    write_sensor(moved, output)
+    added = moved.transfer_std_deg
+    click.echo(
+        f"sensor {moved.name}: {frequency_hz / 1e6:g} MHz, "
+        + (
+            "evaluated by physics, no uncertainty added"
+            if added is None
+            else f"calibrated at {moved.transferred_from_hz / 1e6:g} MHz, {added:.2g} deg added to "
+            "the standard deviation of each phase"
+        )
+    )
+    click.echo(f"written: {output}")
