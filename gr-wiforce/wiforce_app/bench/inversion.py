@@ -50,9 +50,7 @@ def _measure(model, carrier, noise_deg, seed):
     rng = np.random.default_rng(seed)
     force, _, phases = random_presses(model, carrier, _BATCH, rng)
     phases += noise_deg * rng.standard_normal(phases.shape)
-    began = time.perf_counter()
     inverter = model.inverter(carrier)
-    prepared = time.perf_counter() - began
     batch = [_seconds(inverter.invert, phases, noise_deg) for _ in range(_RUNS)]
     singles = phases[:_SINGLE, None]
     single = [_seconds(inverter.invert, pair, noise_deg) for pair in singles]
@@ -63,7 +61,6 @@ def _measure(model, carrier, noise_deg, seed):
         "noise_deg": noise_deg,
         "batch_us": round(float(np.median(batch)) / len(phases) * 1e6, 2),
         "single_us": round(float(np.median(single)) * 1e6, 1),
-        "prepare_s": round(prepared, 2),
         "within_2_std": round(
             float(np.mean(np.abs(found.force_n - force) <= 2 * found.force_std_n)), 4
         ),

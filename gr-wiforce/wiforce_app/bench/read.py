@@ -144,31 +144,23 @@ def _recorded(sensors, folder, seconds):
 
 def measure(capture, scene):
     """The row of a scene, from its recording; None when the plan refuses it."""
-    start = time.process_time()
     try:
         settings = plan(scene)
     except InputError:
         return None
-    plan_s = time.process_time() - start
     recording = open_capture(capture)
     signal_s = recording.span / recording.sample_rate_hz
-    start = time.process_time()
     offset = first_frame(recording, settings.waveform, require_frames(recording, settings.waveform))
     settings = adapted(settings, survey_recording(recording, settings, offset))
-    survey_s = time.process_time() - start
     samples_s, tones = _time_samples(recording, settings)
-    acquisition_s, group_s, single_s = _time_groups(settings, tones)
+    group_s, single_s = _time_groups(settings, tones)
     read_s, cpu_s = _time_command(capture, scene)
     return {
         "snapshots": settings.group_length,
         "tones": len(settings.table.tones),
-        "signal_s": signal_s,
-        "plan_s": plan_s,
-        "start_s": plan_s + survey_s + acquisition_s,
         "samples_ms": 1e3 * samples_s / signal_s,
         "group_us": 1e6 * group_s,
         "single_us": 1e6 * single_s,
-        "groups_ms": 1e3 * group_s / settings.group_period_s,
         "read_s": read_s,
         "cpu_s": cpu_s,
         "real_time": signal_s / read_s,
@@ -203,8 +195,8 @@ def _time_samples(recording, settings):
 
 
 def _time_groups(settings, piece):
-    """Processor time until clocks and reference are known, then of a group in a batch and alone."""
-    together, alone, took, acquisition_s = Receiver(settings), Receiver(settings), [], 0.0
+    """Processor time of a group in a batch and alone, once clocks and reference are known."""
+    together, alone, took = Receiver(settings), Receiver(settings), []
     for first in itertools.count(0, _BATCH):
         index = first + np.arange(_BATCH)
         batch = piece[index % len(piece)].having(index=index)
@@ -214,10 +206,8 @@ def _time_groups(settings, piece):
         alone.process(batch[len(single) :])
         if known:
             took.append((pair[0] / _BATCH, pair[1] / len(single)))
-        else:
-            acquisition_s += pair[0]
         if len(took) == _TIMED:
-            return acquisition_s, *np.quantile(took, 0.25, axis=0).tolist()
+            return np.quantile(took, 0.25, axis=0).tolist()
 
 
 def _seconds(receiver, batches):
