@@ -145,9 +145,9 @@ def test_read_wrong_frame_offset_warns_where_frames_begin(tmp_path):
     done = succeeded("read", tmp_path / "press", *offset, "-o", tmp_path / "out.csv")
     warning, *_, last = done.stderr.splitlines()
     assert (
-        "press.sigmf-data: frames begin at sample 2 and every 400 from there, not at sample 130"
-        in warning
-    )
+        "press.sigmf-data: frames begin at sample 2 and every 400 from there, not at sample 130; "
+        "set the frame offset"
+    ) in warning
     assert last.startswith("gr-wiforce: read ")
     with pytest.warns(UserWarning, match="begin at sample 2 and every 400 from there, not at "):
         wiforce.read(tmp_path / "press", frame_offset=130)
