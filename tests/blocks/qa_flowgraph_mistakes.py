@@ -148,14 +148,6 @@ MISTAKES = {
         lambda codes: said_of(clipped(codes)),
         "the receiver is saturated",
     ),
-    "clipping of floats": (
-        lambda codes: said_of(as_floats(clipped(codes))),
-        "the receiver is saturated",
-    ),
-    "limited": (
-        lambda codes: said_of(clipped(codes) // 2),
-        "the receiver is saturated",
-    ),
     "end": (lambda codes: said_of(codes[: 3 * GROUP]), "within the untouched reference of 0.288 s"),
     "early end": (
         lambda codes: said_of(codes[:1000]),
