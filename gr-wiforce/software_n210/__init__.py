@@ -2,8 +2,8 @@
 """A software USRP N210: the device's side of the protocol of libuhd's ``usrp2`` driver.
 
 ``python3 -m software_n210 --air cable`` runs one; docs/radios.md describes it. `device` is the
-loop, `hardware` what it moves: registers (`control`), the streams (`receive`, `transmit`), and what
-is between the connectors (`frontend`, `cable`, `scene_air`). `host_link` is the host's side.
+loop, `hardware` what it moves: registers, the streams (`receive`, `transmit`), and what is between
+the connectors (`frontend`, `cable`, `scene_air`). `host_link` is the host's side.
 """
 
 from .cable import Cable, Counter

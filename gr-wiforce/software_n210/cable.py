@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 
-from .dsp import FULL_SCALE
+from .frontend import FULL_SCALE
 
 
 class SampleHistory:

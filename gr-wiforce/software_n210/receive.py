@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .dsp import FULL_SCALE, DspRegisters
+from .frontend import FULL_SCALE, DspRegisters
 from .wire import (
     RX_BROKEN_CHAIN,
     RX_HEADER_WORDS,

@@ -9,8 +9,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio import Adc
 
 from .cable import Cable, SampleHistory, amplitude
-from .dsp import FULL_SCALE
-from .frontend import REFERENCE_GAIN_DB
+from .frontend import FULL_SCALE, REFERENCE_GAIN_DB
 from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's

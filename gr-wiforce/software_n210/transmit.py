@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .dsp import FULL_SCALE, DspRegisters
+from .frontend import FULL_SCALE, DspRegisters
 from .wire import (
     END_OF_BURST,
     HAS_TIME,
