@@ -32,17 +32,12 @@ class DeviceBusy(InputError):
 
 
 class DeviceLock:
-    """Held while a process uses a device.
+    """Held while a process uses a device; raises DeviceBusy when another process holds it.
 
-    The device is known by what names it in its arguments, so that it can be locked before it is
-    opened, and by its serial number. Each is a name in Linux's abstract namespace of sockets: it
-    disappears with the process that holds it, however that ends, and is seen by all users.
-    Processes in other network namespaces, such as containers, and on other machines are not
-    detected.
-
-    ``args``: UHD device arguments; ``handover_s``: how long to wait for a process that is about to
-    close the device; ``where``: what states the arguments. Raises DeviceBusy when another process
-    holds it.
+    What names the device in UHD's ``args``, known before it is opened, and its serial number are
+    names in Linux's abstract namespace of sockets: they disappear with the process, however it
+    ends, and all users see them; other network namespaces, as of containers, do not. ``handover_s``
+    is the wait for a process that is about to close it, ``where`` what states the arguments.
     """
 
     def __init__(self, args: str, handover_s: float = _HANDOVER_S, where: str = "--args") -> None:
@@ -57,10 +52,7 @@ class DeviceLock:
             raise
 
     def take_serial(self, serial: str | None) -> None:
-        """Hold the device by its serial number too.
-
-        Raises DeviceBusy when another process holds it, having opened it by other arguments.
-        """
+        """Hold the device by its serial number too, as it may be open by other arguments."""
         if serial:
             self._take(f"serial={serial}", deadline=0.0)
 
