@@ -15,7 +15,7 @@ from ..estimation.capture.folded_groups import FoldedGroups, Slips
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups, is_clipped
 from ..estimation.phases.reference import SubcarrierAverage
-from ..io.readings import GroupCounts, Reading, as_reading
+from ..io.readings import ESTIMATES, GroupCounts, Reading, as_reading
 from ..planning.plan import Plan
 from ..press.sensor_state import describe_doubt
 from ..receiver.receiver import make_readout
@@ -384,7 +384,6 @@ class force_inversion(ReadingPort):
                 gr.log.warn(f"force_inversion: {text}")
 
 
-_COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 # Readings that wait for a flowgraph that is blocked: several minutes of them.
 _MOST_WAITING = 10_000
 # Messages are handled between two calls of work(), so it may wait for a short time only. Far
@@ -431,7 +430,7 @@ class readings_to_floats(Kept, gr.sync_block):
     ) -> None:
         if repeat < 1:
             raise InputError("repeat", "must be 1 or more", repeat)
-        gr.sync_block.__init__(self, "readings_to_floats", None, [np.float32] * len(_COLUMNS))
+        gr.sync_block.__init__(self, "readings_to_floats", None, [np.float32] * len(ESTIMATES))
         self._sensor = sensor
         self._flagged = flagged
         self._unknown = unknown
@@ -461,8 +460,8 @@ class readings_to_floats(Kept, gr.sync_block):
 
     def _values(self, reading: Reading) -> list[float]:
         if set(reading.flags) - {"reference"} and not self._flagged:
-            return [self._unknown] * len(_COLUMNS)
+            return [self._unknown] * len(ESTIMATES)
         if reading.touch == 0:
-            return [0.0, *[self._unknown] * (len(_COLUMNS) - 1)]
-        values = [getattr(reading, name) for name in _COLUMNS]
+            return [0.0, *[self._unknown] * (len(ESTIMATES) - 1)]
+        values = [getattr(reading, name) for name in ESTIMATES]
         return [self._unknown if value is None else value for value in values]

@@ -260,12 +260,6 @@ class Person:
         swing = np.sin(2 * np.pi * (_BREATHING_HZ * time_s + self._breath))
         return 2 * _BREATHING_M / self._wavelength_m * swing
 
-    def walking(self, time_s: np.ndarray) -> np.ndarray:
-        """Whether the person walks, at given times; shape of ``time_s``."""
-        self._extend(float(np.max(time_s, initial=0.0)))
-        walk = self._walks[np.searchsorted(self._walks[:, 0], time_s, "right") - 1]
-        return time_s < walk[..., 1]
-
     def _extend(self, until_s: float) -> None:
         """Draw walks until one begins after ``until_s``."""
         while self._walks[-1, 0] <= until_s:

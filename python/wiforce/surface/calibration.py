@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..io.readings import ESTIMATES
 from ..io.text.textfile import cell_number, read_csv, require_columns
 from .skin import Array, Skin, Spreading
 
@@ -301,7 +302,7 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
         for i in np.flatnonzero((starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)):
             if row["touch"] == 0:
                 untouched[i, strip] += 1
-            shown = [row[k] for k in ("force_n", "force_std_n", "location_mm", "location_std_mm")]
+            shown = [row[key] for key in ESTIMATES]
             if row["touch"] == 1 and None not in shown:
                 touched[i][strip].append(tuple(shown))
     mean = np.full((*shape, 4), math.nan)
