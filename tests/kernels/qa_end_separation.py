@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood
-from gnuradio.wiforce.estimation.group_tones import GroupWeights
+from gnuradio.wiforce.estimation.groups import GroupWeights
 from gnuradio.wiforce.signal.switching import switch_averages
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.wiforce_kernels import (

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.clocks.tracked_tag import TagClock
-from ..estimation.group_tones import power_of
-from ..estimation.groups import Array
+from ..estimation.groups import Array, power_of
 from ..estimation.room.clock_lines import measured
 from ..estimation.room.sources import RoomLine, Source
 from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockPath, TagClock, TrackedTag
 from gnuradio.wiforce.estimation.ends.least_squares import SpreadLines, ToneModel
-from gnuradio.wiforce.estimation.group_tones import GroupFit
-from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.groups import GroupFit, Groups
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights
 

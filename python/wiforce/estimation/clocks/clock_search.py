@@ -23,8 +23,7 @@ from ...wiforce_kernels import (
     raised_subcarriers,
 )
 from ..ends.least_squares import ToneModel
-from ..group_tones import GroupFit, GroupTones, GroupWeights, power_of, without_loud
-from ..groups import Array
+from ..groups import Array, GroupFit, GroupTones, GroupWeights, power_of, without_loud
 from .likelihood import DELAY_EVIDENCE, OVERLAP, acquire, complete_likelihood
 from .tracked_tag import ClockPath, TrackedTag, likelihood_bias
 

@@ -25,10 +25,9 @@ from ...signal.lines import Tone
 from ...signal.switching import DUTY, harmonics
 from ...signal.weights import ToneTable
 from ...wiforce_kernels import clock_likelihood
-from ..groups import Array
+from ..groups import Array, GroupFit, GroupTones
 
 if TYPE_CHECKING:
-    from ..group_tones import GroupFit, GroupTones
     from .tracked_tag import TrackedTag
 
 # Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single

@@ -11,8 +11,7 @@ import numpy as np
 from ...signal.switching import switch_averages, switch_averages_and_slopes
 from ...signal.weights import ToneTable
 from ...wiforce_kernels import clock_tracker, locked_tag
-from ..group_tones import GroupTones
-from ..groups import Array
+from ..groups import Array, GroupTones
 from .likelihood import (
     ClockFit,
     PhaseLikelihood,

@@ -19,8 +19,7 @@ from ...signal.waveform import Waveform
 from ...signal.weights import PartialWeights, ToneTable
 from ...wiforce_kernels import end_fit, end_separation, noise_estimate, predict_clocks, tone_peaks
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag
-from ..group_tones import GroupFit, GroupTones, GroupWeights
-from ..groups import Array, Groups
+from ..groups import Array, GroupFit, Groups, GroupTones, GroupWeights
 
 # Polynomials of the phase over a group. The first n terms of a random walk's expansion leave
 # 2 / (pi^2 n) of its power (K. Karhunen, 1947): 3 % for six.

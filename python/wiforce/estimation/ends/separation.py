@@ -20,8 +20,7 @@ from ...signal.weights import ToneTable
 from ...wiforce_kernels import STEP_GROUPS, end_separation, noise_estimate
 from ..clocks.clock_search import ClockSearch
 from ..clocks.tracked_tag import TagClock, TrackedTag
-from ..group_tones import GroupTones
-from ..groups import Array, Groups
+from ..groups import Array, Groups, GroupTones
 from .least_squares import SpreadLines, ToneModel
 
 # Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR
