@@ -9,7 +9,6 @@ packets are regular: two lines are one tone where these times do not distinguish
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from operator import itemgetter
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -174,22 +173,21 @@ def timed_lines(
         for m in range(1, harmonics + 1)
         for tag, clock_hz in enumerate(clocks_hz)
     )
-    found: list[tuple[float, list[tuple[int, int]], np.ndarray]] = []
+    frequencies = [hertz for _, hertz, _ in lines]
+    waves = np.exp(2j * np.pi * np.outer(frequencies, times_s)) / np.sqrt(len(times_s))
+    slow = np.sum(np.abs(waves @ clutter) ** 2, axis=1)
+    same, mirrored = np.abs(waves @ waves.conj().T), np.abs(waves @ waves.T)
+    left_out = (slow > _CLUTTER_SHARE) | (np.diag(mirrored) > _OWN_MIRROR)
+    alike = np.maximum(same, mirrored) > _SAME_TONE
+    owners: dict[int, list[tuple[int, int]]] = {}
     # The slowest lines first: they are the strongest, and give a shared tone its frequency.
-    for m, hertz, tag in lines:
-        wave = np.exp(2j * np.pi * hertz * times_s) / np.sqrt(len(times_s))
-        slow = np.sum(np.abs(clutter.T @ wave) ** 2)
-        if slow > _CLUTTER_SHARE or abs(np.sum(wave**2)) > _OWN_MIRROR:
-            continue
-        for _, owners, other in found:
-            same, mirrored = abs(np.vdot(other, wave)), abs(np.sum(other * wave))
-            if max(same, mirrored) > _SAME_TONE:
-                owners.append((tag, m if same >= mirrored else -m))
-                break
-        else:
-            found.append((hertz, [(tag, m)], wave))
-    found.sort(key=itemgetter(0))
-    return with_mirrors([Tone(hertz, tuple(owners), hertz) for hertz, owners, _ in found])
+    for row in map(int, np.flatnonzero(~left_out)):
+        m, _, tag = lines[row]
+        tone = next((other for other in np.flatnonzero(alike[row]) if other in owners), row)
+        mirror = mirrored[row, tone] > same[row, tone]
+        owners.setdefault(tone, []).append((tag, -m if mirror else m))
+    tones = sorted((frequencies[row], tuple(of)) for row, of in owners.items())
+    return with_mirrors([Tone(hertz, of, hertz) for hertz, of in tones])
 
 
 def clutter_at(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
