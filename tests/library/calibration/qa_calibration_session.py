@@ -308,8 +308,8 @@ def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path):
             there = target.location_mm + (error_mm if target.location_mm == place else 0.0)
             new = press(target.force_n, there)
             session.add(dataclasses.replace(new, location_mm=target.location_mm))
-        assert max(max(row.rms_deg) for row in session.fit()[0]) < 0.3
-        _, (found,) = session.fit()
+        rows, (found,) = session.fit()
+    assert max(max(row.rms_deg) for row in rows) < 0.3
     assert found.startswith(f"location {place:g} mm ") and "was the ruler right" in found
     assert float(found.split("at ")[1].split(" mm")[0]) == pytest.approx(place + error_mm, abs=0.5)
 

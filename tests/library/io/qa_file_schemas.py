@@ -4,6 +4,7 @@
 import copy
 import dataclasses
 import json
+from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -34,6 +35,7 @@ SCENE = {
 }
 
 
+@cache
 def content_of(path):
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 

@@ -3,6 +3,7 @@
 
 import copy
 import dataclasses
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,7 @@ def test_wiforce_sensors_have_measured_movement_and_line_steps():
         assert np.abs(np.exp(1j * np.radians(steps - steps_deg)) - 1).max() < np.radians(0.1)
 
 
+@cache
 def content(name="wiforce-900mhz"):
     return yaml.safe_load((Path(DATA_DIR) / "sensors" / f"{name}.yaml").read_text())
 
