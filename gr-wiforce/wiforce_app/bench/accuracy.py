@@ -263,15 +263,11 @@ def air_of(case, run, seed=1):
     """The channel of one run of a case, its tags, and the random generator for the rest."""
     seeds = np.random.SeedSequence([seed, zlib.crc32(case.name.encode()), run])
     rng = np.random.default_rng(seeds)
-    tags = [_tag(case, hertz, level, rng) for hertz, level in _each_tag(case)]
+    tags = [_tag(case, *each, rng) for each in zip(case.clocks_hz, case.levels_db, strict=True)]
     levels = PathLevels(case.gamma_db, case.static_db, case.movers_db, case.coherence_hz)
     profile = np.ones(len(_WAVEFORM.bins))
     profile[_INTERFERED] = 100.0 if case.interfered else 1.0
     return Air(_WAVEFORM, case.group_length, tags, levels, seeds.spawn(1)[0], profile), tags, rng
-
-
-def _each_tag(case):
-    return zip(case.clocks_hz, case.levels_db, strict=True)
 
 
 def _tag(case, clock_hz, level_db, rng):

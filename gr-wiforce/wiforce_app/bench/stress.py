@@ -142,7 +142,7 @@ def tasks_of(search, seed):
         for level, factor in _SCALES.items():
             lost = path != "double" and factor < 1e-30
             cause = _TINY if lost else "none: phases do not depend on the level"
-            scaled = {"scale": partial(_constant, factor)}
+            scaled = {"scale": lambda _, factor=factor: factor}
             read(f"all samples {level}", path, 0.02, cause, scaled, static_db=20.0)
     for path in _BLOCKS[:3]:
         cause = "such frames count as missing"
@@ -166,10 +166,6 @@ def quiet_case(name, gamma_db=_QUIET_DB, **changes):
 def _steps(touched):
     """Level of a numbered group, 0 for the first touched one: up and down by 10^4."""
     return (1.0, 1e4, 1.0, 1e-4)[touched // 3 % 4] if touched >= 0 else 1.0
-
-
-def _constant(factor, touched):
-    return factor
 
 
 def _hurt(touched, snapshots):

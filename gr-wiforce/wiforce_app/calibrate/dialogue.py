@@ -40,8 +40,8 @@ class GuidedCalibration:
         self._commands = {
             "k": self._keep,
             "u": self._undo,
-            "s": self._skip,
-            "n": self._skip_location,
+            "s": session.skip,
+            "n": lambda target: session.skip_location(target.location_mm),
             "r": lambda target: self.show_progress(),
             "t": self._tare,
             "f": lambda target: self._end(True),
@@ -185,12 +185,6 @@ class GuidedCalibration:
             self._echo("  removed: the untouched sensor")
         else:
             self._echo(f"  removed: {removed.force_n:.2f} N at {removed.location_mm:g} mm")
-
-    def _skip(self, target):
-        self._session.skip(target)
-
-    def _skip_location(self, target):
-        self._session.skip_location(target.location_mm)
 
     def _tare(self, target):
         force, self._tare_refused = self._tare_refused, False

@@ -75,7 +75,8 @@ def _read(scene, recording, truth, unsurveyed=False):
     read = {"ours": []}
     read_capture(recording, scene, read["ours"].append)
     if unsurveyed:
-        read[UNSURVEYED] = _read_without_survey(recording, scene)
+        reader = RecordingReader(recording, _plan_without_survey(scene), 0, survey=False)
+        read[UNSURVEYED] = [reading for batch in reader for reading in batch]
     found = {method: scored(scene, readings, truth) for method, readings in read.items()}
     changes, expected = paper_changes(recording, scene), expect(plan(scene))
     sensors = []
@@ -180,12 +181,6 @@ def _plan_without_survey(scene):
         for sensor in scene.sensors
     ]
     return plan(replace(scene, sensors=tuple(sensors)))
-
-
-def _read_without_survey(recording, scene):
-    """Readings by the plan of a scene alone, of clocks that need no survey."""
-    reader = RecordingReader(recording, _plan_without_survey(scene), 0, survey=False)
-    return [reading for batch in reader for reading in batch]
 
 
 def paper_changes(recording, scene):

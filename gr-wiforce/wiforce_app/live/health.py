@@ -47,11 +47,6 @@ def geometry(skin):
     return {"name": skin.name, "strips": strips, "y_span_mm": list(skin.y_span_mm)}
 
 
-def new_run() -> str:
-    """An identifier for a run: UTC of its start and six random characters."""
-    return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
-
-
 @dataclass
 class _Tag:
     """When a sensor's readings held values."""
@@ -75,7 +70,8 @@ class RunHealth:
         device_state: Callable[[], str] = lambda: RUNNING,
         now: Callable[[], float] = time.monotonic,
     ):
-        self.run = new_run()
+        # UTC of its start and six random characters.
+        self.run = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
         self._session, self._log, self._now = session, log, now
         self._device_state = device_state
         self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}

@@ -73,7 +73,9 @@ def demo(folder):
     _calibrate(line, folder)
     scene = load_scene(path)
     click.echo(f"2. simulate {scene.simulation.duration_s:g} s of received signal")
-    _simulate(scene, folder)
+    samples = frame_count(scene) * scene.sounding.frame_length
+    with progress("simulating", samples) as step:
+        simulate(scene, folder / "demo", progress=step)
     has_gnuradio = find_spec("gnuradio.wiforce.wiforce_python") is not None
     click.echo(f"3. read the capture {'through' if has_gnuradio else 'without'} GNU Radio")
     readings = _read(scene, folder, _run_flowgraph if has_gnuradio else _run_library)
@@ -118,12 +120,6 @@ def _write_scene(shipped, folder):
     path = folder / _FILES[0]
     path.write_text(_MARK + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
-
-
-def _simulate(scene, folder):
-    samples = frame_count(scene) * scene.sounding.frame_length
-    with progress("simulating", samples) as step:
-        simulate(scene, folder / "demo", progress=step)
 
 
 def _read(scene, folder, run):

@@ -43,6 +43,7 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
     own_hz = scene.radio.center_frequency_hz
     unit_deg = float(phase_std_deg(plan).max()) / np.sqrt(receive_levels(scene).total)
     tags = range(len(scene.sensors))
+    depth = link.layers[-1].thickness_mm if link.layers else link.receiver_m
 
     def found(link: Link, carrier_hz: float) -> tuple[float, float, float]:
         clock_hz = scene.sensors[0].clock_hz
@@ -63,7 +64,7 @@ def carrier_reaches(plan: Plan) -> list[CarrierReach]:
             middle = (low + high) / 2
             weak = found(_deeper(link, np.exp(middle)), carrier_hz)[2] > limit_deg
             low, high = (low, middle) if weak else (middle, high)
-        return float(np.exp(low)) * _depth(link)
+        return float(np.exp(low)) * depth
 
     return [CarrierReach(hz, band, *found(link, hz), reach(hz)) for hz, band in _carriers(scene)]
 
@@ -77,10 +78,6 @@ def _carriers(scene: Scene) -> Iterator[tuple[float, str]]:
         if band.high_hz - band.low_hz >= high_hz - low_hz:
             centres.setdefault((band.low_hz + band.high_hz) / 2, name)
     yield from centres.items()
-
-
-def _depth(link: Link) -> float:
-    return link.layers[-1].thickness_mm if link.layers else link.receiver_m
 
 
 def _deeper(link: Link, factor: float) -> Link:

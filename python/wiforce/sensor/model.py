@@ -77,10 +77,6 @@ class _ProvenanceMapping(Mapping):
         return dict(value)
 
 
-def _check_span(span: tuple[float, float], scope: Scope) -> str | None:
-    return None if span[0] < span[1] else "must be two rising numbers"
-
-
 def _check_location_span(span: tuple[float, float], scope: Scope) -> str | None:
     if span[0] < span[1] <= scope["length_mm"]:
         return None
@@ -116,7 +112,7 @@ class SensorModel:
     )
     force_span_n: tuple[float, float] = key(
         Numbers(shape=(2,), unit="N", low=0, high=MAX_FORCE_N, as_tuple=True),
-        check=_check_span,
+        check=lambda span, _: None if span[0] < span[1] else "must be two rising numbers",
         doc="Lowest and highest calibrated force. Readings outside are flagged `extrapolated`.",
     )
     location_span_mm: tuple[float, float] = key(

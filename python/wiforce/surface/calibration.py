@@ -296,7 +296,8 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
     touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]
     untouched = np.zeros(shape, int)
     for row in rows:
-        if row["sensor"] not in names or _disturbed(row):
+        doubts = set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}
+        if row["sensor"] not in names or doubts:
             continue
         strip = names.index(row["sensor"])
         for i in np.flatnonzero((starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)):
@@ -343,10 +344,6 @@ def _known_press(skin: Skin, where: str, row: Mapping[str, str]) -> list[float]:
         if not holds:
             raise InputError(where, f"{column} {rule}", float(row[column]))
     return numbers
-
-
-def _disturbed(row: Mapping[str, Any]) -> bool:
-    return bool(set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"})
 
 
 def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:

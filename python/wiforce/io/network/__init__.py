@@ -10,6 +10,11 @@ _NAMES = {"": "127.0.0.1", "localhost": "127.0.0.1", "*": "0.0.0.0"}
 _BROADCAST = "255.255.255.255"
 
 
+def is_port(text: str) -> bool:
+    """Whether a text is the number of a port."""
+    return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
+
+
 def host_and_port(text: str, option: str) -> tuple[str, int]:
     """Where to listen, from ``PORT`` (on loopback) or ``ADDRESS:PORT``; ``*`` are all addresses.
 
@@ -23,7 +28,7 @@ def host_and_port(text: str, option: str) -> tuple[str, int]:
         address = ipaddress.ip_address(host)
         # The system binds these, but nobody can connect to them.
         unreachable = address.is_multicast or host == _BROADCAST
-        if unreachable or not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
+        if unreachable or not is_port(port):
             raise ValueError
     except ValueError:
         rule = "must be PORT or ADDRESS:PORT, with an IP address of this machine or *"

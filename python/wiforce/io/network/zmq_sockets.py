@@ -4,7 +4,6 @@
 import errno
 import ipaddress
 import json
-import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -14,6 +13,7 @@ from typing import Any
 from ...errors import InputError
 from ..optional import optional_module
 from ..outputs import Output
+from . import is_port
 from .zmq_keys import ClientKeys, ServerKeys
 
 
@@ -26,7 +26,7 @@ def endpoint_of(text: str, option: str) -> str:
         address = f"tcp://{address or 'localhost'}"
     if address == "tcp://localhost":
         address = "tcp://127.0.0.1"
-    if not address.startswith("tcp://") or address == "tcp://" or not _is_port(port):
+    if not address.startswith("tcp://") or address == "tcp://" or not is_port(port):
         raise InputError(option, "must be a port from 1 to 65535, or tcp://ADDRESS:PORT", text)
     return f"{address}:{port}"
 
@@ -40,10 +40,6 @@ def is_loopback(endpoint: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:  # a name: of a host, or of a network interface
         return host == "localhost"
-
-
-def _is_port(text: str) -> bool:
-    return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
 
 # A request is a line; a peer that sends more is cut off before it takes memory.
