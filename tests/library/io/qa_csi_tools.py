@@ -28,21 +28,17 @@ def same_up_to_scale(found, expected):
     assert np.allclose(found, scale * expected, atol=1e-4 * np.abs(found).max())
 
 
-def test_intel_file_is_read_with_its_clock_unwrapped(tmp_path):
-    values = values_of(30, 3, 100)
-    (tmp_path / "a.dat").write_bytes(intel_file(values))
-    found = open_csi(tmp_path / "a.dat", "intel")
+@pytest.mark.parametrize(
+    ("tool", "file", "shape"),
+    [("intel", intel_file, (30, 3, 100)), ("atheros", atheros_file, (56, 2, 400))],
+)
+def test_file_of_a_card_is_read_with_its_clock_unwrapped(tmp_path, tool, file, shape):
+    values = values_of(*shape)
+    (tmp_path / "a.dat").write_bytes(file(values))
+    found = open_csi(tmp_path / "a.dat", tool)
     same_up_to_scale(found.channel, values)
-    assert np.allclose(np.diff(found.time_s), 1e-3)
+    assert np.allclose(np.diff(found.time_s), 1e-3) and len(found.subcarrier_hz) == shape[0]
     assert found.subcarrier_hz[0] == -28 * 312.5e3 and found.subcarrier_hz[-1] == 28 * 312.5e3
-
-
-def test_atheros_file_is_read(tmp_path):
-    values = values_of(56, 2, 400)
-    (tmp_path / "a.dat").write_bytes(atheros_file(values))
-    found = open_csi(tmp_path / "a.dat", "atheros")
-    same_up_to_scale(found.channel, values)
-    assert np.allclose(np.diff(found.time_s), 1e-3) and len(found.subcarrier_hz) == 56
 
 
 def test_intel_clock_that_steps_back_is_a_gap_and_other_packets_are_left_out(tmp_path):
