@@ -396,19 +396,6 @@ def test_history_is_sent_in_parts_of_limited_size():
     assert times == [float(step) for step in range(5000)]
 
 
-def test_zmq_source_answers_each_of_several_tares():
-    """The first of two had no answer, and its socket was kept beyond the end."""
-    answers = []
-    with publishing() as reader, closing(ZmqSource(reader.readings, reader.control)) as source:
-        for number in range(2):
-            source.tare(lambda answer, number=number: answers.append((number, answer["ok"])))
-        deadline = time.monotonic() + 60
-        while len(answers) < 2:
-            assert time.monotonic() < deadline
-            source.poll(PageState(30.0))
-    assert sorted(answers) == [(0, True), (1, True)]
-
-
 def test_viewers_that_ask_and_leave_are_forgotten():
     """With a reader that hangs, each left sockets for a minute; a forced tare was not asked for."""
     with socket.create_server(("127.0.0.1", 0)) as hung:

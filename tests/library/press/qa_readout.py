@@ -94,13 +94,9 @@ def test_readout_press_is_read_at_its_force_and_location():
         assert wrap_deg([r.phase1_deg, r.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0], abs=1e-6)
 
 
-def test_readout_groups_of_the_reference_are_flagged():
+def test_readout_flags_the_reference_and_where_a_press_may_begin_or_end():
     readings = readings_of(make_readout(), press(20, 29, 40))
     assert [("reference" in r.flags) for r in readings] == [g < 5 for g in range(40)]
-
-
-def test_readout_groups_in_which_a_press_may_begin_or_end_are_flagged_transition():
-    readings = readings_of(make_readout(), press(20, 29, 40))
     flagged = {g for g, r in enumerate(readings) if "transition" in r.flags}
     assert {20, 29} <= flagged <= {20, 29, 30}
 
