@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench accuracy``: phase errors of the estimators against the Cramer-Rao bound.
-
-Every estimator reads the same snapshots of each case.
-"""
+"""``gr-wiforce bench accuracy``: phase errors of the estimators against the Cramer-Rao bound."""
 
 import zlib
 from dataclasses import dataclass, replace

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change.
-
-For a device; files are checked in :mod:`.check_file`.
-"""
+"""``gr-wiforce check`` of a device: levels, delay, tag clocks, advice; files by `check_file`."""
 
 import json
 from dataclasses import asdict, dataclass, field

@@ -514,17 +514,11 @@ def _spread(
     forward = model.inverter(frequency_hz).forward
     at = forward.clip(*points.T)
     slopes = forward.slopes(*at)
-    variance = phase_std_deg**2 + _model_variance(model, frequency_hz, *points.T)
+    model_variance = model.model_std_deg(points[:, 0], points[:, 1], frequency_hz) ** 2
+    model_variance += contradiction_deg(model, frequency_hz, points[:, 1]) ** 2
+    variance = phase_std_deg**2 + model_variance
     normal = np.einsum("npa,npb,np->nab", slopes, slopes, 1 / variance)
     # The prior: force and location are uniform over the model's domain.
     normal[:, 0, 0] += 12 / np.ptp(forward.force_n) ** 2
     normal[:, 1, 1] += 12 / np.ptp(forward.location_mm) ** 2
     return np.sqrt(np.einsum("naa->na", np.linalg.inv(normal)))
-
-
-def _model_variance(
-    model: SensorModel, frequency_hz: float, force_n: np.ndarray, location_mm: np.ndarray
-) -> np.ndarray:
-    """Variance of the model's phases, and of locations that contradict each other; (n, 2)."""
-    stated = model.model_std_deg(force_n, location_mm, frequency_hz) ** 2
-    return stated + contradiction_deg(model, frequency_hz, location_mm) ** 2

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What real rooms and radios add to a simulated scene: one optional mapping per effect.
-
-Only the simulator and the software device use it; a reader does not know it.
-"""
+"""What real rooms and radios add to a simulated scene: one optional mapping per effect."""
 
 from ..io.text.schema import Derived, declared, key
 from ..io.text.values import Choice, Integer, Number, Scope

@@ -3,11 +3,7 @@
 
 Clock 1 runs at fs with 25 % duty, high for phases within +-pi/4 of 0. Clock 2 runs at 2 fs with
 25 % duty: pulses pi/4 wide centred at +-pi/2 of clock 1's phase. A snapshot averages both over
-the time Ta of the folded samples.
-
-This is the estimator's model of the tag. The simulator has its own, at the level of samples
-(:mod:`..simulation.tag`), and deliberately shares no code with this one, so that a mistake
-in either shows in the readings.
+the time Ta of the folded samples. The simulator has a model of its own (:mod:`..simulation.tag`).
 """
 
 from typing import NamedTuple

@@ -2,8 +2,7 @@
 """Simulated channel snapshots: what a Wi-Fi card would report of each packet of a scene.
 
 The channel of each antenna and subcarrier is a sum of paths; a packet rotates, scales and delays
-all antennas alike, and the receiver chain of each antenna has phases and gains of its own. Nothing
-here is shared with the estimator.
+all antennas alike, and the receiver chain of each antenna has phases and gains of its own.
 """
 
 import io
