@@ -201,8 +201,8 @@ struct end_separation::one {
     std::vector<complex>&parts, &white;  // M x K, as received and whitened
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
-    double level = 0;                      // mean power of the whitened parts
-    std::vector<complex> cleaned{};        // whitened parts without spread lines
+    double level = 0;               // mean power of the whitened parts
+    std::vector<complex> cleaned{}; // whitened parts without spread lines
 
     void receive()
     {
@@ -262,7 +262,9 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
         if (found.outcome != noise_estimate::verdict::learned ||
             (update && found.groups && std::any_of(tags.begin(), tags.end(), given_up)))
             break;
-        one next{ found.groups, subcarriers, group, tags, noise, by, found, parts, white };
+        one next{
+            found.groups, subcarriers, group, tags, noise, by, found, parts, white
+        };
         next.receive();
         if (update)
             correct_clocks(next);
