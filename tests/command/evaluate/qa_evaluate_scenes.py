@@ -10,6 +10,7 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene
+from wiforce_app.evaluate.evaluate import cause_table, stored, table
 from wiforce_app.evaluate.experiment import (
     other_causes,
     paper_changes,
@@ -18,7 +19,6 @@ from wiforce_app.evaluate.experiment import (
     with_cause,
 )
 from wiforce_app.evaluate.published import paper_figures, published_phase_std
-from wiforce_app.evaluate.runs import cause_table, stored, table
 from wiforce_app.shell.provenance import fingerprint
 
 SCENE = {
