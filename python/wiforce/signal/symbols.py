@@ -10,6 +10,7 @@ import base64
 import binascii
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,22 +44,15 @@ def repeated_symbol(length: int) -> np.ndarray:
     return np.fft.ifft(spectrum) * length / np.sqrt(len(k))
 
 
-def up_chirp(length: int) -> np.ndarray:
-    """LoRa's up-chirp x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), N = 2^SF.
+def swept_symbol(length: int, part: float) -> np.ndarray:
+    """Sweep x[n] = exp(j pi B (n^2 / N - n)) over a ``part`` B of the sample rate.
 
-    L. Vangelista, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
+    B = 1, N = 2^SF is LoRa's up-chirp (L. Vangelista, IEEE Signal Processing Letters 24(12), 2017,
+    eq. (2)), the sawtooth that of A. G. Stove, Linear FMCW radar techniques, IEE Proceedings F
+    139(5), 1992.
     """
     n = np.arange(length)
-    return np.exp(2j * np.pi * (n**2 / (2 * length) - n / 2))
-
-
-def fmcw_sweep(length: int) -> np.ndarray:
-    """Continuous sweep x[n] = exp(j pi B (n^2 / N - n)), B = 0.8, over 80 % of the sample rate.
-
-    The sawtooth of A. G. Stove, Linear FMCW radar techniques, IEE Proceedings F 139(5), 1992.
-    """
-    n = np.arange(length)
-    return np.exp(1j * np.pi * _SWEPT_BAND * (n**2 / length - n))
+    return np.exp(1j * np.pi * part * (n**2 / length - n))
 
 
 def zadoff_chu(length: int) -> np.ndarray:
@@ -77,8 +71,8 @@ def zadoff_chu(length: int) -> np.ndarray:
 # Name in a scene: formula, and default length.
 SYMBOLS: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
     "repeated": (repeated_symbol, 64),
-    "chirp": (up_chirp, 128),
-    "fmcw": (fmcw_sweep, 128),
+    "chirp": (partial(swept_symbol, part=1.0), 128),
+    "fmcw": (partial(swept_symbol, part=_SWEPT_BAND), 128),
     "zadoff-chu": (zadoff_chu, 63),
 }
 
