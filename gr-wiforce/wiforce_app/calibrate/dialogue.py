@@ -4,7 +4,7 @@
 import time
 
 from gnuradio.wiforce.calibration.gauges import parse_force
-from gnuradio.wiforce.calibration.press_measurement import (
+from gnuradio.wiforce.calibration.session import (
     measure_press,
     measure_untouched,
     steady_deg,

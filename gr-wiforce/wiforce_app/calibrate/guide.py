@@ -14,7 +14,6 @@ from queue import SimpleQueue
 
 import click
 from gnuradio.wiforce.calibration.gauges import ForceGauge, parse_force, unit_n
-from gnuradio.wiforce.calibration.press_measurement import LEAST_GROUPS
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
@@ -33,6 +32,8 @@ class LivePresses:
     """Collects readings of one sensor, made without its model; ``idle`` while waiting."""
 
     def __init__(self, session, keeper, sensor, scene):
+        from gnuradio.wiforce.calibration.session import LEAST_GROUPS
+
         self._session, self._keeper, self._sensor = session, keeper, sensor
         self._period_s, self._reference_s = scene.group_period_s, scene.reference_s
         self._readings = deque(maxlen=_KEPT)

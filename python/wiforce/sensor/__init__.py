@@ -22,7 +22,7 @@ _ELSEWHERE = {
     "calibrate": "calibration.calibrate",
     "calibration_warnings": "calibration.validation",
     "estimate_line": "calibration.mistakes",
-    "measure_press": "calibration.press_measurement",
+    "measure_press": "calibration.session",
     "measure_vna": "calibration.tables",
     "read_tap_csv": "calibration.tables",
     "read_touchstone_index": "calibration.tables",

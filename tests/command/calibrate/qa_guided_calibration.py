@@ -8,8 +8,12 @@ import time
 import pytest
 from click.testing import CliRunner
 from gnuradio.wiforce.calibration.gauges import ForceGauge
-from gnuradio.wiforce.calibration.press_measurement import measure_press, measure_untouched
-from gnuradio.wiforce.calibration.session import CalibrationSession, SessionPlan
+from gnuradio.wiforce.calibration.session import (
+    CalibrationSession,
+    SessionPlan,
+    measure_press,
+    measure_untouched,
+)
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor

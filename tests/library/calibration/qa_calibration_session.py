@@ -9,9 +9,9 @@ import os
 import numpy as np
 import pytest
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.press_measurement import PressMeasurement
 from gnuradio.wiforce.calibration.session import (
     CalibrationSession,
+    PressMeasurement,
     SessionPlan,
     Target,
     press_warnings,

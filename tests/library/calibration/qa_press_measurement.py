@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.calibration.press_measurement import (
+from gnuradio.wiforce.calibration.session import (
     measure_press,
     measure_untouched,
     steady_deg,
