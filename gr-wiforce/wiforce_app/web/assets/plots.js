@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fills the plots that wiforce_app/web/page.py describes.
+// Fills the plots that wiforce_app/web/server.py describes.
 "use strict";
 
 // The axes show at least this much, so that noise of an untouched sensor does not fill them.
@@ -8,7 +8,7 @@ const LEAST_FORCE_N = 1, LEAST_SPAN_S = 5;
 const MARGIN = 0.04;
 const LOWEST_PX = 150, HIGHEST_PX = 420;
 const STRIP_PX = 14, STRIP_ROW_PX = 7, KEY_PX = 64;
-const RIGHT_PX = 10; // as in page.py
+const RIGHT_PX = 10; // as in server.py
 const DRAG_PX = 8; // of a zoom; less is a click
 const QUANTITIES = {
   force: { value: (r) => forceOf(r), std: (r) => (r.touch === 1 ? r.forceStd : null) },
