@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The chain of one block per step and the reader, on the same samples."""
 
+import threading
+
+import pmt
 from chain_from_file import Chain
 from gnuradio import gr, wiforce
 
@@ -17,6 +20,26 @@ CLOSE = {
     "snr_db": 1e-3,
     "interference": 1e-6,
 }
+
+
+class Collector(gr.basic_block):
+    """Collects readings, or other messages, and lets the test wait for them."""
+
+    def __init__(self):
+        gr.basic_block.__init__(self, "collector", None, None)
+        self.readings = []
+        self._more = threading.Condition()
+        self.message_port_register_in(pmt.intern("readings"))
+        self.set_msg_handler(pmt.intern("readings"), self._on_message)
+
+    def _on_message(self, message):
+        with self._more:
+            self.readings.append(pmt.to_python(message))
+            self._more.notify_all()
+
+    def wait_for(self, enough):
+        with self._more:
+            assert self._more.wait_for(lambda: enough(self.readings), timeout=300)
 
 
 def readings_of_chain(plan, *before, runs=1):

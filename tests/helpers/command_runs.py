@@ -77,7 +77,10 @@ def refused(*arguments, cwd="."):
     return line
 
 
-def rows_of(path):
-    """Rows of a table, as of readings or of the truth, by the names of its columns."""
-    with open(path, newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+def rows_of(*paths):
+    """Rows of tables, as of readings or of the truth, by the names of their columns."""
+    rows = []
+    for path in paths:
+        with open(path, newline="", encoding="utf-8") as stream:
+            rows += csv.DictReader(stream)
+    return rows

@@ -16,12 +16,11 @@ from pathlib import Path
 
 import chain_simulated
 import numpy as np
-import pmt
 import pytest
 import zmq
-from chain_runs import assert_equal_readings
+from chain_runs import Collector, assert_equal_readings
 from command_runs import rows_of
-from gnuradio import gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce.io.readings import as_reading
 from modules import module_of
 
@@ -81,26 +80,6 @@ def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
     assert done.returncode == 1 and "Traceback" not in done.stderr
     said = done.stderr.splitlines()
     assert sum(line.startswith("device: must be a USRP that answers (") for line in said) == 1
-
-
-class Collector(gr.basic_block):
-    """Collects readings and lets the test wait for them."""
-
-    def __init__(self):
-        gr.basic_block.__init__(self, "collector", None, None)
-        self.readings = []
-        self._more = threading.Condition()
-        self.message_port_register_in(pmt.intern("readings"))
-        self.set_msg_handler(pmt.intern("readings"), self._on_message)
-
-    def _on_message(self, message):
-        with self._more:
-            self.readings.append(pmt.to_python(message))
-            self._more.notify_all()
-
-    def wait_for(self, enough):
-        with self._more:
-            assert self._more.wait_for(lambda: enough(self.readings), timeout=300)
 
 
 def after(readings, time_s, sensor=None):

@@ -9,6 +9,7 @@ import threading
 import numpy as np
 import pmt
 import pytest
+from chain_runs import Collector
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui import Trend, style, widget
@@ -218,21 +219,6 @@ def test_display_invalid_size_raises(qt, parameter, value):
         wiforce.ForceDisplay(**{parameter: value})
 
 
-class Collector(gr.basic_block):
-    """Keeps the messages that it gets."""
-
-    def __init__(self):
-        gr.basic_block.__init__(self, "collector", None, None)
-        self.messages = []
-        self.got_one = threading.Event()
-        self.message_port_register_in(pmt.intern("in"))
-        self.set_msg_handler(pmt.intern("in"), self._on_message)
-
-    def _on_message(self, message):
-        self.messages.append(message)
-        self.got_one.set()
-
-
 def test_block_shows_messages_and_sends_tare(qt):
     flowgraph = gr.top_block()
     source = blocks.message_strobe(pmt.to_pmt(PRESSED), 5)
@@ -240,7 +226,7 @@ def test_block_shows_messages_and_sends_tare(qt):
     block.widget._timer.stop()
     collector = Collector()
     flowgraph.msg_connect(source, "strobe", block, "readings")
-    flowgraph.msg_connect(block, "tare", collector, "in")
+    flowgraph.msg_connect(block, "tare", collector, "readings")
     refused = pmt.to_pmt({"state": "refused", "reason": "arm is touched"})
     states = blocks.message_strobe(refused, 5)
     flowgraph.msg_connect(states, "strobe", block, "tare_state")
@@ -249,12 +235,12 @@ def test_block_shows_messages_and_sends_tare(qt):
         while not (block.widget.sensors() and block.widget._outcome.toolTip()):
             block.widget.refresh()
         block.widget._tare.click()
-        assert collector.got_one.wait(20)
+        collector.wait_for(bool)
     finally:
         flowgraph.stop()
         flowgraph.wait()
     assert block.widget.latest("arm").location_mm == 40.0
-    assert len(collector.messages) == 1
+    assert len(collector.readings) == 1
     assert block.widget._outcome.toolTip() == "tare refused: arm is touched"
     assert isinstance(block.widget, QtWidgets.QWidget)
 

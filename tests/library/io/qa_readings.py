@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings, their flags and their files: what a script that parses them relies on."""
 
-import csv
 import errno
 import json
 import os
@@ -12,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from command_runs import rows_of
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
@@ -227,14 +227,6 @@ def readings(first, count, sensors=("left", "right")):
         for group in range(count)
         for sensor in sensors
     ]
-
-
-def rows_of(*paths):
-    rows = []
-    for path in paths:
-        with open(path, newline="") as stream:
-            rows += list(csv.DictReader(stream))
-    return rows
 
 
 def write(writer, found):
