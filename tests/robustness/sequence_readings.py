@@ -187,6 +187,11 @@ def _on_time(begin, duration, clock_hz):
     return np.stack(parts, axis=1) / (duration * clock_hz)
 
 
+def _ranges(values):
+    """Lowest, highest and mean of the values (G, N) of each group."""
+    return list(zip(values.min(axis=1), values.max(axis=1), values.mean(axis=1), strict=True))
+
+
 class Score:
     """Counts readings of sequences; ``wrong`` describes those that are."""
 
@@ -194,17 +199,19 @@ class Score:
         self.counts, self.wrong, self.far = Counter(), [], []
 
     def add(self, sequence, readings):
+        ranges = [(_ranges(tag.force), _ranges(tag.location)) for tag in sequence.tags]
         for reading in readings:
-            tag = sequence.tags[int(reading.sensor[1:])]
-            at = reading.group
-            self._judge(sequence, reading, tag.force[at], tag.location[at], tag.on[at])
+            number, at = int(reading.sensor[1:]), reading.group
+            force, location = (of[at] for of in ranges[number])
+            self._judge(sequence, reading, force, location, sequence.tags[number].on[at])
 
     def _judge(self, sequence, reading, force, location, on):
+        (low_n, high_n, _), (low_mm, high_mm, mean_mm) = force, location
         onset, flags = sequence.truth.onset_force_n, set(reading.flags) - {"reference"}
-        read, steady = not flags and reading.touch is not None, np.ptp(force) + np.ptp(location)
+        read, steady = not flags and reading.touch is not None, (low_n, low_mm) == (high_n, high_mm)
         seen = bool(on == 1 and sequence.received[reading.group])
-        untouched = seen and force.max() == 0 and reading.time_s > REFERENCE_S
-        pressed = seen and steady == 0 and force[0] > onset + _ONSET_MARGIN_N
+        untouched = seen and high_n == 0 and reading.time_s > REFERENCE_S
+        pressed = seen and steady and low_n > onset + _ONSET_MARGIN_N
         counted = {
             "unflagged": read,
             "untouched": untouched,
@@ -213,18 +220,18 @@ class Score:
             "pressed, read": read and pressed and reading.touch == 1,
         }
         if counted["pressed, read"] and reading.force_n is not None:
-            counted["pressed, inside"] = abs(reading.force_n - force[0]) < 2 * reading.force_std_n
+            counted["pressed, inside"] = abs(reading.force_n - low_n) < 2 * reading.force_std_n
         self.counts.update([what for what, is_so in counted.items() if is_so])
         if not read:
             if pressed:
                 self.counts.update(f"flag {flag}" for flag in flags)
             return
-        missed = reading.touch == 0 and force.min() > onset + _ONSET_MARGIN_N
-        wrong = missed or (reading.touch == 1 and force.max() < onset - _ONSET_MARGIN_N)
+        missed = reading.touch == 0 and low_n > onset + _ONSET_MARGIN_N
+        wrong = missed or (reading.touch == 1 and high_n < onset - _ONSET_MARGIN_N)
         far = missed
         if reading.touch == 1 and reading.force_n is not None and not wrong:
-            off_n = max(force.min() - reading.force_n, reading.force_n - force.max())
-            off_mm = max(location.min() - reading.location_mm, reading.location_mm - location.max())
+            off_n = max(low_n - reading.force_n, reading.force_n - high_n)
+            off_mm = max(low_mm - reading.location_mm, reading.location_mm - high_mm)
             stds = max(
                 (off > least) * off / std
                 for off, least, std in (
@@ -234,7 +241,7 @@ class Score:
             )
             wrong, far = stds > _STDS, stds > _FAR_STDS
         if wrong:
-            text = f"{force.min():.2f} N to {force.max():.2f} N at {location.mean():.1f} mm"
+            text = f"{low_n:.2f} N to {high_n:.2f} N at {mean_mm:.1f} mm"
             self.wrong.append(f"{text}, read as {reading}")
         if far:
             self.far.append(self.wrong[-1])
