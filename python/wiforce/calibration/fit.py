@@ -62,15 +62,25 @@ class CurveFitter:
             count += len(value)
         return count * squares / max(freedom, 1e-9) ** 2
 
+    def coefficients(
+        self, basis: np.ndarray, value_deg: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (K,) by samples (n,), of which ``basis`` is (n, K); and what is left free.
+
+        That is a basis (K, f) of the directions that no bound holds.
+        """
+        if self._penalty is None:
+            return np.linalg.lstsq(basis, value_deg, rcond=None)[0], np.eye(self.size)
+        return _monotone(basis, self._penalty, value_deg)
+
     def fit(self, force_n: np.ndarray, value_deg: np.ndarray) -> ForceCurve:
         """Fit a curve to samples (n,)."""
         basis = self.basis(force_n)
+        coefficients, free = self.coefficients(basis, value_deg)
         if self._penalty is None:
-            precision, free = basis.T @ basis, np.eye(self.size)
-            coefficients = np.linalg.lstsq(basis, value_deg, rcond=None)[0]
+            precision = basis.T @ basis
         else:
             precision = _penalised_normal(basis, self._penalty)
-            coefficients, free = _monotone(basis, self._penalty, value_deg)
         # As small a matrix as A has columns or rows, with the same squares.
         triangle = np.asarray(np.linalg.qr(basis @ free, mode="r"))
         smoother = triangle @ np.linalg.solve(free.T @ precision @ free, triangle.T)

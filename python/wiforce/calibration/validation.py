@@ -79,12 +79,12 @@ def _fold_errors(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.
     fitter = CurveFitter(form, knots, samples)
     folds = []
     for curve in data.curves:
+        basis = fitter.basis(curve.force_n)
         for out, rim in [] if curve.copied else _folds(curve, by_press):
             if not np.any(out) or np.count_nonzero(~out) < _LEAST_LEFT:
                 continue
-            fit = fitter.fit(curve.force_n[~out], curve.added_deg[~out])
-            error = curve.added_deg[out] - fitter.value(fit, curve.force_n[out])
-            folds.append((error**2, rim))
+            coefficients, _ = fitter.coefficients(basis[~out], curve.added_deg[~out])
+            folds.append(((curve.added_deg[out] - basis[out] @ coefficients) ** 2, rim))
     return folds
 
 
