@@ -128,6 +128,8 @@ def _monotone(
         lower, upper = np.full(size, low), np.full(size, high)
         lower[0], upper[0] = -np.inf, np.inf
         fits.append(lsq_linear(system @ cumulate, right, (lower, upper), method="bvls"))
+        if not fits[-1].active_mask.any():
+            break  # no bound holds it, so that none fits better
     best = min(fits, key=lambda fit: fit.cost)
     return cumulate @ best.x, cumulate[:, best.active_mask == 0]
 
