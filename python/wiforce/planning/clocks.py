@@ -43,21 +43,27 @@ def line_distances_hz(
     return np.maximum(np.min(np.abs(ours - others) - wander, axis=-1), 0.0)
 
 
-def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
-    """How many free clocks of one octave, a circle, fit at most without ``conflicts`` (C, C)."""
+def most_that_fit(conflicts: np.ndarray, free: np.ndarray, enough: float = np.inf) -> int:
+    """How many free clocks of one octave, a circle, fit at most without ``conflicts`` (C, C).
+
+    Where ``enough`` fit, more are not looked for.
+    """
     if not free.any():
         return 0
-    first = int(np.argmax(free))
+    size, first = len(free), int(np.argmax(free))
     # Whatever the best choice is, it has a clock that conflicts with the first free one or is it.
-    starts = np.flatnonzero(free & (conflicts[first] | (np.arange(len(free)) == first)))
+    starts = np.flatnonzero(free & (conflicts[first] | (np.arange(size) == first)))
+    around, fitting = np.concatenate([free, free]), ~np.hstack([conflicts, conflicts])
     most = 0
     for start in starts.tolist():
-        left, count = np.roll(free, -start), 0
-        turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
+        turn = slice(start, start + size)
+        left, count = around[turn], 0
         while left.any():
-            left = left & ~turned[np.argmax(left)]
+            left = left & fitting[(start + np.argmax(left)) % size, turn]
             count += 1
         most = max(most, count)
+        if most >= enough:
+            break
     return most
 
 
@@ -388,16 +394,17 @@ class Search:
         count = len(self.candidates)
         return conflicts[:, :count], ~conflicts[:, count:].any(axis=1)
 
-    def packed(self, conflicts: np.ndarray, free: np.ndarray) -> int:
-        """The largest number of free candidates of the highest octave without a conflict."""
-        return most_that_fit(conflicts[np.ix_(self._octave, self._octave)], free[self._octave])
+    def packed(self, conflicts: np.ndarray, free: np.ndarray, enough: float = np.inf) -> int:
+        """Free candidates of the highest octave without a conflict, at most or ``enough``."""
+        octave = self._octave
+        return most_that_fit(conflicts[np.ix_(octave, octave)], free[octave], enough)
 
     def _readable(self, count: int, distance_hz: float) -> list[int] | None:
         """``count`` candidates with which all ends are readable; None where none are found."""
         conflicts, free = self.constraints(distance_hz)
         settings = self._settings
         for _ in range(_ATTEMPTS):
-            if self.packed(conflicts, free) < count:
+            if self.packed(conflicts, free, count) < count:
                 return None
             chosen = self._fill(count, conflicts, free)
             if chosen is None:
@@ -426,7 +433,8 @@ class Search:
             moved_hz = apart_hz.min(axis=1, initial=np.inf)
             for best in possible[self._ranked(chosen, possible, moved_hz)].tolist():
                 rest = free & ~conflicts[best]
-                fits = self.packed(conflicts, rest) >= count - len(chosen) - 1
+                others = count - len(chosen) - 1
+                fits = self.packed(conflicts, rest, others) >= others
                 if fits and self._separable([*chosen, best]):
                     break
             else:
