@@ -347,7 +347,7 @@ def test_frame_alignment_says_that_a_stream_is_too_short_for_its_search(codes):
     assert sentence.endswith("has ended after 0.008 s; frames are searched in 0.115 s")
 
 
-def test_frame_alignment_says_it_after_a_second_and_not_again(codes):
+def test_frame_alignment_says_it_after_a_second_and_not_again():
     silent = np.zeros((int(2.5 * RATE_HZ), 2), np.int16)
     (sentence,) = said_before(silent)
     assert "all samples are 0" in sentence

@@ -27,10 +27,8 @@ STATED = {
     "debian/changelog": lambda name: re.match(r"gr-wiforce \((.+?)\) ", text(name))[1],
     "CHANGELOG.md": lambda name: re.search(r"^## \[(\d.+?)\]", text(name), re.MULTILINE)[1],
     "docs/gr-wiforce.1": lambda name: re.search(r'^\.TH .*"gr-wiforce (.+)"$', text(name), re.M)[1],
-    "ros2/wiforce_msgs/package.xml": lambda name: ElementTree.parse(ROOT / name).findtext(
-        "version"
-    ),
-    "ros2/wiforce_ros/package.xml": lambda name: ElementTree.parse(ROOT / name).findtext("version"),
+    "ros2/wiforce_msgs/package.xml": package_version,
+    "ros2/wiforce_ros/package.xml": package_version,
 }
 
 

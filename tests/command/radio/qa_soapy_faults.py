@@ -89,7 +89,7 @@ def test_soapy_driver_that_refuses_a_setting_is_refused_by_the_name_of_the_setti
         assert where in found and words in found, (fault, found)
 
 
-def test_soapy_driver_that_does_not_start_to_stream_ends_the_run(scene, tmp_path, long_run):
+def test_soapy_driver_that_does_not_start_to_stream_ends_the_run(scene, long_run):
     """GNU Radio waits for ever for a block that throws while it starts."""
     kinds = ["receive", "activate:invalid"]
     if long_run:

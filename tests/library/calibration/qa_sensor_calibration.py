@@ -269,7 +269,7 @@ def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
 
 
 @pytest.mark.parametrize("joined", [True, False])
-def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows, joined):
+def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, joined):
     import skrf
 
     law, frequency = LAWS[0], skrf.Frequency(700, 1100, 81, unit="MHz")
