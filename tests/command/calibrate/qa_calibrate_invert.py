@@ -120,6 +120,8 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
 
 def test_a_table_of_another_kind_is_refused_with_advice(tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
+    said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
+    assert "--frequency-hz: is missing: " in said
     said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
     assert "--kind taps" in said
 
