@@ -291,7 +291,7 @@ def test_plan_states_the_span_beside_the_presses_of_a_scene():
 
 def test_command_draws_errors_over_force_and_location(tmp_path):
     picture = tmp_path / "errors.png"
-    done = command("demo", "--plot", picture)
+    done = command("two_sensors", "--plot", picture)
     assert done.returncode == 0 and picture.read_bytes().startswith(b"\x89PNG")
     assert command("demo", "--plot", tmp_path / "errors.txt").returncode == 2
     settings = plan("two_sensors")
