@@ -235,7 +235,6 @@ void press_filter::stop_changing(const explanation& from, double probability)
     drift(*next);
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
-    doubt_off_states(*next, from);
     give(*next, likelihood + update_strength(*next));
 }
 
@@ -288,7 +287,6 @@ void press_filter::change_steadily(const explanation& from,
     double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
         part_turn(*next, was, direction);
-    doubt_off_states(*next, from);
     likelihood += update_strength(*next);
     give(*next, likelihood);
 }

@@ -165,7 +165,6 @@ private:
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of, state is) const;
-    void doubt_off_states(explanation& to, const explanation& from) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
 

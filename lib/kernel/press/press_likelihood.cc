@@ -356,14 +356,6 @@ void press_filter::touch_with_strength(const explanation& from,
     give(next, likelihood + contact_phases(next));
 }
 
-// The amplitudes of another press, by off states that are not quite known.
-void press_filter::doubt_off_states(explanation& to, const explanation& from) const
-{
-    if (shows_turns(to))
-        to.press.strength.difference_variance += d_off.variance(
-            from.change(from.press.motion.phase()), to.change(to.press.motion.phase()));
-}
-
 both_amplitudes press_filter::seen_strength(const explanation& of) const
 {
     auto seen = of.press.strength;
