@@ -129,7 +129,6 @@ void press_filter::release(const explanation& from, double probability)
                               1e-12) +
                      find_strength(*next, any_amplitude);
         reset_baseline(*next);
-        next->line.amplitude.mean_variance += next->in_part * squared(any_amplitude);
         next->line.known = true;
     }
     if (next->turn.goes_on) {

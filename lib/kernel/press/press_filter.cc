@@ -234,7 +234,6 @@ void press_filter::with_courses(const explanation& from,
     course(turns, [&](explanation& other) {
         const double variance = squared(d_set.turn_deg * deg);
         other.turn.sudden = true;
-        other.turn.seen += sees_turns(from, from.state_before_change());
         other.line.common.widen(variance);
         other.press.motion.widen({ variance, variance, variance });
         other.line.amplitude.mean_variance += squared(d_set.turn_np);
