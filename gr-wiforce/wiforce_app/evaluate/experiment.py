@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
 from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.text.textfile import read_yaml
 from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
@@ -124,8 +124,7 @@ def _causes(scene_name, scene, own, work_folder):
 
 def other_causes(name):
     """Changes of ``simulation`` that replace a shipped scene's own disturbance, by cause."""
-    found = yaml.safe_load((FOLDER / "causes.yaml").read_text(encoding="utf-8"))
-    return found.get(name, {})
+    return read_yaml(FOLDER / "causes.yaml").get(name, {})
 
 
 def with_cause(scene, change):

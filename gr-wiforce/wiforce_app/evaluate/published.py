@@ -11,10 +11,10 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
+from gnuradio.wiforce.io.text.textfile import read_yaml
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -35,7 +35,7 @@ def read_series(name):
 
 def paper_figures():
     """The paper's figures by shipped scene, those of distances with their error bars."""
-    figures = yaml.safe_load((FOLDER / "figures.yaml").read_text(encoding="utf-8"))
+    figures = read_yaml(FOLDER / "figures.yaml")
     for figure in figures.values():
         if "distance_m" in figure:
             value, error = published_phase_std(figure["distance_m"])
