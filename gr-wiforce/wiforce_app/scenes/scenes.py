@@ -5,8 +5,6 @@ import dataclasses
 import json
 
 import click
-from gnuradio.wiforce.scene.load import about_scene, shipped_scenes
-from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log, progress
@@ -19,6 +17,9 @@ from ..shell.options import IntegerRange, scene_names
 )
 def list(what):
     """List shipped scenes and sensor models. Every command accepts these names."""
+    from gnuradio.wiforce.scene.load import about_scene, shipped_scenes
+    from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
+
     if what != "sensors":
         click.echo("scenes")
         for name in shipped_scenes():

@@ -61,6 +61,13 @@ def test_help_fits_on_a_screen_and_explains_all_options_on_request():
                 assert re.search(rf"^  .*{parameter.opts[-1]}\b", everything, re.M), parameter.opts
 
 
+def test_help_of_simulate_loads_no_sensors():
+    """It would take twice as long."""
+    code = "import sys, wiforce_app.scenes.scenes; print(*sys.modules)"
+    loaded = subprocess.check_output([sys.executable, "-c", code], text=True).split()
+    assert "wiforce_app.scenes.scenes" in loaded and "numpy" not in loaded
+
+
 def test_list_shows_shipped_names_with_a_description():
     from gnuradio.wiforce.scene import shipped_scenes
     from gnuradio.wiforce.sensor import shipped_sensors
