@@ -62,10 +62,22 @@ class Fault:
 
 
 def parse_fault(text: str, where: str = "--fault") -> Fault:
-    """A fault from ``TIME KIND ARGUMENTS`` (docs/radios.md); ``where`` is named in the error.
+    """A fault from ``TIME KIND ARGUMENTS``.
 
-    TIME is in s of device time, or with a leading ``+`` from the first sample of a stream on: of
-    the next one where nothing streams.
+    TIME is in seconds of device time or, with a leading ``+``, in seconds after the first sample
+    that was received since the device was opened; given while nothing streams, they wait for the
+    next stream. The kinds are::
+
+        overflow SAMPLES [stop]   report an overflow and lose SAMPLES; then continue, or go idle
+        lose PACKETS              number the next packets but do not send them
+        swap                      exchange the next two packets
+        late rx|tx                report the next receive command or transmit burst as late
+        cut SECONDS               let nothing pass in either direction for SECONDS of wall time
+        stall SECONDS             do nothing for SECONDS of wall time
+        clock SENSOR PPM          set the clock offset of a tag
+        off SENSOR, on SENSOR     stop or start the switches of a tag
+
+    ``where``: named in the error.
     """
     time, *rest = text.split() or [""]
     kind, *arguments = rest or [""]
