@@ -71,6 +71,15 @@ def test_elsewhere_is_known_where_one_place_matches_best(name, length, known):
     assert elsewhere(frames - stream(waveform, 250, snr_db=300), waveform) is None
 
 
+@pytest.mark.parametrize("name, length", [("repeated", 720), ("repeated", 320), ("wifi", 720)])
+def test_no_period_is_found_in_less_than_a_frame_and_a_half(name, length):
+    """Of 450 to 480 samples, no lag beyond the preamble was left to compare."""
+    waveform = sounding_waveform(name, length)
+    sent = np.tile(waveform.frame(), 2)
+    for count in range(0, 3 * length // 2, 10):
+        assert find_frame_period(sent[:count], waveform).samples is None, count
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
 def test_dead_air_and_broken_samples_have_no_offset(value):
     assert find_frame_offset(np.full(7200, value, complex), sounding_waveform()) is None

@@ -241,6 +241,8 @@ def find_frame_period(
         return FramePeriod(None, False)
     likeness = _likeness(samples, symbol)
     coherence = _coherence_of_lags(likeness)
+    if len(coherence) <= waveform.preamble_length:  # too short for a lag beyond the preamble
+        return FramePeriod(None, False)
     strength, spread = _strength_of_periods(coherence, waveform.preamble_length)
     period, agrees = _period_in(coherence, strength, spread, waveform)
     least = 0.0
