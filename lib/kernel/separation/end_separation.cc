@@ -198,7 +198,8 @@ struct end_separation::one {
     noise_estimate& noise;
     const corrections& by;
     separated& found;
-    std::vector<complex>&parts, &white;  // M x K, as received and whitened
+    std::vector<complex>& parts;         // M x K, as received
+    std::vector<complex>& white;         // and whitened
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
     double level = 0;               // mean power of the whitened parts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings: CSV, JSON lines, Parquet and MCAP, told by the suffix of a name."""
+"""Files of readings: CSV, JSON lines, Parquet and MCAP, known by the suffix of a name."""
 
 from collections.abc import Iterable
 from pathlib import Path
