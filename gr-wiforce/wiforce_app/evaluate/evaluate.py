@@ -16,8 +16,7 @@ from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnin
 from ..shell.log import log, progress
 from ..shell.options import scene_names, worker_options
 from ..shell.provenance import fingerprint
-from ..shell.tables import Column
-from ..shell.tables import table as markdown_table
+from ..shell.tables import Column, table
 from ..shell.workers import run_tasks
 from . import published
 from .experiment import CORRECTED, UNSURVEYED, other_causes, run
@@ -85,7 +84,7 @@ def scenes(scenes, folder, jobs, fresh):
             step(1)
     figures = published.paper_figures()
     _write_report(results, folder, figures)
-    click.echo(table(results, figures))
+    click.echo(error_table(results, figures))
     if causes := cause_table(results, figures):
         click.echo(f"\n{causes}")
     click.echo(f"\nreport: {folder / 'report.md'}")
@@ -142,7 +141,7 @@ def _print_frequency(frequency, scores):
             if method == "single reading":
                 other = own[own.location_mm != published.UNOBSERVABLE_MM]
                 rows.append({**rows[-1], "method": f"{method}, {away}", **_errors(other)})
-    click.echo(f"{markdown_table(rows, _TRIALS)}\n")
+    click.echo(f"{table(rows, _TRIALS)}\n")
 
 
 def _errors(scores):
@@ -218,7 +217,7 @@ paper's figure.
 """
 
 
-def table(results, figures):
+def error_table(results, figures):
     """Markdown: rows per scene, sensor and method; medians unless titled rms or 90 %."""
     rows = []
     for result in results:
@@ -239,7 +238,7 @@ def table(results, figures):
             claim = f"{figure['sum_n']:g} N" if "sum_n" in figure else ""
             summed = {"method": "ours", "force_n": result["sum"], "published": claim}
             rows.append({"scene": name, "sensor": "sum", **summed})
-    return markdown_table(rows, _COLUMNS)
+    return table(rows, _COLUMNS)
 
 
 def _expected(sensor):
@@ -275,7 +274,7 @@ def cause_table(results, figures):
             rows.append({**first, **own, **found["ours"]})
             first = {}
         rows.append({"cause": "range of ours", **_ranges(causes)})
-    return markdown_table(rows, _CAUSES) if rows else ""
+    return table(rows, _CAUSES) if rows else ""
 
 
 def _ranges(causes):
@@ -301,9 +300,9 @@ def _write_report(results, folder, figures):
         python=platform.python_version(),
         numpy=np.__version__,
         scipy=scipy.__version__,
-        table=table(results, figures),
+        table=error_table(results, figures),
         causes=f"{_CAUSES_HEAD}{causes}\n\n" if causes else "",
-        scenes=markdown_table(_scene_rows(results), _SCENES),
+        scenes=table(_scene_rows(results), _SCENES),
     )
     (folder / "report.md").write_text(page, encoding="utf-8")
 

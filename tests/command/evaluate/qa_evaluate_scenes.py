@@ -10,7 +10,7 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.evaluate.evaluate import cause_table, stored, table
+from wiforce_app.evaluate.evaluate import cause_table, error_table, stored
 from wiforce_app.evaluate.experiment import (
     other_causes,
     paper_changes,
@@ -97,7 +97,7 @@ def test_our_result_is_a_range_over_the_causes(sensor):
     causes = {"jitter": cause(2.1, 0.006), "drift": cause(2.1, 1.7)}
     results = [result_with("distance_1m", sensor, causes)]
     assert "0.006 to 1.7" in cause_table(results, paper_figures()).splitlines()[-1]
-    assert "0.006 to 1.7" in table(results, paper_figures()).splitlines()[2]
+    assert "0.006 to 1.7" in error_table(results, paper_figures()).splitlines()[2]
     assert cause_table([result_with("demo", sensor)], {}) == ""
 
 
