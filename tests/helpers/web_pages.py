@@ -151,18 +151,6 @@ class RawViewer:
         data = text.encode()
         self._socket.sendall(bytes([0x81, 0x80 | len(data), 0, 0, 0, 0]) + data)
 
-    def send_raw(self, data):
-        """Send bytes as they are."""
-        self._socket.sendall(data)
-
-    def shut(self):
-        """End a `send_raw` of another thread."""
-        self._socket.shutdown(socket.SHUT_RDWR)
-
-    def ping(self):
-        """Request an answer of the websocket protocol itself."""
-        self._socket.sendall(bytes([0x89, 0x80, 0, 0, 0, 0]))
-
     def message(self):
         """The next message; None after the server has closed the connection."""
         while True:

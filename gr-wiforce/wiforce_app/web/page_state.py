@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages of a live reader, reduced to what the page shows, and what it shows.
-
-Whoever publishes at the endpoint that the page was given decides what they hold. The page's process
-must neither end nor grow because of them, and the browser must get the types that it expects.
-"""
+"""Readings and status of a live reader or a file, as the page shows them."""
 
 import json
 import math
@@ -12,12 +8,6 @@ from collections import deque
 from collections.abc import Mapping
 from itertools import islice
 from typing import Any
-
-# A scene holds fewer sensors; each has a row in every status that is sent to every viewer.
-MOST_SENSORS = 256
-# Of names, flags and reasons. Reasons name all sensors that are not received.
-LONGEST_TEXT = 2000
-_MOST_ENTRIES = 32  # of tares, group counts and the health of a sensor; the reader sends ten
 
 
 def loaded(data: bytes | str) -> dict[str, Any]:
@@ -38,65 +28,8 @@ def number(value: Any) -> float | None:
     return result if math.isfinite(result) else None
 
 
-def text(value: Any) -> str:
-    """A text of limited length; empty for anything else."""
-    return value[:LONGEST_TEXT] if isinstance(value, str) else ""
-
-
-def status_of(heartbeat: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page shows of a heartbeat."""
-    sensors = heartbeat.get("sensors")
-    named = islice(sensors.items(), MOST_SENSORS) if isinstance(sensors, dict) else ()
-    tare = heartbeat.get("tare")
-    return {
-        "state": text(heartbeat.get("state")),
-        "reason": text(heartbeat.get("reason")),
-        "scene": text(heartbeat.get("scene")),
-        "time_s": number(heartbeat.get("time_s")),
-        "tare": _plain(tare) if isinstance(tare, dict) else None,
-        "sensors": {text(name): _plain(health) for name, health in named},
-        "surface": _surface(heartbeat.get("surface")),
-        "gaps": number(heartbeat.get("gaps")),
-        "groups": _plain(heartbeat.get("groups")),
-    }
-
-
-def _plain(values: Any) -> dict[str, Any]:
-    """The entries of a dict that are texts, truth values or numbers."""
-    if not isinstance(values, dict):
-        return {}
-    return {text(key): _scalar(value) for key, value in islice(values.items(), _MOST_ENTRIES)}
-
-
-def _scalar(value: Any) -> Any:
-    if isinstance(value, bool):
-        return value
-    return text(value) if isinstance(value, str) else number(value)
-
-
-def _surface(values: Any) -> dict[str, Any] | None:
-    """Where the strips of a surface are; None where that cannot be drawn."""
-    if not isinstance(values, dict) or not isinstance(values.get("strips"), list):
-        return None
-    strips = [
-        {"x_mm": _numbers(strip.get("x_mm")), "y_mm": number(strip.get("y_mm"))}
-        for strip in values["strips"][:MOST_SENSORS]
-        if isinstance(strip, dict)
-    ]
-    span = _numbers(values.get("y_span_mm"))
-    if not strips or span is None or any(None in strip.values() for strip in strips):
-        return None
-    return {"name": text(values.get("name")), "strips": strips, "y_span_mm": span}
-
-
-def _numbers(values: Any) -> list[float | None] | None:
-    """Two numbers, or None."""
-    if not isinstance(values, list) or len(values) != 2:
-        return None
-    found = [number(value) for value in values]
-    return None if None in found else found
-
-
+# What the page shows of a heartbeat.
+STATUS = ("state", "reason", "scene", "time_s", "tare", "sensors", "surface", "gaps", "groups")
 # Whatever the length of a group, so that memory and messages stay small.
 _MOST_ROWS = 50_000
 # Of a message, some 200 kB; more follow when it has left. Each viewer that reads slowly holds one.
@@ -122,10 +55,9 @@ _TEXTS = ("sensor", "flags")
 
 def page_row(values: Mapping[str, Any]) -> list[Any] | None:
     """A row of :data:`ROW` from a file or a message; None for what is no reading."""
-    row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
-    texts = [row[ROW.index(name)] for name in _TEXTS]
-    if not all(isinstance(each, str) and len(each) <= LONGEST_TEXT for each in texts):
-        return None
+    row: list[Any] = [
+        str(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW
+    ]
     return row if row[0] and row[1] is not None else None
 
 
@@ -154,8 +86,6 @@ class PageState:
             return
         sensor, time_s = row[0], row[1]
         self.follow(values.get("run"))
-        if sensor not in self._newest and len(self._newest) >= MOST_SENSORS:
-            return
         if time_s < self._newest.get(sensor, time_s):
             self._restart()
         self._newest[sensor] = time_s
@@ -166,9 +96,9 @@ class PageState:
             self._rows.popleft()
         self._texts.clear()
 
-    def follow(self, run: Any) -> None:
+    def follow(self, run: str | None) -> None:
         """Begin a new history where another run, if its identifier is known, has begun."""
-        if isinstance(run, str) and run and (run := run[:LONGEST_TEXT]) != self._run:
+        if run and run != self._run:
             self._run = run
             self._restart()
 

@@ -2,16 +2,14 @@
 """The server of the page: its connections, what each browser is sent, and the plots."""
 
 import asyncio
-import contextlib
 import json
 import logging
 import math
-import resource
 import signal
 import socket
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,58 +30,16 @@ from .address import PageAddress
 from .page_state import PageState
 from .sources import FileSource, ZmqSource
 
-# A viewer whose last message has not left this machine for so long is disconnected.
-STALLED_S = 20.0
-# Of data that wait in the system, for each connection. Its own limit is some megabytes: a viewer
-# that stalls would be noticed after minutes only, and files would be sent without a pause.
-_KERNEL_BYTES = 32 << 10
-# Beyond as many connections, further ones are closed, however many descriptors there are: in
-# containers a million.
-_MOST_DESCRIPTORS = 512
-
-
-class LimitedServer(tornado.httpserver.HTTPServer):
-    """A server that refuses connections before the process has no descriptor left.
-
-    Tornado would try again and again, with a traceback each; the system limits unread answers.
-    """
-
-    def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
-        # A new descriptor is the lowest that is free. The upper half is for files that are sent.
-        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        if stream.socket.fileno() > min(most // 2, _MOST_DESCRIPTORS):
-            stream.close()
-            return
-        stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BYTES)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
-            limit_ms = round(1000 * STALLED_S)
-            stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, limit_ms)
-        super().handle_stream(stream, address)
-
-
-def in_turn(read: Callable[[int], Awaitable[bytes]]) -> Callable[[int], Awaitable[bytes]]:
-    """Read so many bytes only after all others had their turn."""
-
-    async def paced(length: int) -> bytes:
-        await asyncio.sleep(0)
-        return await read(length)
-
-    return paced
-
-
 _ASSETS = Path(__file__).with_name("assets")
-# Most often and least often that viewers are sent something. A reading that comes in wakes the
-# server, and those of short groups are collected.
-_SHORTEST_S, _LONGEST_S = 0.02, 0.04
+# Readings of short groups are collected for so long.
+_TICK_S = 0.03
 # Of signal that viewers can scroll back to.
 HISTORY_S = 600.0
 _STATUS_S = 0.5  # as often as heartbeats come
 # Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
-_MOST_VIEWERS = 200
 _LONGEST_REQUEST = 1024
 _IDLE_S = 60.0
-_TOO_MANY = 4001  # code by which the page knows why it was closed, from the private range
 _NEW = (-1, 0)
 # The page may load nothing from elsewhere. Bokeh sets styles from scripts.
 _POLICY = (
@@ -117,7 +73,7 @@ class PageServer:
 
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Serve until `end` is called, or ``ended`` is true and everything was sent."""
-        server = LimitedServer(
+        server = tornado.httpserver.HTTPServer(
             self._application(),
             idle_connection_timeout=_IDLE_S,
             body_timeout=_IDLE_S,
@@ -130,8 +86,7 @@ class PageServer:
                 self._tick(final=last)
                 if last:
                     break
-                await asyncio.sleep(_SHORTEST_S)
-                await self._news(_LONGEST_S - _SHORTEST_S)
+                await asyncio.sleep(_TICK_S)
             await self._flush()
         finally:
             server.stop()
@@ -151,19 +106,6 @@ class PageServer:
             self._status_s = now
         for viewer in tuple(self.viewers):
             viewer.update(status)
-
-    async def _news(self, limit_s: float) -> None:
-        """Wait until the source may have something new, or for so long."""
-        loop, woken, descriptor = asyncio.get_running_loop(), asyncio.Event(), self.source.fileno()
-        # Registered only while this waits: it stays readable until the source is polled.
-        if descriptor is not None:
-            loop.add_reader(descriptor, woken.set)
-        try:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(woken.wait(), limit_s)
-        finally:
-            if descriptor is not None:
-                loop.remove_reader(descriptor)
 
     async def _flush(self, limit_s: float = 1.0) -> None:
         """Let the last messages leave."""
@@ -265,15 +207,8 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
 
     def open(self, *_: str) -> None:
         self.answers: deque[str] = deque()
-        self._position, self._sent_s = _NEW, 0.0
-        if len(self.page.viewers) >= _MOST_VIEWERS:
-            self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
-            return
+        self._position = _NEW
         self.set_nodelay(True)
-        stream = self.ws_connection.stream
-        # Tornado reads frames as long as there are any, and would do nothing else for a viewer who
-        # sends them without a pause.
-        stream.read_bytes = in_turn(stream.read_bytes)  # type: ignore[method-assign]
         self.page.viewers.add(self)
         self.update(status=True)
 
@@ -291,27 +226,17 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         known = {key: answer.get(key) for key in ("ok", "error")}
         self.answers.append(json.dumps({"answer": known}))
 
-    def on_ping(self, data: bytes) -> None:
-        if self._waits:  # an answer to each would have to be stored
-            self.drop()
-
     def update(self, status: bool) -> None:
         """Send what the browser lacks, unless it has not taken the last message yet."""
         page_state = self.page.page_state
-        if self._waits:
-            if time.monotonic() - self._sent_s > STALLED_S:
-                self.drop()
-        elif self.answers:
+        if self.sent is not None and not self.sent.done():
+            return
+        if self.answers:
             self._send(self.answers.popleft())
         elif self._position != page_state.position or status:
             text = page_state.message(self._position, status or self._position == _NEW)
             self._position = page_state.position_after(self._position)
             self._send(text)
-
-    @property
-    def _waits(self) -> bool:
-        """Whether the last message has not left yet."""
-        return self.sent is not None and not self.sent.done()
 
     def _send(self, text: str) -> None:
         try:
@@ -319,7 +244,6 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         except tornado.websocket.WebSocketClosedError:
             self.page.viewers.discard(self)
             return
-        self._sent_s = time.monotonic()
         self.sent = asyncio.ensure_future(_done(written))
 
     def drop(self) -> None:

@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
 from gnuradio.wiforce.io.optional import optional_module
 
-from .page_state import MOST_SENSORS, PageState, loaded, page_row, status_of, text
+from .page_state import STATUS, PageState, loaded, page_row
 
 # Of a long file only the end is read: as many rows as the page keeps take 5 MB.
 _TAIL_BYTES = 8 << 20
@@ -42,9 +42,6 @@ class FileSource:
         self._grown_s = now()
         self._sensors: dict[str, dict[str, Any]] = {}
         self._open()
-
-    def fileno(self) -> None:
-        """None: files do not tell that they have grown."""
 
     def poll(self, page_state: PageState) -> None:
         """Give the state what the file holds by now."""
@@ -100,8 +97,7 @@ class FileSource:
         values = loaded(line) if self._lines else dict(zip(columns, _fields(line), strict=False))
         if (row := page_row(values)) is not None:
             page_state.add(values)
-            if len(self._sensors) < MOST_SENSORS:
-                self._sensors.setdefault(row[0], {})
+            self._sensors.setdefault(row[0], {})
 
     def _is_replaced(self) -> bool:
         try:
@@ -168,10 +164,6 @@ class ZmqSource:
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
 
-    def fileno(self) -> int:
-        """Descriptor that becomes readable when messages may have come in."""
-        return self._subscriber.fileno()
-
     def poll(self, page_state: PageState) -> None:
         """Give the state what has come in."""
         end_s = time.monotonic() + _LONGEST_POLL_S
@@ -237,13 +229,12 @@ class ZmqSource:
             page_state.add(message)
             return
         page_state.follow(message.get("run"))
-        self._shown = status_of(message)
+        self._shown = {key: message[key] for key in STATUS if key in message}
 
     def _take_answers(self) -> None:
         for asked, (socket, sent_s) in tuple(self._asked.items()):
             if socket.poll(0):
-                taken = loaded(socket.recv())
-                answer = {"ok": taken.get("ok") is True, "error": text(taken.get("error"))}
+                answer = loaded(socket.recv())
             elif self._now() - sent_s > _ANSWER_S:
                 answer = {"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"}
             else:

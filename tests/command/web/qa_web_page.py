@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 from gnuradio.wiforce.io.files.writers import open_writer
-from web_pages import RawViewer, publishing, serving, touched, untouched
+from web_pages import publishing, serving, touched, untouched
 from wiforce_app.web import sources
 from wiforce_app.web.sources import FileSource, ZmqSource
 
@@ -154,24 +154,6 @@ def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, read
         assert window.run("return document.getElementById('connection').hidden")
 
 
-def test_page_of_a_file_shows_its_past_and_follows_it(window, tmp_path):
-    """A page that is opened late shows the recent history; the file's size does not matter."""
-    path = tmp_path / "readings.csv"
-    with open_writer(path) as writer:
-        for step in range(1, 20):
-            writer.write(untouched(0.1 * step))
-        with serving(FileSource(path)) as (url, _):
-            with RawViewerOf(url):
-                window.open(url)
-                window.wait("return page.newest.toFixed(1) === '1.9'")
-                assert window.run("return page.tracks.get('arm').readings.length") == 19
-                writer.write(touched(2.0, 3.21))
-                shown(window, arm="3.21 ± 0.10 N")
-            assert window.text("#run") == "readings.csv"
-            assert window.run("return document.getElementById('tare').disabled")
-            window.driver.get("about:blank")
-
-
 MOVE = """
 const box = document.getElementById("plots").getBoundingClientRect();
 const plot = page.plots.models("force-plot");
@@ -227,47 +209,3 @@ def test_page_of_a_finished_file_is_looked_through(window, tmp_path):
         window.wait("return page.plots.shown.end === 99.9")
         assert window.text("#pause") == "Pause" and window.text("#cursor") == ""
         window.driver.get("about:blank")
-
-
-def test_page_that_is_paused_stays_where_it_is_and_loses_nothing(window, reader):
-    with opened(window, ZmqSource(reader.readings), reader):
-        reader.publish(*(touched(0.1 * step) for step in range(1, 20)))
-        window.wait("return page.newest > 1.85")
-        window.run("document.getElementById('pause').click()")
-        reader.publish(*(touched(0.1 * step, 5.0) for step in range(20, 40)))
-        window.wait("return page.newest > 3.85")
-        drawn(window)
-        assert window.run("return page.times.range.end") == pytest.approx(5.0)
-        assert window.run("return page.times.cursor") == pytest.approx(1.9)
-        shown(window, arm="3.00 ± 0.10 N")
-        window.run("document.getElementById('pause').click()")
-        window.wait("return page.plots.models('force-lines').data.xs[0]?.length === 39")
-
-
-def test_page_in_the_dark_keeps_every_series_visible(window, reader):
-    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
-    window.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": dark})
-    try:
-        with opened(window, ZmqSource(reader.readings), reader):
-            style = "return getComputedStyle(document.body)"
-            assert window.run(f"{style}.backgroundColor") == "rgb(22, 25, 28)"
-            assert (
-                window.run("return page.plots.models('force-plot').border_fill_color") == "#16191c"
-            )
-            reader.publish(*(untouched(1.0, name) for name in EIGHT))
-            window.wait("return page.tracks.size === 8")
-            colors = window.run("return [...page.tracks.values()].map((t) => t.view.color)")
-            assert "#202428" not in colors and len(set(colors)) == 7
-    finally:
-        window.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-
-
-class RawViewerOf(RawViewer):
-    """Another viewer, who has been there before."""
-
-    def __enter__(self):
-        assert self.message()["restart"]
-        return self
-
-    def __exit__(self, *_):
-        self.close()

@@ -13,7 +13,6 @@ const MOST_READINGS = 50000; // as many as the server keeps
 const DEFAULT_LENGTH_MM = 80;
 // Numbers of sensors from which on each gets a lower picture.
 const SEVERAL = 3, CROWDED = 5;
-const TOO_MANY = 4001;
 // A run has at most 256; names of former runs are forgotten before they fill the window.
 const MOST_TRACKS = 512;
 
@@ -27,7 +26,6 @@ const page = {
   connected: false,
   lostAt: null,
   attempts: 0,
-  refusal: "",
   socket: null,
   plots: null,
   times: null,
@@ -200,7 +198,7 @@ function drawHead() {
   notice.hidden = page.connected || ended || page.lostAt === null;
   if (!notice.hidden) {
     const sinceS = (performance.now() - page.lostAt) / 1000;
-    setText(notice, page.refusal || `No connection to gr-wiforce for ${ageText(sinceS)}; trying again.`);
+    setText(notice, `No connection to gr-wiforce for ${ageText(sinceS)}; trying again.`);
   }
 }
 
@@ -274,13 +272,12 @@ function connect() {
   const socket = new WebSocket(address);
   page.socket = socket;
   socket.onopen = () => {
-    Object.assign(page, { connected: true, attempts: 0, refusal: "", lostAt: null });
+    Object.assign(page, { connected: true, attempts: 0, lostAt: null });
   };
   socket.onmessage = (event) => take(JSON.parse(event.data));
-  socket.onclose = (event) => {
+  socket.onclose = () => {
     page.connected = page.asked = false;
     page.lostAt ??= performance.now();
-    page.refusal = event.code === TOO_MANY ? `Not connected: ${event.reason}; trying again.` : "";
     const wait = RECONNECT_MS[Math.min(page.attempts++, RECONNECT_MS.length - 1)];
     setTimeout(connect, wait);
   };
