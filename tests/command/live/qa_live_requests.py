@@ -159,13 +159,10 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
         assert json.loads(known.recv())["sensor"] == "arm"
         done = run_command("status", control_port, "--zmq-keys", keys, "--timeout", 30)
         assert done.returncode in (0, 1) and done.stdout.startswith("run ")
-        for options, cause in (
-            # With its reason where that arrived before the connection ended.
-            ([], "--zmq-keys: is missing"),
-            (["--zmq-keys", tmp_path / "other"], "its server.key is another server's"),
-        ):
+        for options in ([], ["--zmq-keys", tmp_path / "other"]):
             done = run_command("status", control_port, *options)
-            assert (done.returncode, done.stdout) == (2, "") and cause in done.stderr
+            assert (done.returncode, done.stdout) == (2, "")
+            assert "--zmq-keys: must be those of a client" in done.stderr
         assert not unknown.poll(0)
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=300)

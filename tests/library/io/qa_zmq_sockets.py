@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: the reader goes on whatever peers send, and with CURVE keys knows its peers."""
 
-import errno
 import json
 import socket
 import stat
-import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import Future
@@ -15,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zmq
 from command_runs import run_command
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
 from gnuradio.wiforce.io.network.zmq_sockets import (
     ReadingsPublisher,
@@ -98,20 +95,6 @@ def test_create_keys_other_names_are_refused(tmp_path, name):
     assert not (tmp_path / "keys").exists()
 
 
-def test_create_keys_on_a_full_disk_leaves_no_folder(tmp_path, monkeypatch):
-    def fail(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("zmq.auth.create_certificates", fail)
-    with pytest.raises(OutputError, match="keys: cannot be written .No space left"):
-        create_keys(tmp_path / "keys")
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "own").mkdir()
-    with pytest.raises(OutputError, match="own: cannot be written .No space left"):
-        create_keys(tmp_path / "own")
-    assert [*tmp_path.rglob("*")] == [tmp_path / "own"]
-
-
 def test_keys_that_cannot_be_used_are_refused(folders, tmp_path):
     own, _ = folders
     with pytest.raises(InputError, match="nowhere/server.key_secret: does not exist"):
@@ -142,32 +125,18 @@ def test_server_keys_without_a_client_are_refused(folders):
         ServerKeys.load(own)
 
 
-def test_request_authorised_client_is_answered(folders):
-    own, _ = folders
-    with served(ServerKeys.load(own)) as (port, _):
-        assert request(str(port), "tare", WAIT_S, keys=ClientKeys.load(own)) == "TARE"
-
-
-def test_request_not_authorised_is_refused_with_the_cause(folders):
+def test_request_needs_keys_on_both_sides_or_none(folders):
     """Whoever is not known can neither tare nor stop a robot's reader, and sees why."""
     own, other = folders
     with served(ServerKeys.load(own)) as (port, asked):
-        for keys, cause in (
-            (strange_keys(own, other), "the server does not accept this client"),
-            (None, "is missing: the server accepts clients with keys only"),
-        ):
-            with pytest.raises(InputError, match=f"--zmq-keys: {cause}"):
+        assert request(str(port), "tare", WAIT_S, keys=ClientKeys.load(own)) == "TARE"
+        for keys in (strange_keys(own, other), None, ClientKeys.load(other)):
+            with pytest.raises(InputError, match="--zmq-keys: must be those of a client"):
                 request(str(port), "stop", WAIT_S, keys=keys)
-        with pytest.raises(InputError, match="its server.key is another server's"):
-            request(str(port), "stop", NOTHING_S, keys=ClientKeys.load(other))
-        assert not asked
-
-
-def test_request_with_keys_to_a_server_without_is_refused(folders):
-    """The key proves that the server is the right one; without it, anybody could answer."""
-    own, _ = folders
+        assert asked == ["tare"]
+    # The key proves that the server is the right one; without it, anybody could answer.
     with served(None) as (port, asked):
-        with pytest.raises(InputError, match="--zmq-keys: the server has no keys"):
+        with pytest.raises(InputError, match="--zmq-keys: must be .* or none where the server"):
             request(str(port), "status", WAIT_S, keys=ClientKeys.load(own))
         assert not asked
 
@@ -180,7 +149,7 @@ def test_client_keys_can_be_added_and_removed_while_the_server_runs(folders):
         laptop = ClientKeys.load(own / "laptop.key_secret")
         assert request(str(port), "status", WAIT_S, keys=laptop) == "STATUS"
         (own / "clients" / "laptop.key").unlink()
-        with pytest.raises(InputError, match="does not accept this client"):
+        with pytest.raises(InputError, match="--zmq-keys: must be those"):
             request(str(port), "status", WAIT_S, keys=laptop)
         robot = ClientKeys.load(own / "robot.key_secret")
         assert request(str(port), "status", WAIT_S, keys=robot) == "STATUS"
@@ -217,21 +186,12 @@ def test_publisher_with_keys_sends_to_authorised_subscribers_only(folders):
     publisher.close()
 
 
-def test_stopped_sockets_leave_no_thread_behind(folders):
+def test_sockets_that_are_closed_or_not_bound_leave_no_thread_behind(folders):
     own, _ = folders
     before = threading.active_count()
-    for _ in range(3):
-        publisher = ReadingsPublisher(str(free_port()), keys=ServerKeys.load(own))
-        replies = Replies(str(free_port()), str.upper, keys=ServerKeys.load(own))
-        assert threading.active_count() > before
-        publisher.close()
-        replies.close()
-    assert threading.active_count() == before
-
-
-def test_endpoint_that_cannot_be_bound_leaves_no_thread_behind(folders):
-    own, _ = folders
-    before = threading.active_count()
+    replies = Replies(str(free_port()), str.upper, keys=ServerKeys.load(own))
+    assert threading.active_count() > before
+    replies.close()
     with socket.create_server(("127.0.0.1", 0)) as taken:
         with pytest.raises(InputError, match="--control: cannot be bound"):
             Replies(str(taken.getsockname()[1]), str.upper, keys=ServerKeys.load(own))
@@ -284,24 +244,15 @@ def ask(port):
     replies.close()
 
 
-def test_a_word_that_is_known_is_answered(ask):
-    assert ask(b"status") == {"ok": True, "groups": 3}
+def test_what_is_no_request_costs_others_no_answer(ask):
     assert ask(b" status\n") == {"ok": True, "groups": 3}
-
-
-def test_what_is_no_request_neither_stops_the_reader_nor_costs_another_its_answer(ask):
     # A message without an envelope, as the first version of the protocol has it.
     with socket.create_connection(("127.0.0.1", ask.port)) as stranger:
         stranger.sendall(b"\x01\x00" + b"\x06\x00hello")
         time.sleep(0.1)
         ask.serve(10)
-    assert ask(b"status")["ok"]
     assert ask(b"\xff\xfe", b"", b"\x00")["ok"] is False
-    assert ask(b"status")["ok"]
-
-
-def test_a_request_too_long_is_cut_off_and_the_next_one_answered(ask):
-    assert ask(b"status" * 100_000) is None
+    assert ask(b"status" * 100_000) is None  # too long
     assert ask(b"status")["ok"]
 
 
@@ -333,19 +284,12 @@ def test_request_without_a_reader_ends_in_time(port):
     assert time.monotonic() - begin < 30
 
 
-def test_localhost_is_bound_and_connected_to_as_loopback(port):
+def test_localhost_is_a_number_to_zmq():
     """ZMQ itself binds to addresses only, and says 'No such device' for a name."""
-    replies = Replies(f"tcp://localhost:{port}", str.upper)
-    client = zmq.Context.instance().socket(zmq.REQ)
-    client.connect(endpoint_of(f"tcp://localhost:{port}", "ENDPOINT"))
-    client.send(b"hello")
-    wait_until(lambda: client.poll(5), meanwhile=lambda: replies.serve(10))
-    assert client.recv() == b"HELLO"
-    client.close(linger=0)
-    replies.close()
+    assert endpoint_of("tcp://localhost:5555", "ENDPOINT") == "tcp://127.0.0.1:5555"
 
 
-@pytest.mark.parametrize("host", ["nowhere.invalid", "192.0.2.1", "[::1]"])
+@pytest.mark.parametrize("host", ["nowhere.invalid", "192.0.2.1"])
 def test_endpoint_of_another_machine_is_refused_with_the_rule(port, host):
     with pytest.raises(
         InputError, match="cannot be bound .ADDRESS must be an IPv4 address of this"
@@ -353,59 +297,10 @@ def test_endpoint_of_another_machine_is_refused_with_the_rule(port, host):
         ReadingsPublisher(f"tcp://{host}:{port}")
 
 
-ATTACK = """
-import sys, time, zmq
-sockets = []
-for peer in range(10):
-    sockets.append(zmq.Context.instance().socket(zmq.SUB))
-    sockets[-1].connect(sys.argv[1])
-    for number in range(1000):
-        sockets[-1].subscribe(f"{peer}-{number}-".ljust(int(sys.argv[2]), "x"))
-print("sent", flush=True)
-sys.stdin.read()
-"""
-
-
-def resident_bytes():
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * 4096
-
-
-@pytest.mark.parametrize("length", [40, 400])
-def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(port, length):
-    """10 000 subscriptions to 400 characters each took 117 MB that were never released."""
-    publisher, address = ReadingsPublisher(str(port)), f"tcp://127.0.0.1:{port}"
-    before = resident_bytes()
-    command = [sys.executable, "-c", ATTACK, address, str(length)]
-    with (
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as attacker,
-        zmq.Context() as context,
-        context.socket(zmq.SUB) as subscriber,
-    ):
-        attacked = threading.Thread(target=attacker.stdout.readline)
-        attacked.start()
-        while attacked.is_alive():
-            publisher.send("heartbeat", {})
-            time.sleep(0.01)
-        for _ in range(100):
-            publisher.send("heartbeat", {})
-            time.sleep(0.01)
-        assert resident_bytes() - before < 8e6
-        attacker.stdin.close()
-        subscriber.connect(address)
-        subscriber.subscribe('{"message": "reading"')
-        reading, stamp = Reading(0.018, "arm"), {"run": "1"}
-        wait_until(lambda: subscriber.poll(10), meanwhile=lambda: publisher.write(reading, stamp))
-        received = json.loads(subscriber.recv())
-        assert (received["message"], received["sensor"], received["run"]) == ("reading", "arm", "1")
-    publisher.close()
-
-
 @pytest.mark.parametrize(
     ("answer", "status", "words"),
     [
         (b"READY", 2, "must be the --control endpoint of a reader of this version"),
-        (b'["reading"]', 2, "must be the --control endpoint of a reader of this version"),
         (b'{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
         (b'{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
     ],

@@ -109,7 +109,6 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         raise InputError(folder, "must be a folder, but is a file")
     if not folder.is_dir():
         check_output(folder)
-    new = [each for each in (folder / _CLIENTS, folder) if not each.exists()]
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / _CLIENTS).mkdir(mode=0o700, exist_ok=True)
@@ -122,9 +121,6 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         made = [] if any(path.exists() for path in server) else _create(SERVER, server)
         return made + _create(client, targets)
     except OSError as error:
-        for each in new:
-            with suppress(OSError):
-                each.rmdir()
         raise unwritable(error.filename2 or error.filename or folder, error) from error
 
 

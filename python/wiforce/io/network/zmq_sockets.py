@@ -5,7 +5,6 @@ import errno
 import ipaddress
 import json
 import threading
-import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -42,19 +41,8 @@ def is_loopback(endpoint: str) -> bool:
         return host == "localhost"
 
 
-# A request is a line; a peer that sends more is cut off before it takes memory.
-_LONGEST_REQUEST = 4096
-# A subscription is the first bytes of a message. ZMQ keeps all of them, so both their length and
-# their number are limited.
-_LONGEST_SUBSCRIPTION = 48
-_MOST_SUBSCRIPTIONS = 1000
-# Subscriptions of a peer that may wait while nothing is sent.
-_WAITING_SUBSCRIPTIONS = 100
-# The limit holds for the messages of a CURVE handshake too, which have some 300 bytes.
-_LONGEST_HANDSHAKE = 1024
-_REBIND_S = 5.0
-# Requests that wait for an answer; more are refused.
-_MOST_WAITING = 100
+# The longest message that is received; a peer that sends more is cut off before it takes memory.
+_LONGEST = 4096
 # What ZMQ reports of an address that no network interface of this machine has.
 _FOREIGN_ADDRESS = (errno.ENODEV, errno.EADDRNOTAVAIL)
 
@@ -63,34 +51,24 @@ class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
     kind = ""
-    longest = _LONGEST_REQUEST
 
     def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
-        self._address = endpoint_of(endpoint, option)
+        address = endpoint_of(endpoint, option)
         zmq = optional_module("zmq", option)
-        self._context, self._keys = zmq.Context(), keys
+        self._context = zmq.Context()
         self._authenticator = keys.authenticate(self._context) if keys is not None else None
-        self._socket = self._open()
+        self._socket = self._context.socket(getattr(zmq, self.kind))
+        self._socket.maxmsgsize = _LONGEST
+        if keys is not None:
+            keys.apply(self._socket)
         try:
-            self._socket.bind(self._address)
+            self._socket.bind(address)
         except zmq.ZMQError as error:
             self.close()
             reason = str(error)
             if error.errno in _FOREIGN_ADDRESS:
                 reason = "ADDRESS must be an IPv4 address of this machine, or * for all it has"
             raise InputError(option, f"cannot be bound ({reason})", endpoint) from error
-
-    def _open(self) -> Any:
-        """A new socket with its options."""
-        import zmq
-
-        opened = self._context.socket(getattr(zmq, self.kind))
-        longest = self.longest
-        if self._keys is not None:
-            self._keys.apply(opened)
-            longest = max(longest, _LONGEST_HANDSHAKE)
-        opened.maxmsgsize = longest
-        return opened
 
     def close(self) -> None:
         """Give the endpoint back; what was just sent still has a moment to leave."""
@@ -101,15 +79,14 @@ class _Endpoint:
 
 
 class ReadingsPublisher(_Endpoint, Output):
-    """Readings and other messages as JSON for up to 1000 subscriptions, by several threads."""
+    """Readings and other messages as JSON for any number of subscribers, by several threads."""
 
-    kind = "XPUB"
-    longest = _LONGEST_SUBSCRIPTION
+    kind = "PUB"
 
     def __init__(
         self, endpoint: str, option: str = "--zmq", keys: ServerKeys | None = None
     ) -> None:
-        self._subscriptions, self._lock = 0, threading.Lock()
+        self._lock = threading.Lock()
         super().__init__(endpoint, option, keys)
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -120,42 +97,7 @@ class ReadingsPublisher(_Endpoint, Output):
         """Send a JSON object whose first key, ``message``, is its kind."""
         text = json.dumps({"message": kind, **report}, allow_nan=False)
         with self._lock:
-            if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
-                self._disconnect_all()
             self._socket.send_string(text)
-
-    def _open(self) -> Any:
-        opened = super()._open()
-        opened.rcvhwm = _WAITING_SUBSCRIPTIONS
-        opened.xpub_verboser = True  # every subscription is counted, also equal ones
-        return opened
-
-    def _count_subscriptions(self) -> int:
-        from zmq import EVENTS, POLLIN
-
-        # Without what `poll` makes of a list of sockets, and Python of flags that are combined.
-        while self._subscriptions <= _MOST_SUBSCRIPTIONS and (
-            self._socket.getsockopt(EVENTS) & int(POLLIN)
-        ):
-            change = self._socket.recv()[:1]
-            self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
-        return self._subscriptions
-
-    def _disconnect_all(self) -> None:
-        """Free all subscriptions; peers that ZMQ connects again subscribe again."""
-        import zmq
-
-        self._socket.close(linger=0)
-        self._socket, self._subscriptions = self._open(), 0
-        deadline = time.monotonic() + _REBIND_S
-        while True:
-            try:
-                self._socket.bind(self._address)
-                return
-            except zmq.ZMQError:  # the old socket is closed by another thread
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.005)
 
 
 # An answer, perhaps one that another thread gives later.
@@ -191,11 +133,7 @@ class Replies(_Endpoint):
                 continue  # nothing says where the peer's address ends
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
-            answer = self._answer(text)
-            if isinstance(answer, Future) and len(self._later) >= _MOST_WAITING:
-                error = f"{_MOST_WAITING} requests wait already"
-                answer = json.dumps({"ok": False, "error": error})
-            self._give(parts[:begin], answer)
+            self._give(parts[:begin], self._answer(text))
         return True
 
     def _give(self, address: list[bytes], answer: Answer) -> None:
@@ -246,7 +184,17 @@ def request(
         try:
             client.connect(address)
             client.send_string(word)
-            return _receive_answer(client, refusals, timeout_s, keys is not None)
+            poller = zmq.Poller()
+            poller.register(client, zmq.POLLIN)
+            poller.register(refusals, zmq.POLLIN)
+            ready = dict(poller.poll(max(1, round(1000 * timeout_s))))
+            if client in ready:
+                return str(client.recv_string())
+            if refusals in ready:
+                rule = "must be those of a client in the folder 'clients' of the server's keys, or "
+                rule += "none where the server has none"
+                raise InputError("--zmq-keys", f"{rule}; or ENDPOINT is no reader's", endpoint)
+            return None
         except zmq.ZMQError as error:
             reason = str(error)
             if error.errno == errno.EINVAL:
@@ -254,39 +202,3 @@ def request(
             raise InputError("ENDPOINT", f"cannot be connected to ({reason})", endpoint) from error
         finally:
             client.disable_monitor()
-
-
-# What it means that a handshake failed, by another protocol or without a word, of a client that has
-# keys or none.
-_REFUSALS = {
-    (True, True): "the server has no keys; connect without them",
-    (True, False): "is missing: the server accepts clients with keys only",
-    (False, True): "the server cannot read this client; its server.key is another server's",
-    (False, False): "is missing, or ENDPOINT is not that of a reader: it ended the connection",
-}
-
-
-def _receive_answer(client: Any, refusals: Any, timeout_s: float, has_keys: bool) -> str | None:
-    """The answer; InputError for a refusal, or a silence behind a handshake that was cut off."""
-    import zmq
-    from zmq.utils.monitor import recv_monitor_message
-
-    poller = zmq.Poller()
-    poller.register(client, zmq.POLLIN)
-    poller.register(refusals, zmq.POLLIN)
-    rule, deadline = "", time.monotonic() + timeout_s
-    while (remaining_s := deadline - time.monotonic()) > 0:
-        ready = dict(poller.poll(max(1, round(1000 * remaining_s))))
-        if client in ready:
-            return str(client.recv_string())
-        if refusals in ready:
-            event = recv_monitor_message(refusals)["event"]
-            rule = _REFUSALS[event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, has_keys]
-            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                rule = "the server does not accept this client; its public key must be in the "
-                rule += "folder 'clients' of the server's keys"
-            if event != zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
-                break
-    if rule:
-        raise InputError("--zmq-keys", rule)
-    return None
