@@ -19,10 +19,10 @@ from ..shell.provenance import fingerprint
 from ..shell.tables import Column, table
 from ..shell.workers import run_tasks
 from . import published
-from .experiment import CORRECTED, UNSURVEYED, other_causes, run
+from .experiment import CORRECTED, other_causes, run
 
 # Of the stored results; those of another one are computed again.
-_FORMAT = 6
+_FORMAT = 7
 
 
 class _PaperOrScenes(click.Group):
@@ -83,11 +83,11 @@ def scenes(scenes, folder, jobs, fresh):
             write_whole(files[i], json.dumps({"fingerprint": hashes[i], "result": results[i]}))
             step(1)
     figures = published.paper_figures()
-    _write_report(results, folder, figures)
-    click.echo(error_table(results, figures))
+    tables = error_table(results, figures)
     if causes := cause_table(results, figures):
-        click.echo(f"\n{causes}")
-    click.echo(f"\nreport: {folder / 'report.md'}")
+        tables += f"\n\n{causes}"
+    _write_report(results, folder, tables)
+    click.echo(f"{tables}\n\nreport: {folder / 'report.md'}")
 
 
 @evaluate.command()
@@ -108,9 +108,7 @@ def paper(output):
         _print_frequency(1e6 * frequency, own)
     for line in published.series_lines():
         click.echo(line)
-    click.echo("Limits of these data")
-    for limit in published.LIMITS:
-        click.echo(f"- {limit}")
+    click.echo(f"limits of these data: {published.FOLDER / 'README.md'}")
 
 
 _TRIALS = (
@@ -182,7 +180,7 @@ def _figure_text(value):
     return value if isinstance(value, str) else f"{value:.3g}"
 
 
-_METHODS = ("ours", UNSURVEYED, "paper", CORRECTED)
+_METHODS = ("ours", "paper", CORRECTED)
 _ERRORS = (
     Column("force (N)", "force_n", _figure_text),
     Column("90 %", "force_n_90", _figure_text),
@@ -207,14 +205,6 @@ _CAUSES = (
     Column("phase rms of ours", "phase_rms_deg", _figure_text),
     *_ERRORS[::2],
 )
-_CAUSES_HEAD = """## Published figures and what may cause them
-
-The paper does not state why its phases varied. Each row adds one disturbance to the scene, as
-strong as makes the paper's method, with the clock offset removed, measure what was published. What
-this receiver reads depends on the cause, so only the range over the causes can stand next to the
-paper's figure.
-
-"""
 
 
 def error_table(results, figures):
@@ -287,43 +277,17 @@ def _ranges(causes):
     return ranges
 
 
-def _write_report(results, folder, figures):
-    """Write ``report.md``: both tables, and how each scene was simulated and read."""
+def _write_report(results, folder, tables):
+    """Write ``report.md``: the tables, and how they came about."""
     import scipy
 
-    names = " ".join(result["scene"] for result in results)
-    causes = cause_table(results, figures)
     template = Template(Path(__file__).with_name("report.md").read_text(encoding="utf-8"))
     page = template.substitute(
-        command=f"gr-wiforce evaluate {names}",
+        command=f"gr-wiforce evaluate {' '.join(result['scene'] for result in results)}",
         version=VERSION,
         python=platform.python_version(),
         numpy=np.__version__,
         scipy=scipy.__version__,
-        table=error_table(results, figures),
-        causes=f"{_CAUSES_HEAD}{causes}\n\n" if causes else "",
-        scenes=table(_scene_rows(results), _SCENES),
+        tables=tables,
     )
     (folder / "report.md").write_text(page, encoding="utf-8")
-
-
-_SCENES = (
-    Column("scene", "scene"),
-    Column("seed", "seed"),
-    Column("sensor", "sensor"),
-    Column("simulated with", "truth_model"),
-    Column("read with", "model"),
-    Column("missed touches", "missed"),
-    Column("false touches", "false"),
-    Column("flags", "flags"),
-    Column("not readable", "not_readable"),
-    Column("about", "about"),
-)
-
-
-def _scene_rows(results):
-    for result in results:
-        first = {key: result[key] for key in ("scene", "seed", "about")}
-        for sensor in result["sensors"]:
-            yield {**first, **sensor, "flags": " ".join(sensor["flags"])}
-            first = {}

@@ -16,9 +16,7 @@ from gnuradio.wiforce.io.text.textfile import read_yaml
 from gnuradio.wiforce.planning.expected import expect, why_not_readable
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -30,9 +28,7 @@ from scipy.fft import fft
 from ..read.recordings import read_capture
 from .published import FOLDER
 
-# Rows of the report: this receiver by the plan alone, whatever is in the room, and the paper's
-# method with the constant offset of the tag's clock removed.
-UNSURVEYED = "ours, not surveyed"
+# The paper's method with the constant offset of the tag's clock removed.
 CORRECTED = "paper, clock offset removed"
 _BATCH = 64  # groups
 # The cause that the file of a scene of the paper itself holds, in ``simulation.tags``.
@@ -42,17 +38,16 @@ OWN = "clock jitter"
 def run(scene_name, work_folder):
     """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
-    Per sensor: errors with and without a survey, of the paper's method with and without the clock's
-    offset, and those of the plan; ``causes``: errors with each disturbance that explains a
+    Per sensor: errors, of the paper's method with and without the clock's offset as well, and those
+    of the plan; ``causes``: errors with each disturbance that explains a
     published figure. Phase errors compare changes with the mean reflection of a group; calibration
     errors and changes within it are part of the others only.
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth):
-        sensors, readings = _read(scene, recording, truth, unsurveyed=True)
+        sensors, readings = _read(scene, recording, truth)
     return {
         "scene": str(scene_name),
-        "about": about_scene(scene_name),
         "seed": scene.simulation.seed,
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
@@ -70,34 +65,28 @@ def simulated(scene, work_folder):
         yield open_capture(capture), truth
 
 
-def _read(scene, recording, truth, unsurveyed=False):
-    """Results of every sensor, and all readings with a survey; ``unsurveyed``: also without one."""
-    read = {"ours": []}
-    read_capture(recording, scene, read["ours"].append)
-    if unsurveyed:
-        reader = RecordingReader(recording, _plan_without_survey(scene), 0, survey=False)
-        read[UNSURVEYED] = [reading for batch in reader for reading in batch]
-    found = {method: scored(scene, readings, truth) for method, readings in read.items()}
+def _read(scene, recording, truth):
+    """Results of every sensor, and all readings."""
+    readings = []
+    read_capture(recording, scene, readings.append)
+    scores = scored(scene, readings, truth)
     changes, expected = paper_changes(recording, scene), expect(plan(scene))
     sensors = []
     for i, sensor in enumerate(scene.sensors):
         rows = [row for row in truth if row["sensor"] == sensor.name]
-        own = {method: scores[i] for method, scores in found.items()}
-        methods = {method: pooled_summary([each]) for method, each in own.items()}
+        methods = {"ours": pooled_summary([scores[i]])}
         for method, detrend in (("paper", False), (CORRECTED, True)):
             methods[method] = paper_errors(scene, i, changes, rows, detrend)
-        flags = {
-            f for reading in read["ours"] if reading.sensor == sensor.name for f in reading.flags
-        }
+        flags = {f for reading in readings if reading.sensor == sensor.name for f in reading.flags}
         sensors.append(
             {
                 "sensor": sensor.name,
                 "model": sensor.model,
                 "truth_model": scene.simulation.tags[i].truth_model,
                 "methods": methods,
-                "missed": own["ours"].missed,
-                "false": own["ours"].false,
-                "flagged": own["ours"].flagged,
+                "missed": scores[i].missed,
+                "false": scores[i].false,
+                "flagged": scores[i].flagged,
                 "not_readable": why_not_readable(scene, i),
                 "flags": sorted(flags),
                 "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected[i].phase_std_deg)))),
@@ -109,7 +98,7 @@ def _read(scene, recording, truth, unsurveyed=False):
                 },
             }
         )
-    return sensors, read["ours"]
+    return sensors, readings
 
 
 def _causes(scene_name, scene, own, work_folder):

@@ -113,7 +113,7 @@ def _bar(value, minus, plus):
 FREQUENCIES_HZ = (900e6, 2400e6)
 # Each trial, and the one that its readings' scatter and refined models are learnt from.
 LEARNT_FROM = {"1": "2", "2": "1", "3": "2"}
-METHODS = ("location known", "single reading", "causal tracker", "smoother")
+METHODS = ("location known", "single reading", "smoother")
 ONSET_FORCE_N = 0.9
 # A press sweeps about 7 N in some fifteen readings; a reading counts as the tracker's second.
 _WALK_N_PER_READING = 0.5
@@ -123,20 +123,6 @@ _RESAMPLES = 1000
 
 # Median errors claimed by the paper, on a test set of its own: force (N), location (mm).
 CLAIMS = {900e6: (0.56, 0.86), 2400e6: (0.34, 0.59)}
-LIMITS = (
-    "30, 50 and 55 mm, 2.4 GHz at 60 mm and the paper's error distributions are not published: its "
-    "test set cannot be rebuilt, and nothing here tests locations between calibrated ones",
-    "14 different short presses at calibrated locations (trial 3 repeats trial 2 at 900 MHz and 20 "
-    "mm, which is left out): differences below about 0.15 N mean nothing",
-    "single readings miss the paper's force because of 40 mm, where they err by 1.7 to 2.1 N: a "
-    "known location, or a press that is read as a whole, determines what one pair of phases does "
-    "not; the paper does not say whether it knew the location",
-    "both ends' phases move the same way with location (-64 to -134 deg per 20 mm), which no "
-    "two-ended line does: the offsets are not trustworthy, and force and location together are "
-    "nearly unobservable at 40 mm",
-    "wireless readings below 3.5 N sit several degrees off the VNA curves",
-    "some wireless readings lie outside the VNA's forces (2.4 GHz, 20 mm: it starts at 3.26 N)",
-)
 
 
 def published_presses():
@@ -210,20 +196,20 @@ def _scatter(model, presses):
 def _read_press(model, std, press, method):
     """Columns of the forces and readings of a press."""
     force_n, phases = forces_and_phases(press)
-    tracker = PressTracker(model, 1.0, force_walk_n=_WALK_N_PER_READING)
-    if method == "causal tracker":
-        *values, flags = zip(*(tracker.update(each, std) for each in phases), strict=True)
+    if method == "smoother":
+        tracker = PressTracker(model, 1.0, force_walk_n=_WALK_N_PER_READING)
+        found = tracker.smooth(phases, std)
     else:
-        if method == "smoother":
-            found = tracker.smooth(phases, std)
-        else:
-            known = press.location_mm[0] if method == "location known" else None
-            found = model.invert(phases, std, location_mm=known)
-        values = found.force_n, found.force_std_n, found.location_mm, found.location_std_mm
-        flags = found.flags
-    names = "estimated_force_n", "force_std_n", "estimated_location_mm", "location_std_mm"
-    columns = dict(zip(names, values, strict=True))
-    return {"force_n": force_n, **columns, "flags": [" ".join(words) for words in flags]}
+        known = press.location_mm[0] if method == "location known" else None
+        found = model.invert(phases, std, location_mm=known)
+    return {
+        "force_n": force_n,
+        "estimated_force_n": found.force_n,
+        "force_std_n": found.force_std_n,
+        "estimated_location_mm": found.location_mm,
+        "location_std_mm": found.location_std_mm,
+        "flags": [" ".join(words) for words in found.flags],
+    }
 
 
 def errors(scores):

@@ -32,8 +32,6 @@ SCENE = {
         "static_clutter_db": 40,
         "clock_offset_ppm": 50,
         "clock_drift_ppm_per_s": 0.0,
-        # A neighbour's tag that the scene does not list.
-        "other_tags": [{"clock_hz": 1730, "level_db": -5, "delay_s": 20e-9}],
         "presses": [{"start_s": 0.45, "hold_s": 0.7, "force_n": 4.0, "location_mm": 30.0}],
     },
 }
@@ -63,12 +61,6 @@ def test_ours_reaches_the_bound_and_the_papers_method_does_not(sensor):
     assert methods["ours"]["phase_rms_deg"] < 1.5 * sensor["bound_rms_deg"]
     corrected = methods["paper, clock offset removed"]["phase_rms_deg"]
     assert 3 * methods["ours"]["phase_rms_deg"] < corrected < methods["paper"]["phase_rms_deg"]
-
-
-def test_survey_of_the_room_is_what_keeps_a_neighbours_tag_out(sensor):
-    """Who compares the two rows must see what the survey gains, or nobody knows who needs it."""
-    methods = sensor["methods"]
-    assert methods["ours, not surveyed"]["phase_rms_deg"] > 3 * methods["ours"]["phase_rms_deg"]
 
 
 def test_the_papers_method_drifts_by_the_clocks_offset(sensor):
@@ -142,8 +134,7 @@ def test_the_report_holds_the_table_and_how_it_came_about(evaluated):
     folder, done = evaluated
     report = (folder / "out" / "report.md").read_text()
     assert done.stdout.splitlines()[0] in report
-    for text in ("gr-wiforce evaluate short.yaml", "| short.yaml | 3 ", "NumPy"):
-        assert text in report
+    assert "`gr-wiforce evaluate short.yaml`; gr-wiforce " in report
     assert not list((folder / "out").glob(".capture*"))
 
 
