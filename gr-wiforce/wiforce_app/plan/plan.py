@@ -14,7 +14,6 @@ from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import error_map, expect, expect_surface
 from gnuradio.wiforce.planning.findings import findings_text
-from gnuradio.wiforce.planning.link import carrier_reaches, link_lines
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
@@ -76,8 +75,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
     if scene.packets is None:
         report["waveform"] = waveform_limits(settings)
         report["warnings"] += waveform_warnings(settings)
-    if reaches := carrier_reaches(settings):
-        report["link"] = [dataclasses.asdict(each) for each in reaches]
     if settings.skin is not None:
         report["surface"] = expect_surface(settings)
     if capture_path is not None:
@@ -90,7 +87,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        _print(report, scene, str(settings), link_lines(settings, reaches), with_steps)
+        _print(report, scene, str(settings), with_steps)
 
 
 def _notes(settings):
@@ -153,10 +150,9 @@ def _settings(settings):
     }
 
 
-def _print(report, scene, summary, link, with_steps):
+def _print(report, scene, summary, with_steps):
     chosen, *expected = summary.splitlines()
-    for line in (*expected, *link):
-        click.echo(line)
+    click.echo("\n".join(expected))
     if "surface" in report:
         _print_surface(report["surface"], scene.surface.name)
     for warning in report["warnings"]:

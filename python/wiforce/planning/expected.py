@@ -111,8 +111,8 @@ def line_amplitude(scene: Scene) -> float:
     return float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
 
 
-def receive_levels(scene: Scene, carrier_hz: float | None = None) -> ReceivedLevels:
-    """Levels at the receiver with the simulated peak, perhaps at another carrier."""
+def receive_levels(scene: Scene) -> ReceivedLevels:
+    """Levels at the receiver with the simulated peak."""
     simulation, waveform = scene.simulation, scene.waveform()
     line = line_amplitude(scene)
     noise = line**2 / 10 ** (simulation.snr_db / 10)
@@ -131,22 +131,20 @@ def receive_levels(scene: Scene, carrier_hz: float | None = None) -> ReceivedLev
     return ReceivedLevels(
         noise,
         float(quantisation),
-        float(static * radio_noise_share(scene, carrier_hz)),
+        float(static * _radio_noise_share(scene)),
         float(line / step),
         float(sample_std / step),
     )
 
 
-def radio_noise_share(scene: Scene, carrier_hz: float | None = None) -> float:
-    """Variance in H of the radio's noise over the static path's, by the carrier's square."""
+def _radio_noise_share(scene: Scene) -> float:
+    """Variance in H of the radio's noise over the static path's."""
     stated, waveform = scene.simulation.radio_noise, scene.waveform()
     if stated is None:
         return 0.0
     alike, independent = noise_over_static(stated, waveform, scene.sensors[0].clock_hz)
     # Two antennas have the same phase noise, which cancels in their ratio.
     alike *= scene.environment.receive_antennas == 1
-    if carrier_hz is not None:
-        alike *= (carrier_hz / scene.radio.center_frequency_hz) ** 2
     return len(waveform.bins) * alike + independent
 
 

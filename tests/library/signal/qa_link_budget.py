@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Losses of paths against published tables and formulas that can be computed by hand."""
 
-import json
-
 import numpy as np
 import pytest
-from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.link import (
@@ -109,7 +106,7 @@ def loss_through_db(layers):
         ("phantom_no_plate", 0.5, 0.5, -17, PHANTOM, 0),
     ],
 )
-def test_scene_and_plan_have_the_link_budget_that_is_written_out_here(
+def test_scene_has_the_link_budget_that_is_written_out_here(
     name, to_tag_m, from_tag_m, tag_dbi, layers, plate_db
 ):
     """What the scenes say of the paper's range and phantom would rest on one formula's code."""
@@ -126,12 +123,8 @@ def test_scene_and_plan_have_the_link_budget_that_is_written_out_here(
     noise_dbm = 10 * np.log10(1.380649e-23 * 290 * 12.5e6 * 62 / 256 / 1e-3) + 6
     expected = [10 - tag_path_db + line_1 - noise_dbm, tag_path_db - direct_db - line_1]
     simulation = load_scene(name).simulation
-    own = json.loads(run_command("plan", name, "--json").stdout)["link"][0]
-    for found in (
-        [simulation.snr_db, simulation.static_clutter_db],
-        [own["snr_db"], own["static_db"]],
-    ):
-        assert found == pytest.approx(expected, abs=0.1)  # 1 dB is asked for
+    found = [simulation.snr_db, simulation.static_clutter_db]
+    assert found == pytest.approx(expected, abs=0.1)  # 1 dB is asked for
 
 
 def test_a_scene_with_a_link_reads_back_equal():
