@@ -16,7 +16,6 @@ from gnuradio.wiforce.planning.expected import error_map, expect, expect_surface
 from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
-from gnuradio.wiforce.planning.steps import waveform_limits, waveform_warnings
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
 from gnuradio.wiforce.scene.simulated import MAX_SENSORS
 
@@ -72,9 +71,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "warnings": warnings_of(settings),
         "notes": [note for note in _notes(settings) if note],
     }
-    if scene.packets is None:
-        report["waveform"] = waveform_limits(settings)
-        report["warnings"] += waveform_warnings(settings)
     if settings.skin is not None:
         report["surface"] = expect_surface(settings)
     if capture_path is not None:
@@ -168,26 +164,10 @@ def _print(report, scene, summary, with_steps):
     if "proposals" in report and not report["proposals"]:
         click.echo("no better settings found")
     click.echo(f"\n{chosen}")
-    if "waveform" in report:
-        _print_waveform(report["waveform"])
     if with_steps:
         _print_steps(report["steps"])
     if "room" in report:
         _print_room(report["room"], report["steps"])
-
-
-def _print_waveform(limits):
-    losses = ", ".join(f"{own[1]:.2g}" for own in limits["averaging_loss_db"])
-    click.echo(
-        f"waveform {limits['name']}: symbol of {limits['symbol_length']} samples, "
-        f"{limits['subcarriers']} subcarriers over {limits['bandwidth_hz'] / 1e6:.4g} MHz, PAPR "
-        f"{limits['peak_to_average_db']:.1f} dB, averaged over {1e6 * limits['averaging_s']:.4g} us"
-    )
-    click.echo(
-        f"tag clocks: below {limits['clock_below_hz']:.0f} Hz (4 fs at half the snapshot rate); "
-        f"averaging takes 3 dB of the line at 4 fs at {limits['clock_half_power_hz']:.0f} Hz, "
-        f"{losses} dB at the clocks of this scene"
-    )
 
 
 _ON_SURFACE = (

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..sensor.curves import CurveModel
 from ..signal.carrier import BANDS, bands_holding, occupied_band_hz
-from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
+from ..signal.lines import lamp_distances_hz
 from .clocks import (
     FARTHER,
     assess_clocks,
@@ -82,8 +82,6 @@ def _packet_warnings(plan: Plan) -> Iterator[str]:
 _GROUPS_PER_RISE = 2
 # A cost below half a dB, 6 % of a standard deviation, is not worth a warning.
 _NOTICEABLE_DB = 0.5
-# Difference between the levels of tags, in dB, that is worth a warning.
-_LEVELS_APART_DB = 20
 # Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
 # Clocks are assessed in groups of at most this length: longer ones only resolve more.
@@ -110,7 +108,7 @@ def warnings(plan: Plan) -> list[str]:
     if scene.packets is not None:
         own = [*_packet_warnings(plan)]
     else:
-        own = [*outside_band(scene), *_clock_warnings(scene, plan)]
+        own = [*outside_band(scene), *_clock_warnings(plan)]
     return [
         *own,
         *_lamp_warnings(scene, plan),
@@ -122,34 +120,15 @@ def warnings(plan: Plan) -> list[str]:
     ]
 
 
-def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
+def _clock_warnings(plan: Plan) -> Iterator[str]:
     length = min(plan.group_length, _LONGEST_ASSESSED)
     tolerance_ppm = max(clock.planned_ppm for clock in plan.clocks)
     report = assess_clocks(plan.clocks_hz, plan.waveform, length, tolerance_ppm, plan.clutter_hz)
-    names = scene.sensor_names
     yield from report.problems
-    loss_db: dict[int, float] = {}
-    for end in report.ends:
-        loss_db[end.tag] = max(loss_db.get(end.tag, 0.0), end.loss_db)
-    for tag, line, other, other_line in report.collisions:
+    if plan.waveform.repetitions == 1:
         yield (
-            f"clock collision: line {line} of '{names[tag]}' falls on line {other_line} of "
-            f"'{names[other]}'; they are estimated jointly, at a cost of up to "
-            f"{max(loss_db[tag], loss_db[other]):.2f} dB per end"
-        )
-    nyquist_hz = 0.5 / plan.waveform.snapshot_period_s
-    for clock, name in zip(plan.clocks, names, strict=True):
-        line_hz = HIGHEST_LINE * clock.clock_hz
-        if line_hz > NYQUIST_MARGIN * nyquist_hz:
-            yield (
-                f"Nyquist: line {HIGHEST_LINE} of '{name}' ({line_hz:g} Hz) lies close to half the "
-                f"snapshot rate ({nyquist_hz:.0f} Hz)"
-            )
-    levels = [tag.level_db for tag in scene.simulation.tags]
-    if np.ptp(levels) > _LEVELS_APART_DB:
-        yield (
-            f"the levels of the tags differ by {np.ptp(levels):.0f} dB: a press of the strongest "
-            "disturbs the readings of the weakest"
+            "only one repetition is averaged: bursts of other transmitters are not recognised, "
+            "since this takes the difference of two"
         )
 
 

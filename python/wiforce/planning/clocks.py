@@ -5,7 +5,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, product
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ from ..signal.lines import (
     HIGHEST_LINE,
     NYQUIST_MARGIN,
     STRONG_LINES,
-    aliased_hz,
     lamp_distances_hz,
 )
 from ..signal.switching import harmonics
@@ -70,8 +69,6 @@ def most_that_fit(conflicts: np.ndarray, free: np.ndarray, enough: float = np.in
 # An end that loses more than half its information to its neighbours, or to aliases, is not
 # readable.
 WORST_LOSS_DB = 3.0
-# Lines that are weaker than this share of the strongest one of their end do not collide: -20 dB.
-_WEAKEST_LINE = 0.1
 _HIGHEST_HARMONIC = 64
 # Clock phases that are tried; clocks that are multiples of each other hide one another at few.
 _TRIALS = 48
@@ -94,8 +91,6 @@ class ClockReport(NamedTuple):
     # Per tag, the part of its signal that distinguishes the right clock phase from the wrong one
     # that resembles it most; 0 when the ends could be swapped.
     phase_margins: tuple[float, ...]
-    # Lines of two tags that a group cannot resolve: (tag, harmonic, other tag, its harmonic).
-    collisions: tuple[tuple[int, int, int, int], ...]
 
     @property
     def worst_loss_db(self) -> float:
@@ -159,8 +154,7 @@ def assess_clocks(
     )
     every = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
     margins = (phase_margin(harmonics(every, f * averaging_s), every) for f in clocks_hz)
-    collisions = _collisions(clocks_hz, waveform, group_length, tolerance_ppm)
-    return ClockReport(tuple(ends), tuple(margins), tuple(sorted(collisions)))
+    return ClockReport(tuple(ends), tuple(margins))
 
 
 def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) -> np.ndarray:
@@ -168,24 +162,6 @@ def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) ->
     orders = np.arange(1, 4 * _HIGHEST_HARMONIC)[:, None]
     lines = harmonics(orders, np.asarray(clocks_hz) * averaging_s)
     return 2 * np.sum(lines**2, axis=0).ravel()
-
-
-def _collisions(
-    clocks_hz: Sequence[float], waveform: Waveform, group_length: int, tolerance_ppm: float
-) -> Iterator[tuple[int, int, int, int]]:
-    """Lines of two tags, as snapshots show them, that a group cannot resolve."""
-    rate, m = 1 / waveform.snapshot_period_s, np.arange(1, _HIGHEST_HARMONIC + 1)
-    own = []  # harmonics of either end of a tag, their frequencies, and where they are shown
-    for clock_hz in clocks_hz:
-        levels = np.abs(harmonics(m, clock_hz * waveform.averaging_s))
-        strong = m[(levels >= _WEAKEST_LINE * levels.max(axis=0)).any(axis=1)]
-        own.append((strong, strong * clock_hz, np.abs(aliased_hz(strong * clock_hz, rate))))
-    for tag, other in combinations(range(len(clocks_hz)), 2):
-        (lines, hz, seen_hz), (others, other_hz, other_seen_hz) = own[tag], own[other]
-        reach = rate / group_length + 1e-6 * tolerance_ppm * np.add.outer(hz, other_hz)
-        rows, columns = np.nonzero(np.abs(np.subtract.outer(seen_hz, other_seen_hz)) < reach)
-        for row, column in zip(rows, columns, strict=True):
-            yield tag, int(lines[row]), other, int(others[column])
 
 
 class LampLines(NamedTuple):

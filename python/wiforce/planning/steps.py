@@ -2,20 +2,17 @@
 """Steps of the receiver: which ones a scene needs, why, and what each costs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
-from ..signal.lines import HIGHEST_LINE, clutter_order
-from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
+from ..signal.lines import clutter_order
+from .plan import Plan
 
 # Real operations of one complex multiplication and addition.
 _MULTIPLY_ADD = 8
 # Real operations of one inversion: two Taylor expansions, covariance, checks.
 _INVERSION = 200
-MORE_LINES = "more lines"
 
 
 @dataclass(frozen=True)
@@ -85,16 +82,7 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
         (_transform_operations(length) + 6 * length) * rate - _estimator_operations(plan),
     )
     # The two tones of a pair share their products.
-    per_tone = _MULTIPLY_ADD * length / 2 * rate
-    yield Step("tones", True, _tones_reason(plan), per_tone * tones)
-    more = with_more_lines(plan)
-    if plan.loss_db and more is not None:
-        yield Step(
-            MORE_LINES,
-            False,
-            f"lines up to +-{more.harmonics} would gain {ACCEPTED_LOSS_DB:g} dB at most",
-            per_tone * (len(more.table.tones) - tones),
-        )
+    yield Step("tones", True, _tones_reason(plan), _MULTIPLY_ADD * length / 2 * rate * tones)
 
 
 def _tones_reason(plan: Plan) -> str:
@@ -107,20 +95,6 @@ def _tones_reason(plan: Plan) -> str:
         return reason + "; nothing moves: the weights reject the mean only"
     order = clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
     return reason + f"; the weights reject {order} sequences up to {plan.clutter_hz:g} Hz"
-
-
-def with_more_lines(plan: Plan) -> Plan | None:
-    """The plan with the most lines that its weights can separate; None where it has them."""
-    for harmonics in reversed(HARMONICS):
-        if harmonics <= plan.harmonics:
-            return None
-        more = replace(plan, harmonics=harmonics)
-        try:
-            if len(plan.table.tones) < len(more.table.tones) < plan.group_length / 2:
-                return more
-        except InputError:
-            continue  # too many for the weights to reject the clutter band as well
-    return None
 
 
 def _group_steps(plan: Plan) -> Iterator[Step]:
@@ -167,59 +141,3 @@ def _estimator_operations(plan: Plan) -> float:
 def _transform_operations(length: int) -> float:
     """Real operations of a Fourier transform, 5 n log2 n."""
     return float(5 * length * np.log2(length))
-
-
-# Argument at which sinc^2 is one half.
-_HALF_POWER = 0.443
-# Loss of that line by averaging from which a slower clock or fewer repetitions are worth it.
-_WORTHWHILE_DB = 3.0
-# Repetitions whose differences show interference.
-_LEAST_COMPARED = 2
-
-
-def waveform_limits(plan: Plan) -> dict[str, Any]:
-    """Figures of a plan's waveform, and of clocks in it."""
-    waveform = plan.waveform
-    low_hz, high_hz = waveform.outermost_hz
-    return {
-        "name": waveform.name,
-        "symbol_length": waveform.symbol_length,
-        "repetitions_averaged": waveform.repetitions,
-        "averaging_s": waveform.averaging_s,
-        "subcarriers": len(waveform.subcarriers),  # those used
-        "used_share": waveform.used_share,  # part of the symbol's energy that lies on them
-        "bandwidth_hz": high_hz - low_hz,
-        # PAPR of the analogue signal while the symbol repeats.
-        "peak_to_average_db": waveform.peak_to_average_db,
-        # Nyquist: 4 fs must lie below half the snapshot rate.
-        "clock_below_hz": 0.5 / waveform.snapshot_period_s / HIGHEST_LINE,
-        # Where averaging halves the power of the line at 4 fs.
-        "clock_half_power_hz": _HALF_POWER / waveform.averaging_s / HIGHEST_LINE,
-        # Of the lines at fs and 4 fs, for each sensor.
-        "averaging_loss_db": [
-            [_loss_db(line * clock.clock_hz * waveform.averaging_s) for line in (1, HIGHEST_LINE)]
-            for clock in plan.clocks
-        ],
-    }
-
-
-def waveform_warnings(plan: Plan) -> Iterator[str]:
-    """What a plan's waveform costs or cannot do."""
-    limits, waveform = waveform_limits(plan), plan.waveform
-    worst_db = max((tag[1] for tag in limits["averaging_loss_db"]), default=0.0)
-    if worst_db >= _WORTHWHILE_DB:
-        yield (
-            f"a snapshot averages over {1e6 * waveform.averaging_s:.4g} us, which costs "
-            f"{worst_db:.1f} dB of the line at 4 fs; choose clocks below "
-            f"{limits['clock_half_power_hz']:.4g} Hz, or a smaller sounding.averaged_repetitions"
-        )
-    if waveform.repetitions < _LEAST_COMPARED:
-        yield (
-            "only one repetition is averaged: bursts of other transmitters are not recognised, "
-            "since this takes the difference of two"
-        )
-
-
-def _loss_db(cycles: float) -> float:
-    amplitude = max(abs(float(np.sinc(cycles))), 1e-5)
-    return float(-20 * np.log10(amplitude))

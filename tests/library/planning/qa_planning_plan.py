@@ -12,8 +12,8 @@ from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
 from gnuradio.wiforce.planning.loss import losses_db
-from gnuradio.wiforce.planning.plan import HARMONICS, plan
-from gnuradio.wiforce.planning.steps import MORE_LINES, steps, with_more_lines
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -100,7 +100,6 @@ def test_steps_not_needed_are_skipped_with_reason():
     assert skipped == [
         "guard and first repetition",
         "channel per snapshot",
-        "more lines",
         "inversion while untouched",
     ]
     moving = scene_of(environment={"moving_clutter_hz": 30}, phase_group={"snapshots": 125})
@@ -186,17 +185,12 @@ def test_receive_levels_adc_steps_equal_simulator():
 
 
 PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}
-TWO = [
-    {"name": name, "model": "line-900mhz-calibrated", "clock_hz": clock}
-    for name, clock in (("a", 1000), ("b", 1400))
-]
 
 
 @pytest.mark.parametrize(
     "scene, warning",
     [
-        ({"sensors": TWO}, "line 7 of 'a' falls on line 5 of 'b'"),
-        ({"sounding": {"frame_length": 1500}}, "Nyquist"),
+        ({"sounding": {"repetitions": 2}}, "only one repetition is averaged"),
         ({"simulation": {"presses": [{**PRESS, "rise_s": 0.02}]}}, "N_g against dynamics"),
         ({"simulation": {"presses": [{**PRESS, "location_mm": 75.0}]}}, "calibrated for"),
         ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
@@ -204,7 +198,6 @@ TWO = [
         ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
         ({"reference_s": 0.05}, "untouched reference"),
         ({"simulation": {"moving_clutter_db": 10, "moving_clutter_hz": 300}}, "leaks"),
-        ({"sensors": TWO, "simulation": {"tags": [{"sensor": "b", "level_db": -30}]}}, "differ by"),
     ],
 )
 def test_warnings_faulty_scene_names_fault(scene, warning):
@@ -249,7 +242,7 @@ def test_command_states_errors_first_and_steps_on_request():
         for words in (
             "expected median errors at snr_db 10",
             "limited by the ",
-            "warning: clock collision",
+            "warning: lamps",
             "snapshots/s",
             "skipped",
             "separation ",
@@ -331,16 +324,3 @@ def test_plan_clock_without_own_line_names_sensor():
     scene = scene_of([sensor], sounding={"frame_length": 4000}, phase_group={"snapshots": 125})
     with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag a line"):
         plan(scene)
-
-
-def test_more_lines_are_offered_only_where_weights_for_them_exist():
-    """A scene with a wide clutter band must not end with an error."""
-    fan = plan(load_scene("fan"))
-    assert fan.clutter_hz == 200
-    with pytest.raises(InputError, match="too short to separate the lines from clutter of 200 Hz"):
-        dataclasses.replace(fan, harmonics=HARMONICS[-1]).table  # noqa: B018
-    more = with_more_lines(fan)
-    assert more is None or more.harmonics < HARMONICS[-1]
-    for name in ("fan", "demo"):
-        named = {step.name for step in steps(plan(load_scene(name)))}
-        assert (MORE_LINES in named) == (with_more_lines(plan(load_scene(name))) is not None)
