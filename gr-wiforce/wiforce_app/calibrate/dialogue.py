@@ -14,10 +14,9 @@ from gnuradio.wiforce.errors import InputError
 HELP = """\
   Type the force that the gauge shows while you hold the press still: 2.5, or with a unit, 250 g.
   With --scale, press Enter instead. Single letters are commands:
-    k  keep the last measurement although it is doubtful
     u  undo: remove the last measurement that was stored
     s  skip this force           n  skip the rest of this location
-    r  show coverage and residuals
+    r  show how much is measured, and what does not fit
     t  tare: measure the untouched reference again (release the sensor first)
     f  finish now with what is stored
     q  quit; everything stored is kept, and the same command continues"""
@@ -35,10 +34,9 @@ class GuidedCalibration:
         self._echo, self._scale = echo, scale
         plan = session.plan
         self._largest_deg = steady_deg(plan.frequency_hz, plan.permittivity)
-        self._unconfirmed, self._location_mm, self._ended = None, None, None
+        self._location_mm, self._ended = None, None
         self._tare_refused = False
         self._commands = {
-            "k": self._keep,
             "u": self._undo,
             "s": session.skip,
             "n": lambda target: session.skip_location(target.location_mm),
@@ -120,20 +118,15 @@ class GuidedCalibration:
         return True
 
     def _measure(self, line, target):
-        self._unconfirmed, self._tare_refused = None, False
+        self._tare_refused = False
         try:
             press = self._press(line, target)
+            self._session.add(press)
         except InputError as error:
             self._refuse(error)
             return
-        warnings = self._session.warnings(press, target)
-        if not warnings:
-            self._store(press)
-            return
-        self._unconfirmed = press
-        for warning in warnings:
-            self._echo(f"  doubtful: {warning}")
-        self._echo("  not stored: measure again, or keep it with k")
+        done, wanted = self._session.done()
+        self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
 
     def _press(self, line, target):
         std_n = float("nan")
@@ -141,13 +134,13 @@ class GuidedCalibration:
             if not line:
                 raise InputError("force", "must be typed, or ? for help")
             force_n = parse_force(line)
-            self._session.check_force(force_n)
+            self._session.check_force(force_n, target.force_n)
             readings = self._presses.collect(self._idle)
         else:
             if line:
                 raise InputError("line", "must be empty: the scale measures (? for help)")
             force_n, std_n, readings = self._collect_with_scale()
-            self._session.check_force(force_n)
+            self._session.check_force(force_n, target.force_n)
         return measure_press(
             readings, target.location_mm, force_n, self._largest_deg, std_n, target.sweep
         )
@@ -163,20 +156,7 @@ class GuidedCalibration:
             time.sleep(0.02)
         return *gauge.mean(begin_s, time.monotonic()), readings
 
-    def _store(self, press):
-        self._session.add(press)
-        done, wanted = self._session.done()
-        self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
-
-    def _keep(self, target):
-        if self._unconfirmed is None:
-            self._echo("  nothing doubtful to keep")
-            return
-        press, self._unconfirmed = self._unconfirmed, None
-        self._store(press)
-
     def _undo(self, target):
-        self._unconfirmed = None
         removed = self._session.undo()
         if removed is None:
             self._echo("  nothing is stored")
@@ -201,23 +181,12 @@ class GuidedCalibration:
         self._ended = finished
 
     def show_progress(self):
-        """Show which measurements are taken, and how well they fit."""
-        session = self._session
-        self._echo("\n{} of {} measurements".format(*session.done()))
-        self._echo("  at mm  " + "".join(f"{force:>5g}" for force in session.plan.force_n) + "  N")
-        for place, counts in session.counts().items():
-            self._echo(f"  {place:5g}  " + "".join(f"{n or '.':>5}" for n in counts.tolist()))
+        """Show how many measurements are taken, and which do not fit the others."""
+        self._echo("\n{} of {} measurements".format(*self._session.done()))
         try:
-            rows, doubts = session.fit()
+            doubts = self._session.doubts()
         except InputError as error:
-            self._echo(f"  these measurements do not make a sensor: {error}")
-            return
-        for row in rows:
-            first, second = row.rms_deg
-            self._echo(
-                f"  {row.location_mm:5g} mm: residual {first:.2f} / {second:.2f} deg rms (port 1 / "
-                f"2), largest {row.largest_deg:.2f} deg at {row.force_n:.2f} N"
-            )
+            doubts = [f"these measurements do not make a sensor: {error}"]
         for doubt in doubts:
             self._echo(f"  doubtful: {doubt}")
 

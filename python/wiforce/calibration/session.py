@@ -25,7 +25,6 @@ from .calibrate import calibrate
 from .data import LEAST_FORCES, unwrap_over_force, without_incomplete
 from .gauges import UNITS_N
 from .tables import read_tap_csv
-from .validation import location_warnings
 
 # Fewest phase groups of a measurement: halves of four give a drift and its error.
 LEAST_GROUPS = 8
@@ -162,105 +161,8 @@ def _check_steady(deviation: np.ndarray, where: str, port: int, largest_deg: flo
         raise InputError(where, rule)
 
 
-# The widening of the short is compared with what the five nearest forces at this location suggest
-# by a line over F^(-1/3), which describes a soft beam. With gauge errors of 1 % and 0.03 N it stays
-# within these limits for all shipped sensors; half the force does not, and twice the force rarely.
-_NEIGHBOURS, _LEAST_NEIGHBOURS = 5, 3
-_WIDENING_MM, _WIDENING_PART, _WIDENING_STDS = 0.75, 0.5, 3.0
-# The contact law moves the middle of the short by up to 4 mm from a location to the next, 10 mm
-# away; a wrong mark of the ruler by the whole step or more. In the published sweeps an end moves by
-# up to 3 mm the wrong way when the force rises; in a slip both ends move by all of it.
-_STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
 # Part of the asked force, and force in N, by which another force is no slip of the hand.
 _FORCE_PART, _FORCE_N = 0.4, 0.5
-
-
-def press_warnings(
-    new: PressMeasurement,
-    before: Sequence[PressMeasurement],
-    frequency_hz: float,
-    length_mm: float,
-    permittivity: float,
-) -> list[str]:
-    """Warnings of a press that those before it, at all locations, contradict; a sentence each."""
-    presses = [each for each in before if not each.untouched]
-    if not presses:
-        return []
-    place, force = np.array([(each.location_mm, each.force_n) for each in presses]).T
-    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    # Extent of the short towards both ports, up to a constant and half wavelengths: how far the
-    # presses lie within the new one, (n, 2).
-    at = np.append(place, new.location_mm)[:, None]
-    exact = line.short_phase_deg(np.hstack([at, length_mm - at]), frequency_hz, permittivity)
-    extent = (np.array([each.phase_deg for each in [*presses, new]]) - exact) / slope
-    outward = extent[-1] - extent[:-1]
-    step, ratio = np.abs(place - new.location_mm), np.abs(np.log(force / new.force_n))
-
-    def nearest_turn(change_mm: np.ndarray) -> np.ndarray:
-        return np.asarray(360.0 / slope * np.round(change_mm * slope / 360.0))
-
-    # The nearest locations first, at each the nearest forces.
-    order = np.lexsort((ratio, step))
-    first, here = order[0], order[step[order] == 0]
-    nearest = outward[first] - nearest_turn(outward[first])
-    sweep = [presses[i] for i in np.flatnonzero(step == 0) if presses[i].sweep == new.sweep]
-    found = _elsewhere(new, float(step[first]), nearest) or _jump(new, sweep, slope)
-    if not found and len(here) >= _LEAST_NEIGHBOURS:
-        near = here[:_NEIGHBOURS]
-        # Whole turns against the nearest force, since the movement between the two is small.
-        turns = nearest_turn(outward[near[0]]) - nearest_turn(outward[near[0]] - outward[near])
-        found = _widening(new, force[near], (outward[near] - turns).sum(axis=1))
-    return found
-
-
-def _elsewhere(new: PressMeasurement, step: float, outward: np.ndarray) -> list[str]:
-    """Whether ends of the short (2,) moved alike, as along the line: forces widen or narrow it."""
-    moved = float(outward[1] - outward[0]) / 2
-    # At one location, an end that moves alone is no slip.
-    certain = step > 0 or (outward.prod() < 0 and np.abs(outward).min() > _LEAST_STEP_MM)
-    if not certain or abs(moved) <= max(_STEP_PART * step, _LEAST_STEP_MM):
-        return []
-    cause = "" if step else "; the sensor or the indenter slipped"
-    return [
-        f"the phases are those of a press at about {new.location_mm + moved:.0f} mm, not at "
-        f"{new.location_mm:g} mm{cause}"
-    ]
-
-
-def _jump(new: PressMeasurement, sweep: Sequence[PressMeasurement], slope: float) -> list[str]:
-    """What would be refused when the sweep is calibrated."""
-    force = np.array([each.force_n for each in [*sweep, new]])
-    phases = np.array([each.phase_deg for each in [*sweep, new]])
-
-    def jumps(count: int, port: int) -> bool:
-        return bool(unwrap_over_force(force[:count], phases[:count, port - 1], slope)[2].any())
-
-    return [
-        f"the phase of port {port} jumps against those at other forces, further than a press can "
-        "move the short"
-        for port in (1, 2)
-        if jumps(len(force), port) and not jumps(len(sweep), port)
-    ]
-
-
-def _widening(new: PressMeasurement, force_n: np.ndarray, wider_mm: np.ndarray) -> list[str]:
-    """Whether widths follow from those at other forces (n,), nearest first, wider by (n,) mm."""
-    inverse, own = force_n ** (-1 / 3), new.force_n ** (-1 / 3)
-    if np.ptp(inverse) == 0:
-        return []
-    design = np.column_stack([np.ones(len(inverse)), inverse])
-    fitted = np.linalg.lstsq(design, wider_mm, rcond=None)[0]
-    wider = float(fitted[0] + fitted[1] * own)
-    residual = float(np.sqrt(np.mean((wider_mm - design @ fitted) ** 2)))
-    move = abs(fitted[1] * (own - inverse[0]))
-    if abs(wider) <= _WIDENING_MM + _WIDENING_PART * move + _WIDENING_STDS * residual:
-        return []
-    return [
-        f"the short is {abs(wider):.1f} mm {'wider' if wider > 0 else 'narrower'} than the other "
-        f"forces at {new.location_mm:g} mm suggest for {new.force_n:.2f} N"
-    ]
-
-
 DEFAULT_LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 DEFAULT_FORCES_N = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0)
 # Half a division of a ruler with millimetres, on either side: 1 mm / sqrt(12).
@@ -290,15 +192,6 @@ class Target(NamedTuple):
 
     location_mm: float
     sweep: int
-    force_n: float
-
-
-class Residual(NamedTuple):
-    """Largest residual in deg, and its force in N, of a location's measurements."""
-
-    location_mm: float
-    rms_deg: tuple[float, float]
-    largest_deg: float
     force_n: float
 
 
@@ -388,11 +281,14 @@ class CalibrationSession:
 
     def next_target(self) -> Target | None:
         """The next planned measurement that is neither taken nor skipped; None at the end."""
-        done = self._skipped | {
+        done = self._skipped | self._taken()
+        return next((target for target in self.plan.targets() if target not in done), None)
+
+    def _taken(self) -> set[Target]:
+        return {
             Target(press.location_mm, press.sweep, self.plan.nearest_force(press.force_n))
             for press in self.presses
         }
-        return next((target for target in self.plan.targets() if target not in done), None)
 
     def skip(self, target: Target) -> None:
         """Leave out a planned measurement, until the session is opened again."""
@@ -402,30 +298,19 @@ class CalibrationSession:
         """Leave out the rest of a location."""
         self._skipped.update(t for t in self.plan.targets() if t.location_mm == location_mm)
 
-    def check_force(self, force_n: float) -> None:
-        """Check that a force is one that the plan asks for, or near them."""
+    def check_force(self, force_n: float, asked_n: float | None = None) -> None:
+        """Check that a force is near those of the plan, and near the one that was asked for."""
         low, high = _LOW_PART * self.plan.force_n[0], _HIGH_PART * self.plan.force_n[-1]
-        if low <= force_n <= high:
-            return
-        rule = f"must be {low:g} to {high:g} N"
-        if force_n < 0:
-            rule += "; a gauge that shows less than nothing is inverted or was zeroed under load"
-        weight = force_n * UNITS_N["g"]
-        if low <= weight <= high:
-            rule += f" (is it in g? {force_n:g} g are {weight:.2g} N)"
-        raise InputError("force_n", rule, force_n)
-
-    def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
-        """Why a press may be an error of the person who measures, a sentence each."""
-        plan, found = self.plan, []
-        asked_n = press.force_n if target is None else target.force_n
-        if abs(press.force_n - asked_n) > max(_FORCE_N, _FORCE_PART * asked_n):
-            found.append(
-                f"the force is {press.force_n:g} N where about {asked_n:g} N was asked for"
-            )
-        return found + press_warnings(
-            press, self.presses, plan.frequency_hz, plan.length_mm, plan.permittivity
-        )
+        if not low <= force_n <= high:
+            rule = f"must be {low:g} to {high:g} N"
+            if force_n < 0:
+                rule += "; a gauge that shows less than nothing is inverted"
+            weight = force_n * UNITS_N["g"]
+            if low <= weight <= high:
+                rule += f" (is it in g? {force_n:g} g are {weight:.2g} N)"
+            raise InputError("force_n", rule, force_n)
+        if asked_n and abs(force_n - asked_n) > max(_FORCE_N, _FORCE_PART * asked_n):
+            raise InputError("force_n", f"must be about {asked_n:g} N, as asked for", force_n)
 
     def add(self, measurement: PressMeasurement) -> None:
         """Store a measurement, or raise OutputError, InputError; those before it are kept."""
@@ -433,6 +318,7 @@ class CalibrationSession:
             self._check_untouched(measurement)
         else:
             self.check_force(measurement.force_n)
+            self._check_jump(measurement)
         if not self._ends:
             self._write(_COLUMNS)
         m, number = measurement, "{:.4f}".format
@@ -463,6 +349,25 @@ class CalibrationSession:
                 )
                 raise InputError("measurement", rule, round(change, 1))
 
+    def _check_jump(self, new: PressMeasurement) -> None:
+        """Refuse a press for whose phases the whole table would be refused later."""
+        where = new.location_mm, new.sweep
+        sweep = [each for each in self.presses if (each.location_mm, each.sweep) == where]
+        force = np.array([each.force_n for each in [*sweep, new]])
+        phases = np.array([each.phase_deg for each in [*sweep, new]])
+        slope = line.round_trip_deg_per_mm(self.plan.frequency_hz, self.plan.permittivity)
+
+        def jumps(count: int, port: int) -> bool:
+            return bool(unwrap_over_force(force[:count], phases[:count, port - 1], slope)[2].any())
+
+        for port in (1, 2):
+            if jumps(len(force), port) and not jumps(len(sweep), port):
+                rule = (
+                    f"must not jump at port {port} against those at other forces, further than a "
+                    "press can move the short; measure again, or remove the one before"
+                )
+                raise InputError("phases", rule)
+
     def undo(self) -> PressMeasurement | None:
         """Remove the last measurement, and return it; None when there is none."""
         if not self.measurements:
@@ -471,20 +376,10 @@ class CalibrationSession:
         self._file.truncate(self._ends[-1])
         return self.measurements.pop()
 
-    def counts(self) -> dict[float, np.ndarray]:
-        """Number of measurements for each planned force, by location, rising."""
-        plan = self.plan
-        places = sorted({*plan.location_mm, *(press.location_mm for press in self.presses)})
-        found = {place: np.zeros(len(plan.force_n), int) for place in places}
-        for press in self.presses:
-            index = plan.force_n.index(plan.nearest_force(press.force_n))
-            found[press.location_mm][index] += 1
-        return found
-
     def done(self) -> tuple[int, int]:
         """Planned measurements that are taken, and all of them."""
-        counts, sweeps = np.array(list(self.counts().values())), self.plan.sweeps
-        return int(np.minimum(counts, sweeps).sum()), counts.size * sweeps
+        targets, taken = self.plan.targets(), self._taken()
+        return sum(target in taken for target in targets), len(targets)
 
     def model(self, name: str | None = None) -> CurveModel:
         """Calibrate with the locations that have enough forces."""
@@ -494,34 +389,14 @@ class CalibrationSession:
         line = {"length_mm": self.plan.length_mm, "permittivity": self.plan.permittivity}
         return calibrate(table, name or self.plan.sensor, **{**self.settings, **line})
 
-    def fit(self) -> tuple[list[Residual], list[str]]:
-        """Residuals by location, from two on, and those that others contradict, from three on.
-
-        Residuals do not show a wrong mark of the ruler: each location has curves of its own.
-        """
-        at: dict[float, list[PressMeasurement]] = {}
-        for press in sorted(self.presses, key=lambda press: press.location_mm):
-            at.setdefault(press.location_mm, []).append(press)
-        complete = {
-            place: here
-            for place, here in at.items()
-            if len({press.force_n for press in here}) >= LEAST_FORCES
-        }
-        if len(complete) < 2:
-            return [], []
-        model, rows = self.model(), []
-        for place, here in complete.items():
-            force, phases = (
-                np.array([getattr(p, k) for p in here]) for k in ("force_n", "phase_deg")
-            )
-            error = wrap_deg(phases - model.phases_deg(force, place, self.plan.frequency_hz))
-            first, second = np.sqrt(np.mean(error**2, axis=0)).tolist()
-            largest = np.abs(error).max(axis=1)
-            worst = int(np.argmax(largest))
-            rows.append(
-                Residual(place, (first, second), float(largest[worst]), float(force[worst]))
-            )
-        return rows, location_warnings(model) if len(complete) > 2 else []
+    def doubts(self) -> list[str]:
+        """Likely mistakes in what is stored, a sentence each, from two complete locations on."""
+        forces: dict[float, set[float]] = {}
+        for press in self.presses:
+            forces.setdefault(press.location_mm, set()).add(press.force_n)
+        if sum(len(each) >= LEAST_FORCES for each in forces.values()) < 2:
+            return []
+        return self.model().provenance.get("suspicions", [])
 
     def _write(self, cells: Sequence[object]) -> None:
         text = io.StringIO()
