@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.blocks.usrp import first_gain_db
 from gnuradio.wiforce.planning.findings import Finding, MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -63,3 +64,7 @@ def test_check_clipped_samples_ask_for_a_step_that_ends_it(clipped, step):
     levels = {"peak_dbfs": 0.0, "clipped": clipped, "dc_dbfs": -3.0}
     (advice,) = advice_on(Findings("a device", {}, levels), load_scene("demo"))
     assert f"lower --rx-gain, then --tx-gain, by {step} in total" in advice
+
+
+def test_first_gains_of_a_b210_are_those_of_the_page():
+    assert [first_gain_db(0.0, high) for high in (89.75, 76.0)] == pytest.approx([30, 25], abs=0.5)
