@@ -202,7 +202,7 @@ def calibrate(
         not_written = where.startswith("sensor")
         raise InputError(f"{table}: {where}" if not_written else where, rule) from None
     suspected = model.provenance.get("suspicions", [])
-    if bench is None and (assumed := sensor.untouched_assumed(data, model)):
+    if bench is None and (assumed := sensor.untouched_assumed(data, model.length_mm)):
         suspected = [*assumed, *suspected]
         model = replace(model, provenance=model.provenance | {"suspicions": suspected})
     if suspected and not accept:
@@ -211,20 +211,9 @@ def calibrate(
     sensor.write_sensor(model, output)
     for text in [*_verdict(sensor, model, verdicts, suspected), *_report(model)]:
         click.echo(text)
-    click.echo(
-        f"\nline: {line['length_mm']:g} mm, effective permittivity {line['permittivity']:g} "
-        "(--length-mm, --permittivity)"
-    )
-    for text in sensor.estimate_line(data, **line):
-        click.echo(f"  {text}")
     if plot_path is not None:
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
-    carrier_hz = model.frequencies_hz[0]
-    click.echo(
-        f"next: put 'model: {output}' into a scene at {carrier_hz / 1e6:g} MHz, and ask "
-        "`gr-wiforce plan SCENE.yaml` for the errors with a radio, as medians (0.67 deviations)"
-    )
 
 
 def _without_incomplete(data):

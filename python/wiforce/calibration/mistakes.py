@@ -18,7 +18,6 @@ from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier, wrap_deg
 from .data import carriers_of, touched_rows, untouched_phases
 from .tables import CalibrationTable
-from .validation import shift_per_degree
 
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
 # offsets of their own, as when cables were moved, and nothing follows. The slope is only
@@ -48,8 +47,8 @@ _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
 _DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
-# Readings of which so many are unexplained are suspicious, and explained if so few are.
-_MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
+# Readings of which so many are unexplained are suspicious.
+_MOST, _ROWS_TRIED = 0.5, 200
 _UNEXPLAINED = {"inconsistent", "extrapolated"}
 
 
@@ -69,41 +68,16 @@ class _Presses:
     change_deg: np.ndarray
     std_deg: np.ndarray
 
-    def concentrations(self, slopes: np.ndarray) -> np.ndarray:
-        """Length (2, n) of the mean phasor about slopes (n,) over location; 0 below two."""
+    def on_lines(self, slopes: np.ndarray) -> np.ndarray:
+        """Mean length of both ports' mean phasors about slopes (n,) over location; shape (n,).
+
+        0 where one was not measured along the line.
+        """
         turns = np.exp(1j * np.radians(slopes)[:, None] * self.location_mm)
         count = self.known.sum(axis=1)[:, None]
-        both = np.stack([turns @ self.direction[0], turns.conj() @ self.direction[1]])
-        return np.where(count > 1, np.abs(both) / np.maximum(count, 1), 0.0)
-
-    def on_lines(self, slopes: np.ndarray) -> np.ndarray:
-        """Mean concentration of both ports (n,); 0 where one was not measured along the line."""
-        both = self.concentrations(slopes)
+        both = np.abs(np.stack([turns @ self.direction[0], turns.conj() @ self.direction[1]]))
+        both = np.where(count > 1, both / np.maximum(count, 1), 0.0)
         return np.where(both.all(axis=0), both.mean(axis=0), 0.0)
-
-    def scatter(self, slopes: np.ndarray) -> float:
-        """1 less the best concentration; a port where force moves the short inward follows none."""
-        limit = -_SIGNIFICANT * np.linalg.norm(self.std_deg, axis=1)
-        outward = self.change_deg.sum(axis=1) >= limit
-        return float(1 - (outward @ self.concentrations(slopes) / 2).max())
-
-    def mirrored(self, ports: Sequence[int], force_too: bool) -> "_Presses":
-        """With locations of some ports from the other end, or also phases of the other sign."""
-        direction, change = self.direction.copy(), self.change_deg.copy()
-        direction[ports] = direction[ports].conj()
-        if force_too:
-            change[ports] *= -1
-        return replace(self, direction=direction, change_deg=change)
-
-    def swapped(self, index: int) -> "_Presses":
-        """With the ports swapped at one location."""
-        ports = np.tile([[0], [1]], len(self.location_mm))
-        ports[:, index] = 1, 0
-        known, direction, change, std = (
-            np.take_along_axis(values, ports, axis=0)
-            for values in (self.known, self.direction, self.change_deg, self.std_deg)
-        )
-        return replace(self, known=known, direction=direction, change_deg=change, std_deg=std)
 
 
 def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
@@ -137,25 +111,6 @@ def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
     return float(slope) * span, float(np.sqrt(covariance[0, 0])) * span
 
 
-def estimate_line(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
-    """What each carrier says of the line, as wide as the contact law leaves it; a line each."""
-    found = []
-    for own in _by_carrier(table):
-        epsilon, nearest_mm = _estimate(own, length_mm, permittivity)
-        text = "the phases of different locations do not tell"
-        if epsilon is not None:
-            turn_mm = 360.0 / line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-            length = (
-                "a length that only untouched rows would tell"
-                if nearest_mm is None
-                else f"{nearest_mm:.0f} +- {_LENGTH_MM:g} mm (or {turn_mm:.0f} mm more)"
-            )
-            low, high = max(epsilon / _PERMITTIVITY_RATIO, 1.0), epsilon * _PERMITTIVITY_RATIO
-            text = f"the data suggest {length} and a permittivity between {low:.2g} and {high:.2g}"
-        found.append(f"{own.frequency_hz / 1e6:g} MHz: {text}")
-    return found
-
-
 def _estimate(
     own: _Presses, length_mm: float, permittivity: float
 ) -> tuple[float | None, float | None]:
@@ -187,27 +142,21 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     carriers = list(_by_carrier(table))
     for own in carriers:
         slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-        found += _explained(own, slope) or _unconnected(own, slope) or _unpressed(own, slope)
+        found += _reversed(own, slope) or _unconnected(own, slope) or _unpressed(own, slope)
     if found:
         return list(dict.fromkeys(found))
     return [text for own in carriers for text in _other_line(own, length_mm, permittivity)]
 
 
-def untouched_assumed(table: CalibrationTable, model: SensorModel) -> list[str]:
-    """What follows where the table of a model has no untouched rows; a sentence per carrier."""
-    found = []
-    for own in _by_carrier(table):
-        if own.untouched_deg is not None:
-            continue
-        force, location = shift_per_degree(model, own.frequency_hz)
-        at = f"{own.frequency_hz / 1e6:g} MHz"
-        found.append(
-            f"no rows of the untouched sensor (force_n 0, no location) at {at}: "
-            f"its phases are taken to be those of a line of {model.length_mm:g} mm, and each "
-            f"degree that one of them is off shifts forces by some {force:.2g} N and locations by "
-            f"some {location:.2g} mm"
-        )
-    return found
+def untouched_assumed(table: CalibrationTable, length_mm: float) -> list[str]:
+    """What follows where a table has no untouched rows; a sentence per carrier."""
+    return [
+        f"no rows of the untouched sensor (force_n 0, no location) at {frequency / 1e6:g} MHz: its "
+        f"phases are taken to be those of a line of {length_mm:g} mm, and what they are off shifts "
+        "every reading"
+        for frequency in carriers_of(table)
+        if untouched_phases(table.take(same_carrier(table.frequency_hz, frequency))) is None
+    ]
 
 
 def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
@@ -216,66 +165,50 @@ def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:
-    found = []
-    widest = float(np.max(np.abs(table.phase_deg)))
-    if widest <= _TURN_RAD:
+    found = _radians(table.phase_deg)
+    farthest_mm = float(np.max(touched.location_mm))
+    if 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
+        unit = "metres" if farthest_mm < 1 else "centimetres"
         found.append(
-            f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
+            f"all locations lie within {farthest_mm:g} mm of port 1: are they in {unit} instead of "
+            "millimetres?"
         )
-    found += _unit_of_locations(float(np.max(touched.location_mm)), length_mm)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
     return found
 
 
-def _unit_of_locations(farthest_mm: float, length_mm: float) -> list[str]:
-    """The unit that locations may have been given in instead of millimetres."""
-    if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
+def _radians(phases_deg: np.ndarray) -> list[str]:
+    widest = float(np.max(np.abs(phases_deg)))
+    if widest > _TURN_RAD:
         return []
-    unit = "metres" if farthest_mm < 1 else "centimetres"
-    return [
-        f"all locations lie within {farthest_mm:g} mm of port 1: are they in {unit} instead of "
-        "millimetres?"
-    ]
+    return [f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"]
 
 
-def _explained(own: _Presses, slope: float) -> list[str]:
-    """The one mistake of ports, signs or locations without which phases follow a line, or None."""
+def _reversed(own: _Presses, slope: float) -> list[str]:
+    """Ports whose phases follow a line if location or sign is reversed, and do not as given."""
     if len(own.location_mm) < _ENOUGH_LOCATIONS:
         return []
+    causes = {(port,): f"the phase of port {port + 1} alone moves" for port in (0, 1)}
+    causes[0, 1] = "the phases of both ports move"
     given = 1 - float(own.on_lines(slope * _SLOPES).max())
     if given <= 1 - _ON_A_LINE:
         return []
-    mistakes = _without_mistakes(own)
-    found = [(right.scatter(slope * _DIRECTION_SLOPES), text) for text, right in mistakes]
-    (best, text), (other, _) = sorted(found)[:2]
-    return [text] if best <= min(1 - _ON_A_LINE, _REVERSED * min(other, given)) else []
-
-
-def _without_mistakes(own: _Presses) -> Iterator[tuple[str, _Presses]]:
-    """A sentence for each mistake, and what the table would be without it."""
-    for port in (0, 1):
-        alone = f"the phase of port {port + 1} alone moves with location in the wrong direction"
-        end = "are its locations measured from the other end than those of the other port?"
-        yield f"{alone}: {end}", own.mirrored([port], False)
-        yield f"{alone}: is its sign inverted?", own.mirrored([port], True)
-    yield (
-        "the phase of port 1 rises with location and that of port 2 falls: are the ports "
-        "swapped, or is location measured from port 2?",
-        own.mirrored([0, 1], False),
-    )
-    yield (
-        "phases move with location and with force in the wrong direction: is their sign "
-        "inverted (they must be those of arg S11 and arg S22)?",
-        own.mirrored([0, 1], True),
-    )
-    for index, place in enumerate(own.location_mm):
-        yield (
-            f"the phases at location {place:g} mm would fit the others with the ports swapped: "
-            "are they swapped there, or is location measured from port 2?",
-            own.swapped(index),
-        )
+    left = {}
+    for ports in causes:
+        direction = own.direction.copy()
+        direction[list(ports)] = direction[list(ports)].conj()
+        mirrored = replace(own, direction=direction)
+        left[ports] = 1 - float(mirrored.on_lines(slope * _DIRECTION_SLOPES).max())
+    best = min(left, key=lambda ports: left[ports])
+    others = [given, *(left[ports] for ports in causes if ports != best)]
+    if left[best] > min(1 - _ON_A_LINE, _REVERSED * min(others)):
+        return []
+    return [
+        f"{causes[best]} with location in the wrong direction: are ports swapped, is location "
+        "measured from the other end, or the sign inverted (it must be that of arg S11, arg S22)?"
+    ]
 
 
 def _unconnected(own: _Presses, slope: float) -> list[str]:
@@ -363,36 +296,19 @@ def phase_suspicions(
     location_mm: np.ndarray | None = None,
     frequency_hz: float | None = None,
 ) -> list[str]:
-    """Likely mistakes in units, ports and signs of phases (n, 2) that a model does not explain.
-
-    If most are inconsistent, or small and right in radians; named if nearly all would fit then.
-    """
+    """Whether phases (n, 2) seem to be in radians, or most touched ones do not fit a model."""
     rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
     phases = np.asarray(phases_deg, float)[rows]
-    known = np.full(len(rows), np.nan) if location_mm is None else np.asarray(location_mm)[rows]
-    if found := _unit_of_locations(float(np.nanmax(known, initial=0.0)), model.length_mm):
+    if found := _radians(phases):
         return found
-
-    def unexplained(changed: np.ndarray) -> float:
-        """Share of touched readings that the model does not explain; 1 where none is touched."""
-        touched = ~model.is_untouched(changed, std_deg, frequency_hz)
-        if not touched.any():
-            return 1.0
-        read = model.invert(changed[touched], std_deg, known[touched], frequency_hz)
-        return float(np.mean([bool(_UNEXPLAINED & set(flags)) for flags in read.flags]))
-
-    # Phases in degrees are hardly ever all so small; a press may explain those of a row or two.
-    if np.max(np.abs(phases)) <= _TURN_RAD and unexplained(np.degrees(phases)) <= _FEW:
-        return ["the phases would fit the sensor in radians: are they not in degrees?"]
-    if unexplained(phases) <= _MOST:
+    known = np.full(len(rows), np.nan) if location_mm is None else np.asarray(location_mm)[rows]
+    touched = ~model.is_untouched(phases, std_deg, frequency_hz)
+    if not touched.any():
         return []
-    mistakes = (
-        ("with the ports swapped the phases would fit the sensor", phases[:, ::-1]),
-        ("with the opposite sign the phases would fit the sensor (arg S11, arg S22)", -phases),
-    )
-    found = [
-        f"{text}; now most of them do not" for text, right in mistakes if unexplained(right) <= _FEW
+    read = model.invert(phases[touched], std_deg, known[touched], frequency_hz)
+    if np.mean([bool(_UNEXPLAINED & set(flags)) for flags in read.flags]) <= _MOST:
+        return []
+    return [
+        "most phases do not fit the sensor: are the ports swapped, is the sign inverted (it must "
+        "be that of arg S11, arg S22), or are they of another line or carrier?"
     ]
-    if not found and (~model.is_untouched(phases, std_deg, frequency_hz)).any():
-        found = ["most phases do not fit the sensor: are they of another line or carrier?"]
-    return found

@@ -21,7 +21,6 @@ _ELSEWHERE = {
     "SessionPlan": "calibration.session",
     "calibrate": "calibration.calibrate",
     "calibration_warnings": "calibration.validation",
-    "estimate_line": "calibration.mistakes",
     "measure_press": "calibration.session",
     "measure_vna": "calibration.tables",
     "read_tap_csv": "calibration.tables",

@@ -14,7 +14,7 @@ from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.mistakes import estimate_line, phase_suspicions, suspicions
+from gnuradio.wiforce.calibration.mistakes import phase_suspicions, suspicions
 from gnuradio.wiforce.calibration.tables import (
     CalibrationTable,
     measure_vna,
@@ -50,19 +50,16 @@ MISTAKES = [
     (lambda t: {"location_mm": t.location_mm / 1000}, "in metres"),
     (lambda t: {"location_mm": t.location_mm / 10}, "in centimetres"),
     (lambda t: {"force_n": t.force_n * 102}, "in grams"),
-    (lambda t: {"port": 3 - t.port}, "ports swapped"),
-    (lambda t: {"location_mm": 80 - t.location_mm}, "location measured from port 2"),
-    (lambda t: {"phase_deg": -t.phase_deg}, "sign inverted"),
-    (lambda t: {"phase_deg": np.where(t.port == 2, -t.phase_deg, t.phase_deg)}, "its sign inv"),
+    (lambda t: {"port": 3 - t.port}, "the phases of both ports move"),
+    (lambda t: {"location_mm": 80 - t.location_mm}, "the phases of both ports move"),
+    (lambda t: {"phase_deg": -t.phase_deg}, "the phases of both ports move"),
+    (lambda t: {"phase_deg": np.where(t.port == 2, -t.phase_deg, t.phase_deg)}, "port 2 alone mo"),
     (lambda t: {"location_mm": of_port(t, 1)}, "port 1 alone moves with location in the wrong"),
-    (lambda t: {"location_mm": of_port(t, 2)}, "measured from the other end than those of the"),
     (lambda t: {"phase_deg": t.phase_deg + 180.0 * t.untouched}, "phases are off by some +1"),
     (lambda t: {"phase_deg": t.phase_deg - 150.0 * t.untouched}, "phases are off by some -1"),
     (lambda t: {"phase_deg": constant(t, ~t.untouched | t.untouched)}, "is the sensor connected"),
     (lambda t: {"phase_deg": constant(t, t.port == 2)}, "the phase of port 2 (-70 deg) is the sam"),
     (lambda t: {"phase_deg": constant(t, t.location_mm == 20)}, "with force at location 20 mm"),
-    (lambda t: {"port": swapped(t, 20)}, "at location 20 mm would fit the others with the ports"),
-    (lambda t: {"port": swapped(t, 50)}, "at location 50 mm would fit the others with the ports"),
 ]
 
 
@@ -75,11 +72,6 @@ def constant(table, which):
 def of_port(table, port):
     """Locations (n,) with those of one port counted from the other end."""
     return np.where(table.port == port, 80 - table.location_mm, table.location_mm)
-
-
-def swapped(table, place):
-    """Ports (n,) with those of one location swapped."""
-    return np.where(table.location_mm == place, 3 - table.port, table.port)
 
 
 @pytest.mark.parametrize("carrier", ["line-900mhz", "line-2400mhz"])
@@ -119,7 +111,7 @@ def test_suspicions_of_one_port_from_the_other_end_hold_at_any_locations(port):
     """Where the locations were not their own mirror images, calibrate ended with a traceback."""
     right = table_of(load_sensor("line-900mhz"), (20.0, 30.0, 45.0, 55.0))
     (found,) = suspicions(replace(right, location_mm=of_port(right, port)), 80.0, 1.0)
-    assert f"port {port} alone moves" in found and "measured from the other end" in found
+    assert f"port {port} alone moves" in found
 
 
 def test_suspicions_of_a_table_of_one_port_are_none(table):
@@ -143,9 +135,6 @@ def test_line_of_another_length_or_permittivity_is_noticed():
     """A line of 60 mm passed as one of 80 mm."""
     line = load_sensor("line-900mhz")
     short = table_of(replace(line, length_mm=60.0, location_span_mm=(15.0, 45.0)), (15, 25, 35, 45))
-    (found,) = estimate_line(short, 80.0, 1.0)
-    stated_mm = float(re.match(r"900 MHz: the data suggest (\d+) \+- 10 mm \(or", found)[1])
-    assert stated_mm == pytest.approx(60, abs=5)
     (said,) = suspicions(short, 80.0, 1.0)
     assert "a line of about 6" in said or "a line of about 5" in said
     assert "not 80 mm: were cables" in said and "--length-mm right?" in said
@@ -162,7 +151,14 @@ def test_forces_in_kg_are_asked_for_and_do_not_hide_other_mistakes(table):
     (asked,) = [text for text in calibration_warnings(calibrate(gentle, "arm")) if "in kg" in text]
     assert "forces reach 0.815494 N only" in asked
     (found,) = suspicions(replace(gentle, port=3 - gentle.port), 80.0, 1.0)
-    assert "ports swapped" in found
+    assert "both ports move" in found
+
+
+@pytest.mark.parametrize("name, place", [("line-900mhz", 20.0), ("wiforce-900mhz", 50.0)])
+def test_ports_swapped_at_one_location_are_a_suspicion(name, place):
+    right = table_of(load_sensor(name))
+    port = np.where(right.location_mm == place, 3 - right.port, right.port)
+    assert calibrate(replace(right, port=port), "arm").provenance["suspicions"]
 
 
 def test_verdict_says_first_that_no_force_is_read(table):
@@ -178,7 +174,7 @@ def test_verdict_says_first_that_no_force_is_read(table):
     assert found.unusable == ""
 
 
-SWAPPED = "are the ports swapped, or is location measured from port 2?"
+SWAPPED = "the phases of both ports move with location in the wrong direction"
 
 
 def test_calibrate_suspicion_must_be_accepted_and_is_repeated(table, tmp_path, monkeypatch):
@@ -196,7 +192,7 @@ def test_calibrate_suspicion_must_be_accepted_and_is_repeated(table, tmp_path, m
     first, second = done.stdout.splitlines()[:2]
     assert first.startswith("not to be trusted: ") and SWAPPED in first
     assert second.startswith("verdict, ")
-    assert load_sensor("s.yaml").provenance["suspicions"][0].endswith(SWAPPED)
+    assert load_sensor("s.yaml").provenance["suspicions"][0].startswith(SWAPPED)
     again = tmp_path / "again.yaml"
     write_sensor(load_sensor("s.yaml").transferred(905e6), again)
     assert load_sensor(again).provenance["suspicions"]
@@ -354,20 +350,6 @@ def test_a_wrong_location_is_named_and_its_effect_stated(tmp_path, wrong):
     assert expected.location_error_mm >= 0.67 * found.location_std_mm[0]
 
 
-def test_calibrate_prints_the_assumed_line(table, tmp_path):
-    write_vna_csv(table, tmp_path / "vna.csv")
-    done = succeeded("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
-    assert "line: 80 mm, effective permittivity 1 (--length-mm, --permittivity)" in done.stdout
-    found = re.search(
-        r"900 MHz: the data suggest (\d+) \+- 10 mm \(or 167 mm more\) and a permittivity "
-        r"between ([\d.]+) and ([\d.]+)\n",
-        done.stdout,
-    )
-    length_mm, low, high = map(float, found.groups())
-    assert abs(length_mm - 80) < 2 and low <= 1 <= high
-    assert re.search(r"^next: .*s\.yaml.*900 MHz.*gr-wiforce plan", done.stdout, re.MULTILINE)
-
-
 def test_calibrate_without_untouched_rows_must_be_accepted_and_is_repeated(table, tmp_path):
     """The verdict was as good as with them; the report said late that they were assumed."""
     write_vna_csv(table.take(~table.untouched), tmp_path / "vna.csv")
@@ -377,11 +359,7 @@ def test_calibrate_without_untouched_rows_must_be_accepted_and_is_repeated(table
     done = run_command(*arguments, "--accept")
     assert done.stdout.startswith("not to be trusted: no rows of the untouched sensor")
     (said,) = load_sensor(tmp_path / "s.yaml").provenance["suspicions"]
-    force_n, location_mm = map(float, re.findall(r"some ([\d.]+) (?:N|mm)", said))
-    model = load_sensor(tmp_path / "s.yaml")
-    shifted = model.invert(model.phases_deg(4.0, 40.0) + [1.0, 0.0], 0.1)
-    assert shifted.force_n[0] - 4.0 == pytest.approx(force_n, rel=2)
-    assert abs(shifted.location_mm[0] - 40.0) == pytest.approx(location_mm, rel=1)
+    assert "those of a line of 80 mm" in said
 
 
 def test_calibrate_refusal_names_the_likely_cause(table, tmp_path):
@@ -444,10 +422,9 @@ def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
     assert phase_suspicions(line, phases, 1.0, places) == []
     for changed, known, message in (
         (np.radians(phases), None, "in radians"),
-        (-phases, None, "with the opposite sign"),
-        (phases[:, ::-1], places, "with the ports swapped"),
-        (phases, places / 1000, "in metres"),
-        (2.7 * phases, None, "of another line or carrier"),
+        (-phases, None, "do not fit the sensor"),
+        (phases[:, ::-1], places, "do not fit the sensor"),
+        (2.7 * phases, None, "do not fit the sensor"),
     ):
         (found,) = phase_suspicions(line, changed, 1.0, known)
         assert message in found
@@ -457,7 +434,7 @@ def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
     (found,) = phase_suspicions(line, one, 1.0)
     assert "in radians" in found
     _, said = inverted(tmp_path, (-phases).tolist())
-    assert "warning: " in said and "with the opposite sign the phases would fit" in said
+    assert "warning: " in said and "do not fit the sensor" in said
 
 
 def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
