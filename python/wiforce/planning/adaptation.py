@@ -88,41 +88,24 @@ def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
     return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(plan.clocks_hz)
 
 
-def readapted(
-    current: Plan, chosen_by: Survey | None, plan: Plan, survey: Survey
-) -> tuple[Plan, Survey]:
-    """The plan for a room that was surveyed again, and the survey that it was chosen by.
+def readapted(current: Plan, plan: Plan, survey: Survey) -> Plan:
+    """The plan for a room that was surveyed again.
 
-    ``current`` remains where the room is the same to its weights, or read about as well: surveys
-    always differ a little. No weights are designed in the first case.
+    ``current`` remains where it reads the room about as well: surveys always differ a little.
     """
-    if chosen_by is not None and _is_same_room(current, chosen_by, survey):
-        return current, chosen_by
     better = adapted(plan, survey)
     suits = (
         _same_clocks(current.clocks, better.clocks)
         and _same_clocks(current.others, better.others)
         and current.clutter_hz >= better.clutter_hz
-        and _reads_as_well((current, survey), (better, survey))
+        and _reads_as_well(current, better, survey)
     )
-    return (current if suits else better), survey
+    return current if suits else better
 
 
-def _is_same_room(plan: Plan, before: Survey, survey: Survey) -> bool:
-    """Whether two surveys show the same room to the weights of a plan."""
-    measured_clocks = [tuple(map(measured, plan.clocks, each.clocks)) for each in (before, survey)]
-    return (
-        _same_clocks(*measured_clocks)
-        and len(_solved(plan, before)) == len(_solved(plan, survey))
-        and survey.moving_hz() <= max(plan.clutter_hz, before.moving_hz())
-        and _reads_as_well((plan, survey), (plan, before))
-        and _reads_as_well((plan, before), (plan, survey))
-    )
-
-
-def _reads_as_well(one: tuple[Plan, Survey], other: tuple[Plan, Survey]) -> bool:
-    """Whether a plan has about as little noise in its tones, in a room, as another in its room."""
-    noise, least = _noise_of_tones(*one), _noise_of_tones(*other)
+def _reads_as_well(plan: Plan, other: Plan, survey: Survey) -> bool:
+    """Whether a plan has about as little noise in its tones, in a room, as another."""
+    noise, least = _noise_of_tones(plan, survey), _noise_of_tones(other, survey)
     return len(noise) == len(least) and bool(np.all(noise <= _AS_GOOD * least))
 
 

@@ -178,7 +178,6 @@ class StreamReader:
         self._in_place = GroupsInPlace(plan.group_length, plan.reference_groups)
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None  # None while no survey is waited for
-        self._adapted_to: Survey | None = None
         self._due: int | None = None  # group from which on the room may be surveyed again
         self._receiver: Receiver | None = None
         self._tones: FoldedGroups | None = None
@@ -293,7 +292,7 @@ class StreamReader:
         self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
         survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
         if self._receiver is None:
-            self.survey = self._adapted_to = survey
+            self.survey = survey
             if self.mean_frame is not None and len(frame := self.mean_frame()):
                 self.compression = measure_compression(frame, self.plan.waveform)
             self._use(adapted(self._scene_plan, survey))
@@ -318,14 +317,11 @@ class StreamReader:
     def _better(self, survey: Survey) -> Plan:
         """The plan in use, or another one where that suits the room as it is."""
         try:
-            better, self._adapted_to = readapted(
-                self.plan, self._adapted_to, self._scene_plan, survey
-            )
+            return readapted(self.plan, self._scene_plan, survey)
         except (InputError, np.linalg.LinAlgError):
             # A second tag that could be meant has appeared, and ours is tracked; or LAPACK cannot
             # solve the other weights. Neither must end a run that can be read as it is.
             return self.plan
-        return better
 
     def _use(self, plan: Plan, first_group: int = 0) -> None:
         """Read with a plan, and give the readings from a group on."""
