@@ -215,9 +215,7 @@ def _print_steps(steps):
         click.echo(f"{label}: {cost:.3g} Mflop per second of signal")
 
 
-_STEPS = 61
-# Levels divide a decade in three, so that each shade is about twice the one before.
-_MANTISSAS = (1.0, 2.0, 5.0)
+_STEPS, _LEVELS = 61, 7
 _PANEL_IN = 2.6
 
 
@@ -238,22 +236,12 @@ def _plot_errors(settings, path):
         for axis, values, name in zip(
             axes, np.moveaxis(spread, -1, 0), ("force (N)", "location (mm)"), strict=True
         ):
-            levels = _levels(values)
-            drawn = axis.contourf(location, force, values, levels, colors=shades(len(levels) - 1))
-            axis.contour(location, force, values, levels, colors=INK, linewidths=0.6)
-            canvas.colorbar(drawn, ax=axis, format="%g", aspect=12)
+            levels = np.geomspace(values.min(), 1.01 * values.max(), _LEVELS)
+            drawn = axis.contourf(location, force, values, levels, colors=shades(_LEVELS - 1))
+            axis.contour(drawn, colors=INK, linewidths=0.6)
+            canvas.colorbar(drawn, ax=axis, format="%.2g", aspect=12)
             axis.set_title(f"{sensor.name}: std of {name}", fontsize=10)
         axes[0].set_ylabel("force (N)")
     for axis in rows[-1]:
         axis.set_xlabel("location (mm from port 1)")
     save_picture(canvas, path)
-
-
-def _levels(values):
-    """Levels 1, 2, 5 of each decade around the values, two or more."""
-    low, high = np.log10([values.min(), values.max()])
-    decades = np.arange(np.floor(low), np.ceil(high) + 1)
-    levels = np.outer(10.0**decades, _MANTISSAS).ravel()
-    first = max(0, np.searchsorted(levels, values.min(), "right") - 1)
-    last = min(len(levels) - 1, np.searchsorted(levels, values.max()))
-    return levels[first : max(last, first + 1) + 1]

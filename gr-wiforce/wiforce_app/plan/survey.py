@@ -6,7 +6,7 @@ import json
 import click
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.palette import FAINT, INK, SERIES
+from gnuradio.wiforce.io.palette import FAINT, INK, MARKERS, SERIES
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.captures import survey_room
 from gnuradio.wiforce.scene import scene_of
@@ -17,72 +17,48 @@ from ..shell.commands import GroupedHelp
 from ..shell.options import capture_scene, refuse_scenes, sample_type
 from ..shell.plots import check_picture, legend_below, save_picture
 
-_MARKERS = "ovsDP*Xd"
 # The first two are of the tags and of what the weights reject.
 _FOUND = SERIES[2:]
-_OWN_MARKERS = "^v<>"
 _LOWEST_DB = -6.0
-# Lines of the scene's tags are drawn where more than this part of the floor is expected, and lines
-# are marked where they stand out by so many dB.
-_VISIBLE, _STANDS_OUT_DB = 0.3, 3.0
-# Lines of a real tag may be so much stronger than those of ideal switches.
-_STRONGER = 4.0
+# Lines are marked where they stand out by so many dB.
+_STANDS_OUT_DB = 3.0
 # Half width of a line in the spectrum, in bins.
 _REACH = 5
 
 
 def plot_survey(survey, found, plan, path, title=""):
-    """Plot a survey's spectrum with its components, and below the part where people move."""
+    """Plot a survey's spectrum with the tags' lines and all that was found."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(10, 8), layout="constrained")
-    whole, slow = canvas.subplots(2, 1, height_ratios=(3, 2))
+    canvas = Figure(figsize=(10, 6), layout="constrained")
+    axis = canvas.subplots()
     hertz, level = survey.frequency_hz, _level_db(survey)
-    styles = [
-        {"color": _FOUND[i % len(_FOUND)], "label": f"{each.name}, {each.level_db:+.1f} dB"}
-        for i, each in enumerate(found)
-    ]
-    lowest_clock_hz = min([clock.clock_hz for clock in plan.clocks], default=hertz[-1])
-    for axis, first, last_hz, unit_hz in (
-        (whole, 0, hertz[-1], 1e3),
-        (slow, 1, lowest_clock_hz, 1.0),
-    ):
-        name = "spectrum of the untouched reference"
-        axis.plot(hertz[first:] / unit_hz, level[first:], lw=0.7, color=FAINT, label=name)
-        axis.axhline(0, color=INK, lw=1.0, ls="--", label="noise floor")
-        if plan.clutter_hz:
-            ends = hertz[first] / unit_hz, plan.clutter_hz / unit_hz
-            name = f"rejected by the weights, 0 to {plan.clutter_hz:.0f} Hz"
-            axis.axvspan(*ends, color=SERIES[1], alpha=0.25, lw=0, label=name)
-        for finding, style in zip(found, styles, strict=True):
-            if finding.kind == "clutter":
-                axis.axvline(finding.frequency_hz / unit_hz, lw=1.2, **style)
-        axis.set_xlim(hertz[first] / unit_hz, last_hz / unit_hz)
-        axis.set_ylim(_LOWEST_DB, float(level[first:][hertz[first:] <= last_hz].max()) + 5)
-        axis.grid(alpha=0.3)
-    own = (survey.own > _VISIBLE) & (level > _STANDS_OUT_DB)
-    own &= survey.spectrum < 2 + _STRONGER * survey.own
-    own[1:-1] &= (level[1:-1] >= level[:-2]) & (level[1:-1] >= level[2:])  # tops of lines
-    around = np.convolve(own, np.ones(2 * _REACH + 1), "same") > 0
-    name = "higher and aliased lines of the scene's tags"
-    whole.plot(hertz / 1e3, np.where(around, level, np.nan), lw=0.9, color=SERIES[0], label=name)
+    name = "spectrum of the untouched reference"
+    axis.plot(hertz / 1e3, level, lw=0.7, color=FAINT, label=name)
+    axis.axhline(0, color=INK, lw=1.0, ls="--", label="noise floor")
+    if plan.clutter_hz:
+        name = f"rejected by the weights, 0 to {plan.clutter_hz:.0f} Hz"
+        axis.axvspan(0, plan.clutter_hz / 1e3, color=SERIES[1], alpha=0.25, lw=0, label=name)
     names = plan.require_scene().sensor_names
     for index, (name, clock) in enumerate(zip(names, plan.clocks, strict=True)):
         lines = [m * clock.clock_hz for m in range(1, plan.harmonics + 1)]
-        style = {"color": SERIES[0], "marker": _OWN_MARKERS[index % len(_OWN_MARKERS)]}
-        _mark(whole, survey, lines, label=f"lines of '{name}' ({clock.clock_hz:g} Hz)", **style)
-    for index, (finding, style) in enumerate(zip(found, styles, strict=True)):
-        if finding.kind != "clutter":
-            marker = _MARKERS[index % len(_MARKERS)]
-            _mark(whole, survey, finding.lines_hz, marker=marker, **style)
-    whole.set_xlabel("frequency (kHz)")
-    whole.set_ylabel("power above the noise floor (dB)")
-    whole.set_title(title, fontsize=11)
-    slow.set_xscale("log")
-    slow.xaxis.set_major_formatter("{x:g}")
-    slow.set_xlabel("frequency below the lines of the tags (Hz)")
-    slow.set_ylabel("the same power (dB)")
-    legend_below(canvas, *whole.get_legend_handles_labels(), ncols=2)
+        style = {"color": SERIES[0], "marker": MARKERS[index % len(MARKERS)]}
+        _mark(axis, survey, lines, label=f"lines of '{name}' ({clock.clock_hz:g} Hz)", **style)
+    for index, finding in enumerate(found):
+        color = _FOUND[index % len(_FOUND)]
+        label = f"{finding.name}, {finding.level_db:+.1f} dB"
+        if finding.kind == "clutter":
+            axis.axvline(finding.frequency_hz / 1e3, lw=1.2, color=color, label=label)
+        else:
+            style = {"color": color, "marker": MARKERS[index % len(MARKERS)]}
+            _mark(axis, survey, finding.lines_hz, label=label, **style)
+    axis.set_xlim(0, hertz[-1] / 1e3)
+    axis.set_ylim(_LOWEST_DB, level.max() + 5)
+    axis.grid(alpha=0.3)
+    axis.set_xlabel("frequency (kHz)")
+    axis.set_ylabel("power above the noise floor (dB)")
+    axis.set_title(title, fontsize=11)
+    legend_below(canvas, *axis.get_legend_handles_labels(), ncols=2)
     save_picture(canvas, path)
 
 

@@ -394,15 +394,9 @@ class _Report:
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
-    """Findings as lines of a table, two each."""
-    if not found:
-        return ["found nothing besides the tags of the scene"]
-    lines = [f"{'found':<34}{'level':>10}  meaning, and what the reader does about it"]
-    for finding in found:
-        level = f"{finding.level_db:+.1f} dB"
-        lines.append(f"{finding.name:<34}{level:>10}  {finding.meaning}")
-        lines.append(f"{'':<46}{finding.handling}")
-    return lines
+    """Findings as lines, one each."""
+    lines = [f"{finding.line} ({finding.meaning})" for finding in found]
+    return lines or ["found nothing besides the tags of the scene"]
 
 
 def changes_of(plan: Plan, adapted: Plan) -> tuple[list[str], list[str]]:
