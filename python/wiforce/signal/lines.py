@@ -9,8 +9,6 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ..wiforce_kernels import slepian_sequences
-
 _Hz = TypeVar("_Hz", float, np.ndarray)
 
 # Two lines closer than this part of the group's resolution are one tone. They overlap by
@@ -114,6 +112,26 @@ def clutter_order(group_length: int, snapshot_period_s: float, clutter_hz: float
     return min(int(np.ceil(2 * half_bandwidth)) + _EXTRA_SEQUENCES, group_length)
 
 
+def _slepian_sequences(length: int, half_bandwidth: float, order: int) -> np.ndarray:
+    """Discrete prolate spheroidal sequences (length, order), orthonormal, of any sign.
+
+    Eigenvectors of a tridiagonal matrix (D. Slepian, 1978, section 2.2, equation 14), which are
+    smooth: polynomials up to twice their number and 30 represent them to rounding. SciPy has the
+    same, but takes long to import.
+    """
+    n = np.arange(length)
+    degrees = min(2 * order + 30, length)
+    legendre = np.polynomial.legendre.legvander((2 * n + 1) / length - 1, degrees - 1)
+    basis = np.linalg.qr(legendre)[0]
+    diagonal = ((length - 1) / 2 - n) ** 2 * np.cos(2 * np.pi * half_bandwidth / length)
+    beside = n[1:, None] * (length - n[1:, None]) / 2
+    product = diagonal[:, None] * basis
+    product[1:] += beside * basis[:-1]
+    product[:-1] += beside * basis[1:]
+    largest_last = np.linalg.eigh(basis.T @ product)[1]
+    return basis @ largest_last[:, : -order - 1 : -1]
+
+
 @lru_cache(maxsize=4)  # a plan asks for the same one up to seven times
 def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float) -> np.ndarray:
     """Orthonormal basis (N, order) of everything slower than B = ``clutter_hz`` in a phase group.
@@ -128,7 +146,7 @@ def clutter_basis(group_length: int, snapshot_period_s: float, clutter_hz: float
         half_bandwidth = clutter_hz * group_length * snapshot_period_s
         order = clutter_order(group_length, snapshot_period_s, clutter_hz)
         # In very short groups NW would round to nothing.
-        basis = slepian_sequences(group_length, max(half_bandwidth, 0.1), order).T
+        basis = _slepian_sequences(group_length, max(half_bandwidth, 0.1), order)
     basis.flags.writeable = False
     return basis
 

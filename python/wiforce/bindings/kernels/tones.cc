@@ -3,7 +3,6 @@
 
 #include <kernel/doppler/doppler_transform.h>
 #include <kernel/doppler/interference_screen.h>
-#include <kernel/doppler/slepian_sequences.h>
 #include <kernel/fold/sample_loops.h>
 #include <kernel/fourier/channel_equalizer.h>
 
@@ -108,17 +107,6 @@ private:
 
 void bind_tones(py::module& m)
 {
-    m.def(
-        "slepian_sequences",
-        [](std::size_t length, double half_bandwidth, std::size_t order) {
-            if (!length || order > length)
-                throw std::invalid_argument(
-                    "slepian_sequences: order must be at most the length");
-            const auto found = slepian_sequences(length, half_bandwidth, order);
-            return py::array_t<double>({ py::ssize_t(order), py::ssize_t(length) },
-                                       found.data());
-        },
-        "The first discrete prolate spheroidal sequences, (order, length), orthonormal.");
     py::class_<tone_transform>(
         m,
         "tone_transform",
