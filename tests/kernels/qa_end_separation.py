@@ -12,7 +12,6 @@ from gnuradio.wiforce.wiforce_kernels import (
     end_separation,
     locked_tag,
     noise_estimate,
-    tone_peaks,
     whiten,
 )
 from plain import normal
@@ -268,13 +267,3 @@ def test_tones_in_single_precision_are_those_in_double(run):
     )
     assert np.abs(expected).max() > 0.1
     np.testing.assert_array_equal(found, expected)
-
-
-def test_tone_peaks_are_nan_where_a_tone_is_not_finite(run):
-    """Groups without tones, or with some that are not finite, are not separated."""
-    tones = run.tones.copy()
-    tones[0], tones[1, 2, 3], tones[2, 0, 0] = 0, np.nan, 1j * np.inf
-    parts = np.maximum(np.abs(tones[3:].real), np.abs(tones[3:].imag))
-    found = tone_peaks(tones)
-    np.testing.assert_allclose(found[3:], parts.max(axis=(1, 2)), rtol=1e-6)
-    assert found[0] == 0 and np.isnan(found[1:3]).all()

@@ -8,9 +8,6 @@
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/phase_information.h>
 
-#include <cmath>
-#include <cstdint>
-#include <cstring>
 #include <optional>
 
 using namespace gr::wiforce::kernel;
@@ -99,32 +96,6 @@ array<double> mix_switching(const group_weights& weights,
         std::copy(one.begin(), one.end(), mixed.mutable_data(group, 0, 0));
     }
     return mixed;
-}
-
-// Largest part of the tones of each group, (G,); NaN unless all are finite.
-array<double> peaks_of(const py::array& tones)
-{
-    const auto values = py::cast<array<std::complex<float>>>(tones);
-    const auto [groups, count, subcarriers] =
-        sizes_of<3>(values, "tone_peaks: tones must have shape (G, M, K)");
-    const py::ssize_t size = 2 * count * subcarriers;
-    array<double> found(groups);
-    for (py::ssize_t group = 0; group < groups; group++) {
-        const auto* const parts =
-            reinterpret_cast<const float*>(values.data() + group * size / 2);
-        // As integers without their signs, numbers have the same order, and those that
-        // are not finite are the largest.
-        std::int32_t largest = 0;
-        for (py::ssize_t i = 0; i < size; i++) {
-            std::int32_t bits;
-            std::memcpy(&bits, parts + i, sizeof bits);
-            largest = std::max(largest, bits & 0x7fffffff);
-        }
-        float peak;
-        std::memcpy(&peak, &largest, sizeof peak);
-        found.mutable_at(group) = std::isfinite(peak) ? peak : std::nanf("");
-    }
-    return found;
 }
 
 using correction = std::optional<py::function>;
@@ -277,20 +248,6 @@ py::array_t<double> likelihood_at(const clock_likelihood& of,
     return found;
 }
 
-py::tuple predict_clocks(const std::vector<clock_tracker*>& trackers,
-                         const array<double>& center_s)
-{
-    const py::ssize_t groups = center_s.size(), tags = trackers.size();
-    py::array_t<double> phase(shape{ groups, tags }), rate(shape{ groups, tags });
-    for (py::ssize_t group = 0; group < groups; group++)
-        for (py::ssize_t tag = 0; tag < tags; tag++) {
-            const auto& clock = *trackers[tag];
-            *phase.mutable_data(group, tag) = clock.predict(center_s.data()[group]);
-            *rate.mutable_data(group, tag) = clock.rate;
-        }
-    return py::make_tuple(phase, rate);
-}
-
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 {
     const char* const rule = "raised_subcarriers: ratios must have shape (G, K), K >= 1";
@@ -314,10 +271,6 @@ void bind_separation(py::module& m)
           &whitened,
           R"(whitener: (M, M). tones: (G, M, K). Gives their parts with white noise (G, M,
 K), and their mean power (G,).)");
-    m.def("tone_peaks",
-          &peaks_of,
-          R"(tones: (G, M, K). Gives their largest real or imaginary part (G,), NaN where
-not all are finite.)");
     using sizes = end_fit::shape;
     py::class_<end_fit>(m, "end_fit", "mixed: (G, M, 4S). tones: (G, M, K).")
         .def(py::init(&make_end_fit))
@@ -429,7 +382,9 @@ and both duty cycles.)")
         .def_readwrite("seen_s",
                        &clock_tracker::seen_s,
                        "Centre of the last group that held the tag.")
-        .def("predict", &clock_tracker::predict, "The phase expected at a time, in rad.")
+        .def("predict",
+             py::vectorize(&clock_tracker::predict),
+             "The phase expected at a time, or at times (G,), in rad.")
         .def(
             "update",
             [](clock_tracker& of,
@@ -444,9 +399,6 @@ the group holds the tag.)")
              &clock_tracker::expired,
              "at_s, absent_s, unseen_s: whether the tag was absent, or not received, for "
              "longer.");
-    m.def("predict_clocks",
-          &predict_clocks,
-          "Phases and rates (G, S) expected at times (G,).");
     py::class_<noise_estimate>(m, "noise_estimate", "profile: (K,), or None.")
         .def(py::init([](double group_period_s,
                          const std::optional<array<double>>& profile) {

@@ -17,7 +17,7 @@ from numpy.polynomial import legendre
 from ...signal.switching import switch_edges
 from ...signal.waveform import Waveform
 from ...signal.weights import PartialWeights, ToneTable
-from ...wiforce_kernels import end_fit, end_separation, noise_estimate, predict_clocks, tone_peaks
+from ...wiforce_kernels import end_fit, end_separation, noise_estimate
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag
 from ..groups import Array, GroupFit, Groups, GroupTones, GroupWeights
 
@@ -184,12 +184,19 @@ class ToneModel:
 
     def predict(self, groups: GroupTones) -> ClockPath:
         """Clocks of the locked tags expected in some groups."""
-        return ClockPath(*predict_clocks(self.trackers, groups.center_s))
+        shape = len(groups.center_s), len(self.trackers)
+        phase, rate = np.empty(shape), np.empty(shape)
+        for tag, tracker in enumerate(self.trackers):
+            phase[:, tag] = tracker.predict(groups.center_s)
+            rate[:, tag] = tracker.rate
+        return ClockPath(phase, rate)
 
     def prepare(self, groups: Groups) -> tuple[GroupTones, list[bool]]:
         """The tones of a batch; also which groups have tones, all of them finite."""
         weights = np.full(len(groups), self._complete, object)
-        usable = [peak > 0 for peak in tone_peaks(groups.tones).tolist()]
+        parts = groups.tones.view(groups.tones.real.dtype)
+        peaks = np.abs(parts).max(axis=(1, 2), initial=0)
+        usable = ((peaks > 0) & (peaks < np.inf)).tolist()
         rows: list[int] = []
         if groups.timed is not None:
             rows = list(range(len(groups)))
