@@ -3,7 +3,6 @@
 
 #include <fftw3.h>
 
-#include <cstdlib>
 #include <map>
 #include <mutex>
 
@@ -16,47 +15,26 @@ fc32* allocate(int length)
     return reinterpret_cast<fc32*>(fftwf_alloc_complex(length));
 }
 
-// FFTW's planner belongs to the whole process, where GNU Radio plans as well. Its stored
-// wisdom fits a planner that was set up for threads only.
-bool share_planner()
-{
-    fftwf_init_threads();
-    fftwf_make_planner_thread_safe();
-    return true;
-}
-
-// FFTW prefers a plan in the wisdom of the process to an estimate. One that another block
-// has measured there rounds differently: the wisdom is put aside while this one is made.
-// A plan that GNU Radio makes meanwhile may come between.
-fftwf_plan make_plan(int length, fc32* input, fc32* output)
-{
-    static const bool is_shared = share_planner();
-    static_cast<void>(is_shared);
-    char* const wisdom = fftwf_export_wisdom_to_string();
-    fftwf_forget_wisdom();
-    fftwf_plan_with_nthreads(1);
-    const auto plan = fftwf_plan_dft_1d(length,
-                                        reinterpret_cast<fftwf_complex*>(input),
-                                        reinterpret_cast<fftwf_complex*>(output),
-                                        FFTW_FORWARD,
-                                        FFTW_ESTIMATE);
-    if (wisdom) {
-        fftwf_import_wisdom_from_string(wisdom);
-        std::free(wisdom);
-    }
-    return plan;
-}
-
 // One plan of a length serves all buffers, which FFTW aligns alike, until the process
-// ends: to put the wisdom aside takes longer than to fold a group.
+// ends. FFTW's planner belongs to the whole process, where GNU Radio plans as well.
 fftwf_plan plan_of(int length, fc32* input, fc32* output)
 {
     static std::mutex one_at_a_time;
     static auto& plans = *new std::map<int, fftwf_plan>;
     const std::lock_guard lock(one_at_a_time);
+    if (plans.empty()) {
+        fftwf_init_threads();
+        fftwf_make_planner_thread_safe();
+    }
     auto& plan = plans[length];
-    if (!plan)
-        plan = make_plan(length, input, output);
+    if (!plan) {
+        fftwf_plan_with_nthreads(1);
+        plan = fftwf_plan_dft_1d(length,
+                                 reinterpret_cast<fftwf_complex*>(input),
+                                 reinterpret_cast<fftwf_complex*>(output),
+                                 FFTW_FORWARD,
+                                 FFTW_ESTIMATE);
+    }
     return plan;
 }
 

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pmt
 import pytest
-from gnuradio import blocks, fft, gr, wiforce
+from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import wiforce_kernels
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -189,14 +189,6 @@ def test_groups_folded_side_by_side_are_those_of_one_processor(long_groups):
     for group, same in zip(hit, hit_too, strict=True):
         for value, of_same in zip(group, same, strict=True):
             np.testing.assert_array_equal(of_same, value)
-
-
-def test_a_transform_that_gnu_radio_measured_changes_no_bit(long_groups):
-    """Else a capture reads otherwise beside a spectrum display than alone."""
-    before = tone_reader(*long_groups).read(100, lambda *_: None)["tones"]
-    fft.fft_vcc(64, True, [], False, 1)
-    after = tone_reader(*long_groups).read(100, lambda *_: None)["tones"]
-    np.testing.assert_array_equal(after, before)
 
 
 def test_an_error_while_groups_are_folded_reaches_the_caller(long_groups):
